@@ -1,0 +1,79 @@
+"""The exception tree.
+
+Every error that a user can cause is an :class:`InputError`: it carries the file, the key and the
+value that are wrong and the way out, and reads as one sentence.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class ComoveError(Exception):
+    """Root of everything that comove raises on purpose."""
+
+
+class InputError(ComoveError):
+    """Bad input, told in one sentence.
+
+    Parameters
+    ----------
+    message
+        What is wrong, with the offending value in it.
+    file
+        The file it stands in.
+    key
+        Where in the file: a dotted key, a row, an option.
+    way_out
+        What to write instead.
+    """
+
+    def __init__(self, message: str, *, file: object = None, key: str | None = None, way_out: str = ""):
+        super().__init__(message)
+        self.message, self.file, self.key, self.way_out = message, file, key, way_out
+
+    def __str__(self) -> str:
+        place = ": ".join(str(part) for part in (self.file, self.key) if part is not None)
+        sentence = f"{place}: {self.message}" if place else self.message
+        return f"{sentence}; {self.way_out}" if self.way_out else sentence
+
+
+class DemonstrationError(InputError):
+    """A recording that cannot be read or used."""
+
+
+class SceneError(InputError):
+    """A scene file, or a scene, that contradicts itself or the contract."""
+
+
+class ResultError(InputError):
+    """A result folder that is missing, incomplete or edited."""
+
+
+class OptionError(InputError):
+    """An option or argument outside its range."""
+
+
+class MissingExtra(ComoveError):
+    """An optional dependency is not installed."""
+
+    def __init__(self, package: str, extra: str):
+        super().__init__(f"{package} is not installed; run: pip install 'comove[{extra}]'")
+        self.package, self.extra = package, extra
+
+
+class ComoveWarning(UserWarning):
+    """Something was changed or looks wrong, and the user should know."""
+
+
+def near_name(name: str, names: Iterable[str]) -> str:
+    """Say which of the known `names` was probably meant, and list them all.
+
+    >>> near_name("raduis", ["center", "radius"])
+    "did you mean 'radius'? known: center, radius"
+    """
+    names = list(names)
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+    guess = f"did you mean '{near[0]}'? " if near else ""
+    return f"{guess}known: {', '.join(names)}"
