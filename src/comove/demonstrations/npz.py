@@ -1,0 +1,185 @@
+"""Recordings as NumPy archives, in the layout of comove's `solution.npz`.
+
+One movement: `time` (n_steps,) [s] and `position` (n_steps, n_dims) [m]. Several manipulators recorded
+together: `position` (n_steps, n_manipulators, n_dims) and their names in `manipulators`
+(n_manipulators,). Further arrays are left alone.
+
+An archive of 1 MB can unpack to 1 GB, and a header can claim any shape: both are compared with a limit
+before anything is read. Pickled objects are never loaded.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.cleaning import Origin, check
+from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.files import existing_file, telling, together, whole_file
+from comove.errors import DemonstrationError, near_name
+
+if TYPE_CHECKING:
+    from zipfile import ZipFile
+
+MAX_BYTES = 256 * 2**20
+"""Largest archive, packed or unpacked [bytes]."""
+_TOO_LARGE = "keep every n-th row"
+_LAYOUT = "save it with numpy.savez(file, time=..., position=...)"
+
+
+def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
+    """Read all movements of an archive.
+
+    Parameters
+    ----------
+    path : archive as the module describes, up to 256 MB unpacked
+
+    Returns
+    -------
+    demos : movement by manipulator, in the order of `manipulators`; "" where the archive names none
+
+    Raises
+    ------
+    DemonstrationError
+        The archive cannot be read, is too large, or misses or misshapes an array; names it.
+    """
+    path = existing_file(path, MAX_BYTES, _TOO_LARGE)
+    arrays = _read_arrays(path)
+    time, position = arrays["time"], arrays["position"]
+    if position.ndim != 3:
+        time, position = check(time, position, Origin(path))
+        return {"": Demonstration(time, position, path.stem)}
+    demos = {}
+    for index, name in enumerate(_manipulators(path, arrays)):
+        stamps, positions = check(time, position[:, index], _NpzOrigin(path, index))
+        demos[name] = Demonstration(stamps, positions, f"{path.stem}.{name}")
+    return demos
+
+
+def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
+    """Write movements so that `read_npz` returns the same numbers, bit by bit.
+
+    Parameters
+    ----------
+    path : file to write; appears only when complete
+    demos : one movement, or movements by manipulator with common time stamps
+
+    Raises
+    ------
+    DemonstrationError
+        The movements do not fit into one file, or the file cannot be written.
+    """
+    demos = together(demos, path)
+    first = next(iter(demos.values()))
+    arrays = {"time": first.time, "position": first.position}
+    if list(demos) != [""]:
+        arrays["position"] = np.stack([demo.position for demo in demos.values()], axis=1)
+        arrays["manipulators"] = np.array(list(demos))
+    with whole_file(path) as file:
+        np.savez(file, **arrays)
+
+
+@dataclass(frozen=True)
+class _NpzOrigin(Origin):
+    """Names samples of one manipulator by their indices in the array of all."""
+
+    manipulator: int = 0
+
+    def position(self, sample: int, dim: int) -> str:
+        return f"position[{sample}, {self.manipulator}, {dim}]"
+
+
+def _read_arrays(path: Path) -> dict[str, NDArray]:
+    """Read the arrays that describe movements, after comparing what they claim with the limit."""
+    import lzma
+    import struct
+    import tokenize
+    import zipfile
+    import zlib
+
+    broken = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, tokenize.TokenError)
+    unusable = (EOFError, ValueError, OverflowError, RuntimeError, SyntaxError, KeyError, TypeError)
+    try:
+        with telling(path), zipfile.ZipFile(path) as archive:
+            _check_unpacked_size(path, archive)
+            found = [name.removesuffix(".npy") for name in archive.namelist()]
+            for key in ("time", "position"):
+                if key not in found:
+                    raise DemonstrationError(
+                        "the array is missing",
+                        file=path,
+                        key=key,
+                        way_out=f"{near_name(key, found)}; {_LAYOUT}",
+                    )
+            wanted = ("time", "position", "manipulators")
+            return {key: _read_array(path, archive, key) for key in wanted if key in found}
+    except (*broken, *unusable) as error:
+        raise DemonstrationError(
+            f"it is no whole archive of arrays ({error})", file=path, way_out=_LAYOUT
+        ) from error
+
+
+def _check_unpacked_size(path: Path, archive: ZipFile) -> None:
+    members = archive.infolist()
+    size = sum(member.file_size for member in members)
+    if size > MAX_BYTES:
+        largest = max(members, key=lambda member: member.file_size)
+        raise DemonstrationError(
+            f"the archive unpacks to {size >> 20} MB, more than the {MAX_BYTES >> 20} MB that are read",
+            file=path,
+            key=largest.filename.removesuffix(".npy"),
+            way_out=_TOO_LARGE,
+        )
+
+
+def _read_array(path: Path, archive: ZipFile, key: str) -> NDArray:
+    """Read one member whose header agrees with its size."""
+    member = archive.getinfo(f"{key}.npy")
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        short = version == (1, 0)
+        read = np.lib.format.read_array_header_1_0 if short else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(stream)
+        remaining = member.file_size - stream.tell()
+    if dtype.hasobject:
+        raise DemonstrationError(
+            "it holds pickled objects, which are never loaded",
+            file=path,
+            key=key,
+            way_out="save plain numbers and names",
+        )
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != remaining:
+        raise DemonstrationError(
+            f"its header claims {dtype.name} of shape {shape}, and {remaining} bytes follow",
+            file=path,
+            key=key,
+            way_out="save it again",
+        )
+    with archive.open(member) as stream:
+        return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def _manipulators(path: Path, arrays: Mapping[str, NDArray]) -> list[str]:
+    """Return the names along the second axis of `position`, shape (n_steps, n_manipulators, n_dims)."""
+    n_manipulators = arrays["position"].shape[1]
+    names = arrays.get("manipulators")
+    if names is None:
+        message = f"the names of {n_manipulators} manipulators are missing"
+    elif names.dtype.kind != "U" or names.ndim != 1:
+        message = f"it holds {names.dtype.name} of shape {names.shape}, not names"
+    elif len(names) != n_manipulators or not n_manipulators:
+        message = f"it has {len(names)} names and position has {n_manipulators} manipulators"
+    elif len(set(names.tolist())) < len(names) or "" in names:
+        message = f"the names {', '.join(map(repr, names.tolist()))} are not distinct"
+    else:
+        return names.tolist()
+    raise DemonstrationError(
+        message, file=path, key="manipulators", way_out="give one name, as text, for each manipulator"
+    )

@@ -1,0 +1,204 @@
+"""The load's own configuration space, in kernels: every configuration holds the rigid constraints.
+
+Configurations are those of `load_coordinates`. Along an edge between two of them centres move on straight lines
+and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
+a group's centre plus its reach times the angle. Edges are checked by conservative advancement: from a
+configuration with clearance d, no obstacle can be met before the span d has been travelled.
+"""
+
+from __future__ import annotations
+
+from math import acos, pi, sin, sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import (
+    ANGLE,
+    DIRECTION,
+    POINT,
+    QUATERNION,
+    Blocks,
+    Coordinates,
+    place_one,
+)
+from comove.scenes.distances import Obstacles, point_distance, segment_distance
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+CAP = 0.12  # m, clearances above it are not told apart
+TOLERANCE = 2e-4  # m, of clearances
+
+
+class Space(NamedTuple):
+    """A scene as the planner's kernels take it.
+
+    Attributes
+    ----------
+    blocks : how a configuration becomes nodes
+    reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
+    edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
+    obstacles : Obstacles
+    lower, upper : arrays, shape (3,), the workspace [m]
+    """
+
+    blocks: Blocks
+    reach: Array
+    edges: NDArray[np.int64]
+    radii: Array
+    obstacles: Obstacles
+    lower: Array
+    upper: Array
+
+
+def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
+    """The space of `scene` in its load coordinates."""
+    reach = np.array([group.reach for group in coordinates.groups])
+    body = scene.body
+    return Space(coordinates.blocks, reach, body.edges, body.radii, scene.obstacles, *scene.workspace)
+
+
+@numba.njit(cache=True)
+def clearance_of(space, q, nodes):
+    """Clearance [m] of configuration q, at most CAP; `nodes` is scratch, shape (n_nodes, 3)."""
+    place_one(space.blocks, q, 1.0, nodes)
+    clearance = CAP
+    for e in range(space.edges.shape[0]):
+        a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
+        for axis in range(3):
+            clearance = min(clearance, min(a[axis], b[axis]) - space.lower[axis] - radius)
+            clearance = min(clearance, space.upper[axis] - max(a[axis], b[axis]) - radius)
+        if clearance <= 0.0:
+            return clearance
+    for e in range(space.edges.shape[0]):
+        a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
+        for j in range(space.obstacles.kind.shape[0]):
+            distance = segment_distance(space.obstacles, j, a, b, clearance + radius, TOLERANCE)
+            clearance = min(clearance, distance - TOLERANCE - radius)
+            if clearance <= 0.0:
+                return clearance
+    return clearance
+
+
+@numba.njit(cache=True)
+def angle_between(kind, n_dims, p, q, o):
+    """Angle [rad] between the orientations of two configurations whose orientation starts at column o."""
+    if kind == POINT:
+        return 0.0
+    if kind == ANGLE:
+        return abs(wrapped(q[o] - p[o]))
+    width = n_dims if kind == DIRECTION else 4
+    dot = 0.0
+    for i in range(o, o + width):
+        dot += p[i] * q[i]
+    if kind == QUATERNION:
+        return 2.0 * acos(min(1.0, abs(dot)))
+    return acos(min(1.0, max(-1.0, dot)))
+
+
+@numba.njit(cache=True)
+def span(space, p, q):
+    """Bound of the displacement of any node between two configurations [m]."""
+    blocks, longest = space.blocks, 0.0
+    for b in range(blocks.kind.shape[0]):
+        i, moved = blocks.column[b], 0.0
+        for axis in range(blocks.n_dims):
+            moved += (q[i + axis] - p[i + axis]) ** 2
+        angle = angle_between(blocks.kind[b], blocks.n_dims, p, q, i + blocks.n_dims)
+        longest = max(longest, sqrt(moved) + space.reach[b] * angle)
+    return longest
+
+
+@numba.njit(cache=True)
+def interpolate(space, p, q, f, out):
+    """The configuration a share f of the way from p to q; angles stay unwrapped from p."""
+    blocks = space.blocks
+    for b in range(blocks.kind.shape[0]):
+        kind, i, n_dims = blocks.kind[b], blocks.column[b], blocks.n_dims
+        o = i + n_dims
+        for c in range(i, o):
+            out[c] = p[c] + f * (q[c] - p[c])
+        if kind == ANGLE:
+            out[o] = p[o] + f * wrapped(q[o] - p[o])
+        elif kind != POINT:
+            width = n_dims if kind == DIRECTION else 4
+            _great_circle(p, q, o, width, f, kind == QUATERNION, out)
+
+
+@numba.njit(cache=True)
+def _great_circle(p, q, o, width, f, either_sign, out):
+    dot = 0.0
+    for c in range(o, o + width):
+        dot += p[c] * q[c]
+    sign = -1.0 if either_sign and dot < 0.0 else 1.0
+    angle = acos(min(1.0, max(-1.0, sign * dot)))
+    if angle < 1e-6:
+        a, b = 1.0 - f, f
+    else:
+        a, b = sin((1.0 - f) * angle) / sin(angle), sin(f * angle) / sin(angle)
+    norm = 0.0
+    for c in range(o, o + width):
+        out[c] = a * p[c] + b * sign * q[c]
+        norm += out[c] ** 2
+    for c in range(o, o + width):
+        out[c] /= sqrt(norm)
+
+
+@numba.njit(cache=True)
+def edge_is_free(space, p, q, margin, scratch, nodes):
+    """Does the body keep `margin` [m] along the whole edge from p to q?"""
+    length = span(space, p, q)
+    travelled = 0.0
+    while travelled < length:
+        interpolate(space, p, q, travelled / length, scratch)
+        clearance = clearance_of(space, scratch, nodes) - margin
+        if clearance <= 0.0:
+            return False
+        travelled += max(clearance, TOLERANCE)
+    return clearance_of(space, q, nodes) > margin
+
+
+@numba.njit(cache=True)
+def random_configuration(space, rng, out):
+    """Uniform in the workspace and over orientations."""
+    blocks = space.blocks
+    for b in range(blocks.kind.shape[0]):
+        i = blocks.column[b]
+        for axis in range(blocks.n_dims):
+            out[i + axis] = space.lower[axis] + rng.random() * (space.upper[axis] - space.lower[axis])
+        random_orientation(blocks.kind[b], blocks.n_dims, i + blocks.n_dims, rng, out)
+
+
+@numba.njit(cache=True)
+def random_orientation(kind, n_dims, o, rng, out):
+    """Uniform over the orientations of one block, in place."""
+    if kind == ANGLE:
+        out[o] = 2 * pi * rng.random() - pi
+    elif kind != POINT:
+        width = n_dims if kind == DIRECTION else 4
+        norm = 0.0
+        while norm < 1e-6:
+            norm = 0.0
+            for c in range(o, o + width):
+                out[c] = rng.standard_normal()
+                norm += out[c] ** 2
+        for c in range(o, o + width):
+            out[c] /= sqrt(norm)
+
+
+@numba.njit(cache=True)
+def in_an_obstacle(obstacles, x, y, z):
+    """Does the point lie in any obstacle?"""
+    for j in range(obstacles.kind.shape[0]):
+        if point_distance(obstacles, j, x, y, z) < 0.0:
+            return True
+    return False
+
+
+@numba.njit(cache=True)
+def wrapped(angle):
+    """The angle [rad] between -pi and pi."""
+    return angle - 2 * pi * np.round(angle / (2 * pi))

@@ -1,0 +1,76 @@
+"""From a path in configuration space to weights: time profiles, ridge fits, all at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import ANGLE, Coordinates
+from comove.planning.configurations import Space
+from comove.planning.objective import N_STEPS
+from comove.planning.planner import along
+from comove.primitives.basis import MotionBasis
+
+Array = NDArray[np.float64]
+
+# (p, f): the path is run as min_jerk(1 - (1 - min(t/f, 1))^p); early arrival costs least, steady pace
+# brakes least, so several are fitted and the best that verifies is kept.
+PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.7), (6.0, 1.0))
+RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Fits of one path: one a profile and ridge.
+
+    Attributes
+    ----------
+    boundary : array, shape (4, n_columns)
+    weights : array, shape (n_seeds, n_columns, n_basis)
+    """
+
+    boundary: Array
+    weights: Array
+
+
+def minimum_jerk(t: Array) -> Array:
+    """Share of the way at normalised times (Flash and Hogan, 1985), any shape."""
+    t = np.clip(t, 0.0, 1.0)
+    return t**3 * (10.0 + t * (-15.0 + 6.0 * t))
+
+
+@lru_cache(maxsize=4)
+def profiles(n_steps: int) -> Array:
+    """Shares of the path at even times; array, shape (n_profiles, n_steps)."""
+    t = np.linspace(0.0, 1.0, n_steps)
+    return np.stack([minimum_jerk(1.0 - (1.0 - np.minimum(t / f, 1.0)) ** p) for p, f in PROFILES])
+
+
+def fit_path(space: Space, path: Array, coordinates: Coordinates, basis: MotionBasis) -> Seeds:
+    """Fit the primitive to a planned path under every profile and ridge.
+
+    Parameters
+    ----------
+    path : array, shape (n_configurations, n_columns), in load coordinates, continuous
+    coordinates : those of the primitive
+    """
+    target = along(space, path, profiles(N_STEPS))
+    boundary = coordinates.boundary()
+    if coordinates.kind == "load":
+        boundary[2] = path[-1]  # the same goal, but by the path's number of turns
+    else:
+        target = coordinates.from_load(target)
+    misses = target - basis.sampled(N_STEPS)[basis.n_basis :].T @ boundary
+    weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_profiles, n_ridges, n_basis, n_columns)
+    return Seeds(boundary, np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1)))
+
+
+@lru_cache(maxsize=8)
+def _ridge_solvers(basis: MotionBasis) -> Array:
+    """(Phi^T Phi + ridge I)^-1 Phi^T for every ridge; array, shape (n_ridges, n_basis, n_steps)."""
+    left, singular, right = np.linalg.svd(basis.sampled(N_STEPS)[: basis.n_basis].T, full_matrices=False)
+    size = singular[0] ** 2
+    return np.stack([(right.T * (singular / (singular**2 + ridge * size))) @ left.T for ridge in RIDGES])

@@ -1,0 +1,414 @@
+"""The solver: plan, fit, certify, polish; or, without a planner, grow the load."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates, load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
+from comove.optimisers.separable import SeparableCMAES
+from comove.planning.configurations import Space, configuration_space
+from comove.planning.objective import N_STEPS, CostWeights, Objective
+from comove.planning.planner import PLANE_MARGINS, SPACE_MARGINS, plan
+from comove.planning.seeds import fit_path
+from comove.planning.solution import Progress, ProgressCallback, Solution
+from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.dmp import DMP
+from comove.scenes.scene import Scene
+from comove.verification.verify import Check, Verdict, verify
+
+Array = NDArray[np.float64]
+
+POPULATION = 16
+N_CERTIFIED = 7  # seeds judged, in order of their cost, before the next plan
+PATIENCE = 10  # further plans tried where a scene has several ways through
+MARGIN, MARGIN_STEP = 0.010, 0.004  # m
+
+
+class OutOfTime(Exception):
+    """The budget is spent."""
+
+
+@dataclass
+class Search:
+    """One run of a method on a scene: its clock, its counters, and the best found so far.
+
+    Attributes
+    ----------
+    objective : equation (4) on the scene
+    taught : the demonstrated movement, None without one
+    """
+
+    objective: Objective
+    taught: DMP | None
+    rng: np.random.Generator
+    started: float
+    deadline: float
+    checks: Sequence[Check]
+    progress: ProgressCallback | None
+    evaluations: int = 0
+    generations: int = 0
+    first_verified: float | None = None
+    best: Verdict | None = None
+    best_motion: CoordinatedMotion | None = None
+    best_cost: float = np.inf
+    attempt: CoordinatedMotion | None = None
+    attempt_value: float = np.inf
+    stage: str = field(default="")
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return self.objective.scene
+
+    def check_time(self) -> None:
+        """Raise `OutOfTime` once the budget is spent."""
+        if time.perf_counter() > self.deadline:
+            raise OutOfTime
+
+    def evaluate(self, objective: Objective, basis: MotionBasis, boundary: Array, weights: Array, size=1.0):
+        """Evaluate weights, array of shape (n_rollouts, n_columns, n_basis)."""
+        self.evaluations += len(weights)
+        return objective.evaluate(rollouts(basis, boundary, weights, N_STEPS), size)
+
+    def judge(self, motion: CoordinatedMotion) -> bool:
+        """Verify a motion; keep it if it is the best."""
+        verdict = verify(motion, self.checks)
+        cost = self.objective.cost(motion).total
+        if verdict.verified is None:
+            return False
+        if self.first_verified is None:
+            self.first_verified = time.perf_counter() - self.started
+        if cost < self.best_cost:
+            self.best, self.best_motion, self.best_cost = verdict, motion, cost
+        return True
+
+    def remember(self, motion: CoordinatedMotion, value: float) -> None:
+        """Keep the best attempt, for the case that nothing is verified."""
+        if self.attempt is None or value < self.attempt_value:
+            self.attempt, self.attempt_value = motion, value
+
+    def tell(self, cost: float, violation: float) -> None:
+        """Count a generation and report it."""
+        self.generations += 1
+        if self.progress is not None:
+            best = None if self.best is None else self.best_cost
+            self.progress(Progress(self.stage, self.generations, cost, violation, best))
+
+
+@dataclass(frozen=True)
+class Comove:
+    """The default: planner, fit, certificate, polishing; growing the load where planning is off or fails.
+
+    Attributes
+    ----------
+    coordinates : in which the search moves
+    n_basis : shape weights a column when polishing
+    n_plans : plans whose fits are compared before the best is polished
+    """
+
+    name = "comove"
+    coordinates: Callable[[Scene], Coordinates] = load_coordinates
+    n_basis: int = 30
+    n_plans: int = 4
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Search until nothing is to be gained or time is up (`OutOfTime`)."""
+        coordinates = self.coordinates(search.scene)
+        search.objective = Objective(
+            search.scene,
+            coordinates,
+            search.objective.weights,
+            demonstration=search.objective.demonstration,
+        )
+        if planner and self._planned(search, coordinates):
+            return
+        if self._grown(search, coordinates):
+            return
+        while search.best is None:  # last resort, and the only one where growing does not help
+            self._planned(search, coordinates)
+            search.check_time()
+
+    def _planned(self, search: Search, coordinates: Coordinates) -> bool:
+        """Plan, fit and certify; then polish the best. False where no plan could be certified."""
+        scene = search.scene
+        planning = load_coordinates(scene)
+        space = configuration_space(scene, planning)
+        ends = planning.boundary()
+        basis = motion_basis(self.n_basis, "velocity")
+        margins = PLANE_MARGINS if scene.n_dims == 2 else SPACE_MARGINS
+        starts, successes = [], 0
+        for attempt in range(len(margins) + self.n_plans):
+            search.check_time()
+            search.stage = "planning"
+            margin = margins[attempt % len(margins)] if successes == 0 else margins[0]
+            path = plan(space, ends[0], ends[2], margin, search.rng, scene.clearance)
+            if path is None:
+                if successes or attempt >= len(margins) - 1:
+                    break
+                continue
+            start = self._seed(search, space, path, coordinates, basis)
+            if start is not None:
+                starts.append(start)
+                successes += 1
+            if successes >= self.n_plans:
+                break
+        if not starts:
+            return False
+        _, boundary, weights = min(starts, key=lambda start: start[0])
+        self._polish(search, coordinates, basis, boundary, weights)
+        return True
+
+    def _seed(self, search, space, path, coordinates, basis):
+        """Certify the fits of one path in order of their cost: the first, or None."""
+        seeds = fit_path(space, path, coordinates, basis)
+        value = search.evaluate(search.objective, basis, seeds.boundary, seeds.weights)
+        rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
+        for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
+            motion = CoordinatedMotion(search.scene, coordinates, basis, seeds.boundary, seeds.weights[i])
+            search.remember(motion, float(rank[i]))
+            if search.judge(motion):
+                return float(value.cost[i]), seeds.boundary, seeds.weights[i]
+        return None
+
+    def _polish(self, search, coordinates, basis, boundary, weights) -> None:
+        """Improve a verified motion; the margin widens until the result verifies as well."""
+        search.stage = "polishing"
+        margin = MARGIN
+        for _ in range(4):
+            found = minimise_weights(
+                search,
+                search.objective.with_penalty(margin=margin),
+                basis,
+                boundary,
+                weights,
+                sigma=0.02,
+                generations=300,
+                patience=30,
+                gain=0.005,
+            )
+            if search.judge(CoordinatedMotion(search.scene, coordinates, basis, boundary, found)):
+                return
+            margin += MARGIN_STEP
+
+    def _grown(self, search, coordinates) -> bool:
+        """Restarts in which the load grows; True once a motion is verified."""
+        basis = motion_basis(20, "acceleration")
+        for restart in range(25):
+            search.stage = f"growing the load, restart {restart}"
+            boundary, weights = self._first_guess(search, coordinates, basis, restart)
+            objective = search.objective.with_penalty(along_path=True)
+            if restart > 0:
+                draws = 0.2 * search.rng.standard_normal((63, coordinates.search.shape[1], basis.n_basis))
+                draws = weights + coordinates.search @ draws
+                value = search.evaluate(objective, basis, boundary, draws, 0.05)
+                weights = draws[np.argmin(objective.search_value(value))]
+            weights = minimise_weights(
+                search,
+                objective,
+                basis,
+                boundary,
+                weights,
+                sigma=0.1,
+                generations=200,
+                patience=25,
+                gain=0.01,
+                growth=120,
+            )
+            margin = MARGIN
+            for _ in range(4):
+                motion = CoordinatedMotion(search.scene, coordinates, basis, boundary, weights)
+                search.check_time()
+                if search.judge(motion):
+                    self._polish_grown(search, coordinates, basis, boundary, weights)
+                    return True
+                value = search.evaluate(objective, basis, boundary, weights[None])
+                search.remember(motion, float(search.objective.search_value(value)[0]))
+                if value.clearance[0] < -0.03:
+                    break  # deep inside something: another start, not a wider margin
+                margin += MARGIN_STEP
+                weights = minimise_weights(
+                    search,
+                    objective.with_penalty(margin=margin),
+                    basis,
+                    boundary,
+                    weights,
+                    sigma=0.01,
+                    generations=80,
+                    patience=25,
+                    gain=0.01,
+                )
+        return False
+
+    def _first_guess(self, search, coordinates, basis, restart):
+        """The demonstration where there is one (first), else the straight way with different turns."""
+        if search.taught is not None and restart % 3 == 0:
+            taught = CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
+            return taught.boundary, taught.weights
+        boundary = coordinates.boundary(turn=(0, 0, 1, -1)[restart % 4])
+        return boundary, np.zeros((coordinates.n_columns, basis.n_basis))
+
+    def _polish_grown(self, search, coordinates, basis, boundary, weights) -> None:
+        """Refit the verified motion in the finer basis and polish it there."""
+        fine = motion_basis(self.n_basis, "velocity")
+        phi, base = np.split(fine.sampled(N_STEPS).T, [fine.n_basis], axis=1)
+        q = rollouts(basis, boundary, weights[None], N_STEPS)[0].T
+        refit = np.linalg.lstsq(phi, q - base @ boundary, rcond=None)[0].T
+        self._polish(search, coordinates, fine, boundary, refit)
+
+
+def minimise_weights(
+    search: Search,
+    objective: Objective,
+    basis: MotionBasis,
+    boundary: Array,
+    weights: Array,
+    *,
+    sigma: float,
+    generations: int,
+    patience: int,
+    gain: float,
+    growth: int = 0,
+) -> Array:
+    """Improve shape weights by separable CMA-ES; array, shape (n_columns, n_basis).
+
+    Parameters
+    ----------
+    patience, gain
+        Stop after `patience` generations without a relative gain of `gain`.
+    growth
+        Generations over which the load grows from 5 % to its full size.
+    """
+    directions = objective.coordinates.search
+    shape = (directions.shape[1], basis.n_basis)
+    offset = weights
+    optimiser = SeparableCMAES(
+        np.zeros(shape[0] * shape[1]),
+        sigma,
+        search.rng,
+        population=POPULATION,
+        sigma_floor=0.01 if growth else 0.0,
+    )
+    best, best_value, reference, waited = weights, np.inf, np.inf, 0
+    for generation in range(generations):
+        search.check_time()
+        size = 1.0 if growth == 0 else 0.05 + 0.95 * min(1.0, generation / growth)
+        if size == 1.0:
+            optimiser.sigma_floor = 0.0
+        samples = offset + directions @ optimiser.ask().reshape(-1, *shape)
+        value = search.evaluate(objective, basis, boundary, samples, size)
+        fitness = objective.search_value(value)
+        optimiser.tell(fitness)
+        i = int(np.argmin(fitness))
+        search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
+        if size < 1.0:
+            continue
+        if fitness[i] < best_value:
+            best, best_value = samples[i], float(fitness[i])
+        if best_value < reference * (1 - gain):
+            reference, waited = best_value, 0
+        else:
+            waited += 1
+            if waited >= patience:
+                break
+    return best
+
+
+def solve(
+    scene: Scene,
+    *,
+    demonstration: DMP | None = None,
+    seed: int = 0,
+    method: Comove | None = None,
+    planner: bool = True,
+    budget: float = 30.0,
+    cost: CostWeights | None = None,
+    checks: Sequence[Check] = (),
+    progress: ProgressCallback | None = None,
+) -> Solution:
+    """Find a verified coordinated motion for a scene.
+
+    Parameters
+    ----------
+    scene
+        What to solve.
+    demonstration
+        A movement of a single manipulator, of the scene's dimension: a start for the search, and what
+        the result shall resemble where `cost.resemblance` is positive.
+    seed
+        Of all random numbers: the same inputs, seed and version give the same motion as long as the
+        budget is not what ends the search.
+    method
+        `Comove()` unless given.
+    planner
+        Start from a path planned in the load's own configuration space.
+    budget
+        Seconds after which the best so far is returned.
+    cost
+        Weights of the objective.
+    checks
+        Further checks that a motion must pass to be verified.
+    progress
+        Called once a generation.
+    """
+    started = time.perf_counter()
+    method = method or Comove()
+    weights = cost or CostWeights()
+    coordinates = method.coordinates(scene)
+    taught = None if demonstration is None else _carried(demonstration, scene)
+    search = Search(
+        Objective(scene, coordinates, weights, demonstration=taught),
+        demonstration,
+        np.random.default_rng(seed),
+        started,
+        started + budget,
+        checks,
+        progress,
+    )
+    interrupted = False
+    try:
+        method.run(search, planner=planner)
+    except OutOfTime:
+        pass
+    except KeyboardInterrupt:
+        interrupted = True
+    if search.best is not None:
+        motion, verdict = search.best_motion, search.best
+    else:
+        motion = search.attempt or _straight(scene, coordinates)
+        verdict = verify(motion, checks)
+    return Solution(
+        scene=scene,
+        motion=verdict.verified,
+        attempt=motion,
+        report=verdict.report,
+        reasons=verdict.reasons,
+        cost=search.objective.cost(motion),
+        method=method.name,
+        seed=seed,
+        evaluations=search.evaluations,
+        generations=search.generations,
+        time_to_first_verified_s=search.first_verified,
+        solve_time_s=time.perf_counter() - started,
+        interrupted=interrupted,
+    )
+
+
+def _carried(dmp: DMP, scene: Scene) -> Array:
+    """The demonstration at every manipulator; array, shape (N_STEPS, n_manipulators, 3), [m]."""
+    s = np.linspace(0.0, 1.0, N_STEPS)
+    hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
+    for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):
+        hands[:, i, : scene.n_dims] = modulate(dmp, start, goal).at(s * dmp.duration).position
+    return hands
+
+
+def _straight(scene: Scene, coordinates: Coordinates) -> CoordinatedMotion:
+    basis = motion_basis(20, "velocity")
+    weights = np.zeros((coordinates.n_columns, basis.n_basis))
+    return CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)

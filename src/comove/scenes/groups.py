@@ -1,0 +1,192 @@
+"""Rigid groups: manipulators whose mutual distances are fixed, and what they carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+Orientation = Literal["none", "plane", "axis", "space"]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a group's frame is: ``point_world = center + rotation @ point_group``.
+
+    Attributes
+    ----------
+    center : array, shape (3,), [m]
+    rotation : array, shape (3, 3)
+    """
+
+    center: Array
+    rotation: Array
+
+    def place(self, points: Array) -> Array:
+        """World positions of `points`, array of shape (n_points, 3), [m]."""
+        return self.center + points @ self.rotation.T
+
+
+@dataclass(frozen=True)
+class RigidGroup:
+    """Manipulators that move as one rigid body; a single free manipulator is a group of one.
+
+    Attributes
+    ----------
+    members : indices of the manipulators
+    grasps : array, shape (n_members, 3), where they hold, in the group's frame [m]
+    corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]
+    orientation : what the members determine: nothing (one hand), an angle in the plane, the direction of
+        an axis in space (hands on one line; the roll about it does not matter), or a full orientation
+    start, goal : poses at both ends
+    """
+
+    members: tuple[int, ...]
+    grasps: Array
+    corners: Array
+    orientation: Orientation
+    start: Pose
+    goal: Pose
+
+    @property
+    def points(self) -> Array:
+        """Grasps and corners, array of shape (n_members + n_corners, 3), [m]."""
+        return np.concatenate([self.grasps, self.corners])
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a point of the group from its centre [m]."""
+        return float(np.linalg.norm(self.points, axis=1).max())
+
+
+def orientation_of(grasps: Array, n_dims: int) -> Orientation:
+    """What hands at `grasps`, array of shape (n_members, 3), determine of a body's orientation."""
+    if len(grasps) == 1:
+        return "none"
+    if n_dims == 2:
+        return "plane"
+    spread = np.linalg.svd(grasps - grasps.mean(axis=0), compute_uv=False)
+    return "axis" if spread[1] < 1e-9 * spread[0] else "space"
+
+
+def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> Pose:
+    """The pose that brings `grasps` nearest to `hands` in least squares, never mirrored.
+
+    Parameters
+    ----------
+    grasps, hands : arrays, shape (n_members, 3), [m]
+    """
+    if orientation == "none":
+        rotation = np.eye(3)
+    elif orientation == "plane":
+        rotation = rotation_in_plane(fit_angle(grasps, hands))
+    elif orientation == "axis":
+        rotation = rotation_between(np.array([1.0, 0.0, 0.0]), fit_direction(grasps, hands))
+    else:
+        rotation = rotation_of_quaternion(fit_quaternion(grasps, hands))
+    return Pose(hands.mean(axis=0) - rotation @ grasps.mean(axis=0), rotation)
+
+
+def fit_angle(grasps: Array, hands: Array) -> Array:
+    """Angles [rad] that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) in the plane; shape (...)."""
+    held, wanted = _about_middle(grasps), _about_middle(hands)
+    cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
+    sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
+    return np.arctan2(sine, cosine)
+
+
+def fit_direction(grasps: Array, hands: Array) -> Array:
+    """Unit vectors (..., 3) along which `grasps` (n, 3) on the x axis come nearest to `hands` (..., n, 3)."""
+    direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
+    return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def fit_quaternion(grasps: Array, hands: Array) -> Array:
+    """Unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) (Horn, 1987)."""
+    s = np.einsum("ni,...nj->...ij", _about_middle(grasps), _about_middle(hands))
+    cross = [s[..., 1, 2] - s[..., 2, 1], s[..., 2, 0] - s[..., 0, 2], s[..., 0, 1] - s[..., 1, 0]]
+    trace = np.trace(s, axis1=-2, axis2=-1)
+    matrix = np.empty((*s.shape[:-2], 4, 4))
+    matrix[..., 0, 0] = trace
+    matrix[..., 1:, 1:] = s + np.swapaxes(s, -1, -2) - trace[..., None, None] * np.eye(3)
+    for i in range(3):
+        matrix[..., 0, i + 1] = matrix[..., i + 1, 0] = cross[i]
+    return np.linalg.eigh(matrix)[1][..., -1]
+
+
+def _about_middle(points: Array) -> Array:
+    return points - points.mean(axis=-2, keepdims=True)
+
+
+def rotation_in_plane(angle: float) -> Array:
+    """Turn about z by `angle` [rad]; array, shape (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """The least rotation that turns the unit vector `a` into the unit vector `b`; array, shape (3, 3)."""
+    cosine = float(a @ b)
+    if cosine < -1.0 + 1e-12:  # opposite: half a turn about any axis across
+        across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        across /= np.linalg.norm(across)
+        return 2.0 * np.outer(across, across) - np.eye(3)
+    cross = np.cross(a, b)
+    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+
+
+def rotation_of_quaternion(wxyz: Array) -> Array:
+    """Rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_of_rotation(rotation: Array) -> Array:
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Shepperd, 1978)."""
+    m = rotation
+    trace = np.trace(m)
+    candidates = np.array([trace, m[0, 0], m[1, 1], m[2, 2]])
+    i = int(np.argmax(candidates))
+    if i == 0:
+        q = np.array([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+    else:
+        a, b, c = i - 1, i % 3, (i + 1) % 3
+        q = np.empty(4)
+        q[0] = m[c, b] - m[b, c]
+        q[1 + a] = 1 + m[a, a] - m[b, b] - m[c, c]
+        q[1 + b] = m[b, a] + m[a, b]
+        q[1 + c] = m[c, a] + m[a, c]
+    q /= np.linalg.norm(q)
+    return q if q[0] >= 0 else -q
+
+
+def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Array) -> Array:
+    """Move `points`, array of shape (n_points, 3), least so that the pairs keep their distances.
+
+    Gauss-Newton on the constraints with least-norm steps; exact for one pair after the first step.
+    """
+    points = points.copy()
+    for _ in range(50):
+        jacobian = np.zeros((len(pairs), *points.shape))
+        residual = np.empty(len(pairs))
+        for row, (i, j) in enumerate(pairs):
+            apart = points[i] - points[j]
+            length = np.linalg.norm(apart)
+            jacobian[row, i], jacobian[row, j] = apart / length, -apart / length
+            residual[row] = length - distances[row]
+        if np.abs(residual).max() < 1e-15:
+            break
+        flat = jacobian.reshape(len(pairs), -1)
+        points -= np.linalg.lstsq(flat, residual, rcond=1e-9)[0].reshape(points.shape)
+    return points

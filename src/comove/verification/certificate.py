@@ -1,0 +1,174 @@
+"""The continuous-time certificate of clearance.
+
+Between two knots every node stays within its *bulge* ``h^2/8 max|y''|`` of the chord, so every point of an
+edge stays within the larger bulge of its two nodes of the point of the chords' ruled surface. On that surface
+a space-time cell [t0, t1] x [s0, s1] is at least
+
+    distance(middle) - dt/2 max(|dp(s0)|, |dp(s1)|) - ds/2 max(length(t0), length(t1))
+
+away from an obstacle, since signed distances have Lipschitz constant 1. Cells that are not clear enough are
+halved along their larger term. The least bound over all cells, less the bulge and the radius of the load, is a
+lower bound of the clearance at every instant.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.primitives.basis import INTERVAL
+from comove.scenes.distances import point_distance
+
+Array = NDArray[np.float64]
+
+LOOSE, TIGHT = 1e-4, 1e-7  # m, how far the bound may stay below the true clearance
+MAX_CELLS = 2_000_000  # a bound that needs more is given up as it stands: still sound, only lower
+STACK = 256
+
+
+class Clearance(NamedTuple):
+    """What the certificate says.
+
+    Attributes
+    ----------
+    lower : certified lower bound of the clearance at every instant [m]; -inf if the motion is not finite
+    upper : a clearance met on the way [m]; the true least one lies between, up to the bulge
+    time : normalised time of `upper`
+    nearest : obstacle of `upper`, -1 for the border of the workspace
+    """
+
+    lower: float
+    upper: float
+    time: float
+    nearest: int
+
+
+def certify(motion: CoordinatedMotion) -> Clearance:
+    """Bound the clearance of the whole load and all hands over continuous time."""
+    scene, coordinates = motion.scene, motion.coordinates
+    knots = motion.knots
+    bulge = INTERVAL**2 / 8 * coordinates.acceleration_bound(knots)
+    nodes = coordinates.nodes(np.ascontiguousarray(knots[0].T[None]))[0]
+    if not (np.isfinite(nodes).all() and np.isfinite(bulge).all()):
+        return Clearance(-np.inf, -np.inf, 0.0, -1)
+    body = scene.body
+    lower, upper, k, nearest = certified_clearance(
+        nodes, bulge, body.edges, body.radii, scene.obstacles, *scene.workspace, scene.clearance
+    )
+    if body.filled and scene.clearance_at(nodes[0])[0] < lower:
+        lower = upper = scene.clearance_at(nodes[0])[0]  # an obstacle inside the plate: no edge needs to touch it
+    return Clearance(lower, upper, k * INTERVAL, nearest)
+
+
+@numba.njit(cache=True)
+def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, required):
+    """Certified lower bound, least clearance met, its knot, its obstacle.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_knots, n_nodes, 3), [m]
+    bulge : array, shape (n_knots - 1, n_nodes), [m]
+    edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
+    obstacles : Obstacles
+    lower, upper : arrays, shape (3,), the workspace [m]
+    required : clearance asked for [m]; the bound is tightened where it is close to it
+    """
+    n_intervals, n_edges, n_obstacles = bulge.shape[0], edges.shape[0], obstacles.kind.shape[0]
+    bound, met, knot, nearest = np.inf, np.inf, 0, -1
+    for e in range(n_edges):
+        for k in range(n_intervals + 1):
+            swell = radii[e]
+            worst = 0.0
+            for i in range(2):
+                n = edges[e, i]
+                if k > 0:
+                    worst = max(worst, bulge[k - 1, n])
+                if k < n_intervals:
+                    worst = max(worst, bulge[k, n])
+                for axis in range(3):
+                    border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
+                    if border - swell < met:
+                        met, knot, nearest = border - swell, k, -1
+                    bound = min(bound, border - swell - worst)
+    # A first look at every fourth knot gives a good upper bound, so that few cells need halving.
+    for k in range(0, n_intervals + 1, 4):
+        for e in range(n_edges):
+            p, q = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
+            for j in range(n_obstacles):
+                for i in range(3):
+                    s = 0.5 * i
+                    distance = (
+                        point_distance(
+                            obstacles,
+                            j,
+                            p[0] + s * (q[0] - p[0]),
+                            p[1] + s * (q[1] - p[1]),
+                            p[2] + s * (q[2] - p[2]),
+                        )
+                        - radii[e]
+                    )
+                    if distance < met:
+                        met, knot, nearest = distance, k, j
+    stack = np.empty((STACK, 4))
+    cells = 0
+    for k in range(n_intervals):
+        for e in range(n_edges):
+            a0, b0 = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
+            a1, b1 = nodes[k + 1, edges[e, 0]], nodes[k + 1, edges[e, 1]]
+            length = max(_apart(a0, b0), _apart(a1, b1))
+            move_a, move_b = _apart(a0, a1), _apart(b0, b1)
+            swell = radii[e] + max(bulge[k, edges[e, 0]], bulge[k, edges[e, 1]]) + 1e-12
+            for j in range(n_obstacles):
+                top = 1
+                stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
+                while top > 0:
+                    top -= 1
+                    t0, t1, s0, s1 = stack[top]
+                    t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
+                    x = (1 - s) * (a0[0] + t * (a1[0] - a0[0])) + s * (b0[0] + t * (b1[0] - b0[0]))
+                    y = (1 - s) * (a0[1] + t * (a1[1] - a0[1])) + s * (b0[1] + t * (b1[1] - b0[1]))
+                    z = (1 - s) * (a0[2] + t * (a1[2] - a0[2])) + s * (b0[2] + t * (b1[2] - b0[2]))
+                    distance = point_distance(obstacles, j, x, y, z)
+                    if distance - radii[e] < met:
+                        met, knot, nearest = distance - radii[e], k, j
+                    sweep = 0.5 * (t1 - t0) * max(
+                        _mix_apart(a0, a1, b0, b1, s0), _mix_apart(a0, a1, b0, b1, s1)
+                    )
+                    reach = 0.5 * (s1 - s0) * length
+                    cell = distance - sweep - reach - swell
+                    cells += 1
+                    slack = min(LOOSE, max(TIGHT, 0.5 * (met - required)))
+                    if cell >= met - slack - swell + radii[e] or top + 2 >= STACK or cells > MAX_CELLS:
+                        bound = min(bound, cell)
+                    elif sweep > reach:
+                        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t, s0, s1
+                        stack[top + 1, 0], stack[top + 1, 1] = t, t1
+                        stack[top + 1, 2], stack[top + 1, 3] = s0, s1
+                        top += 2
+                    else:
+                        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s
+                        stack[top + 1, 0], stack[top + 1, 1] = t0, t1
+                        stack[top + 1, 2], stack[top + 1, 3] = s, s1
+                        top += 2
+            if bound < required and met < required - LOOSE:
+                return bound, met, knot, nearest  # contact: no need to know how deep
+    return bound, met, knot, nearest
+
+
+@numba.njit(cache=True)
+def _apart(p, q):
+    return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+
+
+@numba.njit(cache=True)
+def _mix_apart(a0, a1, b0, b1, s):
+    """How far the point s of the edge moves along its chord."""
+    x = (1 - s) * (a1[0] - a0[0]) + s * (b1[0] - b0[0])
+    y = (1 - s) * (a1[1] - a0[1]) + s * (b1[1] - b0[1])
+    z = (1 - s) * (a1[2] - a0[2]) + s * (b1[2] - b0[2])
+    return sqrt(x * x + y * y + z * z)

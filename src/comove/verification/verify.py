@@ -1,0 +1,190 @@
+"""The judge: decides whether a motion is safe, and is the only maker of `VerifiedMotion`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.scenes.scene import DistanceConstraint
+from comove.trajectory import Trajectory
+from comove.verification.bounds import largest_acceleration, largest_speed
+from comove.verification.certificate import certify
+
+Array = NDArray[np.float64]
+
+END_ERROR = 1e-9  # m
+END_SPEED = 1e-9  # m/s
+ROUNDING = 1e-9  # m, allowed where a tolerance of nothing is asked for
+
+_SEAL = object()
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was measured; bounds hold at every instant, not only at samples.
+
+    Attributes
+    ----------
+    clearance_min : certified lower bound of the clearance [m]
+    distance_error_max : largest error of a distance constraint at the knots [m]
+    end_error : largest miss of a start or a goal [m]
+    end_speed : largest speed at the end [m/s]
+    speed_max : upper bound of a hand's speed [m/s]
+    acceleration_max : upper bound of a hand's acceleration [m/s^2]
+    """
+
+    clearance_min: float
+    distance_error_max: float
+    end_error: float
+    end_speed: float
+    speed_max: float
+    acceleration_max: float
+
+    def asdict(self) -> dict[str, float]:
+        """The measures by name."""
+        return asdict(self)
+
+
+class VerifiedMotion:
+    """A motion that passed every check. Only `verify` makes it.
+
+    Attributes
+    ----------
+    motion : CoordinatedMotion
+    report : Report
+    """
+
+    __slots__ = ("motion", "report")
+
+    def __init__(self, motion: CoordinatedMotion, report: Report, *, seal: object = None):
+        if seal is not _SEAL:
+            raise TypeError("a VerifiedMotion comes from comove.verification.verify, not from its constructor")
+        object.__setattr__(self, "motion", motion)
+        object.__setattr__(self, "report", report)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError("a VerifiedMotion does not change")
+
+    @property
+    def clearance_min(self) -> float:
+        """Certified lower bound of the clearance [m]."""
+        return self.report.clearance_min
+
+    def trajectory(self, n_steps: int | None = None) -> Trajectory:
+        """Samples of the motion, at 100 Hz or finer unless `n_steps` is given."""
+        return self.motion.trajectory(n_steps)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The judgement on a motion.
+
+    Attributes
+    ----------
+    verified : the verified motion, or None
+    report : what was measured
+    reasons : why it was rejected, in words
+    """
+
+    verified: VerifiedMotion | None
+    report: Report
+    reasons: tuple[str, ...]
+
+
+class Check(Protocol):
+    """A further check: takes the motion, gives the reasons against it (none: passed)."""
+
+    def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
+        """Reasons against `motion`."""
+
+
+def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
+    """Judge a motion: ends, distances, limits and clearance, in continuous time.
+
+    Parameters
+    ----------
+    motion
+        The candidate, on the scene that it carries.
+    checks
+        Further checks, a robot's for example.
+    """
+    scene, duration = motion.scene, motion.scene.duration
+    position, velocity, acceleration = motion.coordinates.motion(motion.knots)[:, :, : len(scene.manipulators)]
+    ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
+    clearance = certify(motion)
+    report = Report(
+        clearance_min=clearance.lower,
+        distance_error_max=max((_distance_error(c, position) for c in scene.constraints), default=0.0),
+        end_error=float(ends.max()),
+        end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
+        speed_max=largest_speed(motion, velocity),
+        acceleration_max=largest_acceleration(motion, acceleration, scene.acceleration_limit),
+    )
+    names, reasons = scene.manipulators, []
+    if not np.isfinite(motion.knots).all():
+        reasons.append("the motion is not finite")
+    if not report.end_error <= END_ERROR:
+        reasons.append(f"an end is missed by {report.end_error:.3g} m")
+    if not report.end_speed <= END_SPEED:
+        reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
+    for c in scene.constraints:
+        error = max(_distance_error(c, position), _error_between_knots(motion, c))
+        if not error <= max(c.tolerance, ROUNDING):
+            reasons.append(
+                f"the distance between '{names[c.first]}' and '{names[c.second]}' is off by up to {error:.3g} m "
+                f"(tolerance {c.tolerance:g} m)"
+            )
+    if not report.speed_max <= scene.speed_limit:
+        reasons.append(f"a hand moves at up to {report.speed_max:.4g} m/s (limit {scene.speed_limit:g} m/s)")
+    if not report.acceleration_max <= scene.acceleration_limit:
+        reasons.append(
+            f"a hand accelerates by up to {report.acceleration_max:.4g} m/s^2 "
+            f"(limit {scene.acceleration_limit:g} m/s^2)"
+        )
+    if not clearance.lower >= scene.clearance:
+        reasons.append(_contact(motion, clearance))
+    for check in checks:
+        reasons.extend(check(motion))
+    verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
+    return Verdict(verified, report, tuple(reasons))
+
+
+def _distance_error(constraint: DistanceConstraint, position: Array) -> float:
+    """Largest error at the knots; position (n_knots, n_manipulators, 3)."""
+    apart = np.linalg.norm(position[:, constraint.first] - position[:, constraint.second], axis=1)
+    return float(np.abs(apart - constraint.distance).max())
+
+
+def _error_between_knots(motion: CoordinatedMotion, constraint: DistanceConstraint) -> float:
+    """Bound of a distance's error between the knots, above what the knots show.
+
+    Two hands in one block of the coordinates are images of two fixed points under one rigid motion: their
+    distance is that of their grasps at every instant.
+    """
+    for group in motion.coordinates.groups:
+        if {constraint.first, constraint.second} <= set(group.members):
+            i, j = (group.members.index(m) for m in (constraint.first, constraint.second))
+            return abs(float(np.linalg.norm(group.grasps[i] - group.grasps[j])) - constraint.distance)
+    raise ValueError(f"constraint {constraint} ties two groups together")
+
+
+def _contact(motion: CoordinatedMotion, clearance) -> str:
+    scene = motion.scene
+    if clearance.nearest < 0:
+        what = "the border of the workspace"
+    else:
+        what = f"obstacles[{clearance.nearest}] ({scene.file.obstacles[clearance.nearest].shape})"
+    when = f"at {clearance.time * scene.duration:.2f} s"
+    if clearance.upper < 0:
+        return f"the load or a hand reaches {-clearance.upper:.3g} m or more into {what} {when}"
+    if clearance.upper < scene.clearance:
+        return f"only {clearance.upper:.3g} m from {what} {when} (clearance {scene.clearance:g} m asked for)"
+    return (
+        f"the clearance of {clearance.upper:.3g} m from {what} {when} could not be certified to be at least "
+        f"{scene.clearance:g} m"
+    )

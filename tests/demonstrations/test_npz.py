@@ -1,0 +1,188 @@
+"""Recordings as archives: exact round trips; bombs, lies and damage refused before they are read."""
+
+import io
+import os
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from comove.demonstrations import Demonstration, read_npz, write_npz
+from comove.errors import DemonstrationError
+
+TIME = np.array([0.0, 0.1, 0.3])
+PAIR = np.arange(12.0).reshape(3, 2, 2) / 7.0
+NAMES = np.array(["left", "right"])
+SHARED_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "carry.npz"
+
+
+def header(shape, descr="<f8", version=1):
+    """Bytes of an array file that claims a shape and brings no data."""
+    text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    return b"\x93NUMPY" + bytes([version, 0]) + len(text).to_bytes(2, "little") + text
+
+
+def archive(path, members, compression=zipfile.ZIP_STORED):
+    with zipfile.ZipFile(path, "w", compression) as file:
+        for name, content in members.items():
+            if isinstance(content, np.ndarray):
+                buffer = io.BytesIO()
+                np.lib.format.write_array(buffer, content)
+                content = buffer.getvalue()
+            file.writestr(f"{name}.npy", content)
+
+
+@SHARED_FOLDER
+@given(st.integers(1, 7), st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_what_is_written_is_read_bit_by_bit(path, n_dims, n_manipulators, seed):
+    rng = np.random.default_rng(seed)
+    demos = {
+        f"arm {index}": Demonstration(TIME, rng.uniform(-2, 2, (3, n_dims)))
+        for index in range(n_manipulators)
+    }
+    write_npz(path, demos)
+    again = read_npz(path)
+    assert list(again) == list(demos)
+    for name, demo in demos.items():
+        assert again[name].time.tobytes() == demo.time.tobytes()
+        assert again[name].position.tobytes() == demo.position.tobytes()
+
+
+def test_one_movement_is_stored_plain(path):
+    demo = Demonstration(TIME, PAIR[:, 0])
+    write_npz(path, demo)
+    with np.load(path, allow_pickle=False) as stored:
+        assert sorted(stored) == ["position", "time"]
+    again = read_npz(path)
+    assert list(again) == [""]
+    np.testing.assert_array_equal(again[""].position, demo.position)
+    assert again[""].name == "carry"
+
+
+def test_a_solution_is_read_and_its_other_arrays_are_left_alone(path):
+    other = {"velocity": np.zeros((3, 2, 2)), "weights": np.array([None], dtype=object)}
+    np.savez_compressed(path, time=TIME, position=PAIR, manipulators=NAMES, **other)
+    demos = read_npz(path)
+    assert list(demos) == ["left", "right"]
+    np.testing.assert_array_equal(demos["right"].position, PAIR[:, 1])
+    assert demos["right"].name == "carry.right"
+
+
+@pytest.mark.parametrize(
+    ("arrays", "key", "says", "way_out"),
+    [
+        ({"t": TIME, "position": PAIR[:, 0]}, "time", "missing", "known: t, position; save it"),
+        ({"time": TIME, "positions": PAIR}, "position", "missing", "did you mean 'positions'"),
+        ({"time": TIME, "position": PAIR}, "manipulators", "names of 2 manipulators are missing", "one name"),
+        ({"time": TIME, "position": PAIR, "manipulators": NAMES[:1]}, "manipulators", "1 names", "each"),
+        ({"time": TIME, "position": PAIR, "manipulators": NAMES[[0, 0]]}, "manipulators", "distinct", "one"),
+        ({"time": TIME, "position": PAIR, "manipulators": np.arange(2)}, "manipulators", "not names", "text"),
+        (
+            {"time": TIME, "position": PAIR[:, :0], "manipulators": NAMES[:0]},
+            "manipulators",
+            "0 names",
+            "one",
+        ),
+        ({"time": TIME[:2], "position": PAIR[:, 0, :1]}, "position", "3 rows and time has 2", "time stamp"),
+        ({"time": TIME, "position": PAIR[:, 0].T}, "position", "2 rows and time has 3", "transpose"),
+        ({"time": TIME, "position": TIME}, "position", r"shape \(3,\)", "n_steps, n_dims"),
+        ({"time": TIME, "position": PAIR[None]}, "position", r"shape \(1, 3, 2, 2\)", "n_steps, n_dims"),
+        ({"time": 0.0, "position": PAIR[:, 0]}, "time", r"shape \(\)", "n_steps"),
+        ({"time": TIME[:1], "position": PAIR[:1, 0]}, "time", "this one has 1", "record more"),
+        ({"time": TIME.astype(str), "position": PAIR[:, 0]}, "time", "not numbers", "real numbers"),
+        ({"time": TIME[[0, 2, 1]], "position": PAIR[:, 0]}, "time[2]", "goes back", "sort"),
+        ({"time": TIME, "position": PAIR[:, 0] * [1, np.nan]}, "position[0, 1]", "nan", "remove the row"),
+        (
+            {"time": TIME, "position": PAIR * [[[1, 1], [np.inf, 1]]] + 1, "manipulators": NAMES},
+            "position[0, 1, 0]",
+            "inf",
+            "remove the row",
+        ),
+        ({"time": np.array([None]), "position": PAIR[:, 0]}, "time", "pickled objects", "plain numbers"),
+    ],
+)
+def test_wrong_arrays_are_named(path, refused, arrays, key, says, way_out):
+    np.savez(path, **arrays)
+    refused(read_npz, path, key=key, says=says, way_out=way_out)
+
+
+def test_half_a_megabyte_that_unpacks_to_half_a_gigabyte_is_refused_unread(path, refused, monkeypatch):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
+        with file.open("position.npy", "w") as member:
+            for _ in range(32):
+                member.write(bytes(2**24))
+        file.writestr("time.npy", b"")
+    assert path.stat().st_size < 0.6 * 2**20
+    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *_: pytest.fail("unpacked"))
+    refused(read_npz, path, key="position", says="512 MB, more than the 256 MB", way_out="every n-th row")
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        header("(1000000000000,)"),
+        header("(-3,)"),
+        header("(3,)"),
+        header("(2,)", "<U1000000"),
+        header("(1000000000000,)", version=3),
+    ],
+)
+def test_a_header_that_claims_more_than_there_is_is_refused(path, refused, claim):
+    archive(path, {"time": claim, "position": PAIR[:, 0]})
+    key = None if claim[6] == 3 else "time"
+    refused(read_npz, path, key=key, says="claims|no whole archive", way_out="save it")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"time,x\n0,0\n", b"PK\x03\x04", b"\x93NUMPY\x01\x00", header("(0, 99999999999999999999999)")],
+)
+def test_what_is_no_archive_is_refused(path, refused, content):
+    path.write_bytes(content)
+    refused(read_npz, path, key=None, says="no whole archive", way_out=r"numpy\.savez")
+    archive(path, {"time": content, "position": PAIR[:, 0]})
+    refused(read_npz, path, key=None, says="no whole archive", way_out=r"numpy\.savez")
+
+
+@settings(SHARED_FOLDER, max_examples=200)
+@given(st.floats(0, 1, exclude_max=True), st.binary(max_size=4), st.booleans())
+def test_any_damage_is_read_or_told(path, place, damage, cut):
+    archive(path, {"time": TIME, "position": PAIR, "manipulators": NAMES})
+    content = path.read_bytes()
+    at = int(place * len(content))
+    path.write_bytes(content[:at] + damage + (b"" if cut else content[at + len(damage) :]))
+    try:
+        demos = read_npz(path)
+    except DemonstrationError as error:
+        assert error.way_out
+        assert str(path) in str(error)
+    else:
+        np.testing.assert_array_equal(demos["left"].position, PAIR[:, 0])
+
+
+def test_encrypted_archives_are_refused(path, refused):
+    archive(path, {"time": TIME, "position": PAIR[:, 0]})
+    content = bytearray(path.read_bytes())
+    for mark, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        content[content.index(mark) + offset] |= 1
+    path.write_bytes(content)
+    refused(read_npz, path, key=None, says="password|encrypted", way_out="save it")
+
+
+def test_paths_that_are_no_file_are_told(tmp_path, refused):
+    refused(read_npz, tmp_path / "none.npz", key=None, says="no such file", way_out="check the path")
+    refused(read_npz, tmp_path, key=None, says="a folder", way_out="name the file")
+
+
+def test_writing_leaves_nothing_half_written(path, monkeypatch):
+    monkeypatch.setattr(np, "savez", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        write_npz(path, Demonstration(TIME, PAIR[:, 0]))
+    assert os.listdir(path.parent) == []

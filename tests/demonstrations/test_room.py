@@ -1,0 +1,29 @@
+"""The room as a whole: light to import, and taking nothing from rooms below it."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import comove.demonstrations as room
+
+FOLDER = Path(room.__file__).parent
+
+
+def test_importing_it_loads_nothing_heavy():
+    code = "import sys, comove.demonstrations; print({'scipy', 'matplotlib', 'pandas'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_it_imports_only_from_rooms_above():
+    allowed = ("comove.errors", "comove.trajectory", "comove.demonstrations")
+    for file in FOLDER.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("comove"):
+                assert node.module.startswith(allowed), (file.name, node.module)
+
+
+def test_all_is_complete_and_documented():
+    for name in room.__all__:
+        assert getattr(room, name).__doc__
