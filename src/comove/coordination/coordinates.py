@@ -291,7 +291,7 @@ def _coordinates(scene: Scene, name: Kind, kinds: list[int]) -> Coordinates:
     return Coordinates(name, blocks, scene.groups, columns[-1], np.diag(scale))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def place(blocks, q, size):
     """Nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3)."""
     n_rollouts, n_columns, n_steps = q.shape
@@ -305,20 +305,20 @@ def place(blocks, q, size):
     return nodes
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def place_one(blocks, q, size, nodes):
     """Nodes, array of shape (n_nodes, 3), of one configuration q, array of shape (n_columns,), in place."""
     n_dims = blocks.n_dims
     for b in range(blocks.kind.shape[0]):
         kind, i = blocks.kind[b], blocks.column[b]
         o = i + n_dims  # where the orientation stands
+        c, s = (cos(q[o]), sin(q[o])) if kind == ANGLE else (1.0, 0.0)
         for e in range(blocks.first[b], blocks.first[b + 1]):
             x, y, z = blocks.point[e, 0] * size, blocks.point[e, 1] * size, blocks.point[e, 2] * size
             node = nodes[blocks.node[e]]
             if kind == POINT:
                 x = y = z = 0.0
             elif kind == ANGLE:
-                c, s = cos(q[o]), sin(q[o])
                 x, y = c * x - s * y, s * x + c * y
             elif kind == DIRECTION and n_dims == 2:
                 n = 1.0 / sqrt(q[o] ** 2 + q[o + 1] ** 2)
@@ -327,13 +327,13 @@ def place_one(blocks, q, size, nodes):
                 n = x / sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2)
                 x, y, z = q[o] * n, q[o + 1] * n, q[o + 2] * n
             else:
-                w, a, b_, c = q[o], q[o + 1], q[o + 2], q[o + 3]
-                n = 2.0 / (w * w + a * a + b_ * b_ + c * c)
-                tx, ty, tz = b_ * z - c * y, c * x - a * z, a * y - b_ * x
+                w, qx, qy, qz = q[o], q[o + 1], q[o + 2], q[o + 3]
+                n = 2.0 / (w * w + qx * qx + qy * qy + qz * qz)
+                tx, ty, tz = qy * z - qz * y, qz * x - qx * z, qx * y - qy * x
                 x, y, z = (
-                    x + n * (w * tx + b_ * tz - c * ty),
-                    y + n * (w * ty + c * tx - a * tz),
-                    z + n * (w * tz + a * ty - b_ * tx),
+                    x + n * (w * tx + qy * tz - qz * ty),
+                    y + n * (w * ty + qz * tx - qx * tz),
+                    z + n * (w * tz + qx * ty - qy * tx),
                 )
             node[0] = q[i] + x
             node[1] = q[i + 1] + y

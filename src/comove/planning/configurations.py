@@ -24,7 +24,7 @@ from comove.coordination.coordinates import (
     Coordinates,
     place_one,
 )
-from comove.scenes.distances import Obstacles, point_distance, segment_distance
+from comove.scenes.distances import point_distance, segment_distance
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Space(NamedTuple):
     blocks : how a configuration becomes nodes
     reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
     edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
-    obstacles : Obstacles
+    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     lower, upper : arrays, shape (3,), the workspace [m]
     """
 
@@ -49,7 +49,7 @@ class Space(NamedTuple):
     reach: Array
     edges: NDArray[np.int64]
     radii: Array
-    obstacles: Obstacles
+    obstacles: Array
     lower: Array
     upper: Array
 
@@ -61,7 +61,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
     return Space(coordinates.blocks, reach, body.edges, body.radii, scene.obstacles, *scene.workspace)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def clearance_of(space, q, nodes):
     """Clearance [m] of configuration q, at most CAP; `nodes` is scratch, shape (n_nodes, 3)."""
     place_one(space.blocks, q, 1.0, nodes)
@@ -75,15 +75,17 @@ def clearance_of(space, q, nodes):
             return clearance
     for e in range(space.edges.shape[0]):
         a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
-        for j in range(space.obstacles.kind.shape[0]):
-            distance = segment_distance(space.obstacles, j, a, b, clearance + radius, TOLERANCE)
+        for j in range(space.obstacles.shape[0]):
+            distance = segment_distance(
+                space.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
+            )
             clearance = min(clearance, distance - TOLERANCE - radius)
             if clearance <= 0.0:
                 return clearance
     return clearance
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def angle_between(kind, n_dims, p, q, o):
     """Angle [rad] between the orientations of two configurations whose orientation starts at column o."""
     if kind == POINT:
@@ -99,7 +101,7 @@ def angle_between(kind, n_dims, p, q, o):
     return acos(min(1.0, max(-1.0, dot)))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def span(space, p, q):
     """Bound of the displacement of any node between two configurations [m]."""
     blocks, longest = space.blocks, 0.0
@@ -112,7 +114,7 @@ def span(space, p, q):
     return longest
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def interpolate(space, p, q, f, out):
     """The configuration a share f of the way from p to q; angles stay unwrapped from p."""
     blocks = space.blocks
@@ -128,7 +130,7 @@ def interpolate(space, p, q, f, out):
             _great_circle(p, q, o, width, f, kind == QUATERNION, out)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _great_circle(p, q, o, width, f, either_sign, out):
     dot = 0.0
     for c in range(o, o + width):
@@ -147,7 +149,7 @@ def _great_circle(p, q, o, width, f, either_sign, out):
         out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Does the body keep `margin` [m] along the whole edge from p to q?"""
     length = span(space, p, q)
@@ -161,7 +163,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
     return clearance_of(space, q, nodes) > margin
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def random_configuration(space, rng, out):
     """Uniform in the workspace and over orientations."""
     blocks = space.blocks
@@ -172,7 +174,7 @@ def random_configuration(space, rng, out):
         random_orientation(blocks.kind[b], blocks.n_dims, i + blocks.n_dims, rng, out)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def random_orientation(kind, n_dims, o, rng, out):
     """Uniform over the orientations of one block, in place."""
     if kind == ANGLE:
@@ -189,16 +191,16 @@ def random_orientation(kind, n_dims, o, rng, out):
             out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def in_an_obstacle(obstacles, x, y, z):
     """Does the point lie in any obstacle?"""
-    for j in range(obstacles.kind.shape[0]):
+    for j in range(obstacles.shape[0]):
         if point_distance(obstacles, j, x, y, z) < 0.0:
             return True
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def wrapped(angle):
     """The angle [rad] between -pi and pi."""
     return angle - 2 * pi * np.round(angle / (2 * pi))

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
-from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.distances import point_distance, segment_distance
+from comove.coordination.motion import CoordinatedMotion, rollouts
+from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -179,16 +179,14 @@ class Objective:
 
     def cost(self, motion: CoordinatedMotion) -> Cost:
         """The terms of J of one motion."""
-        boundary, shape = motion.basis.at(np.linspace(0.0, 1.0, N_STEPS))
-        q = boundary[0] @ motion.boundary + shape[0] @ motion.weights.T
-        value = self.evaluate(np.ascontiguousarray(q.T[None]))
+        value = self.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS))
         goal, velocity, resemblance = value.terms[0]
         return Cost(
             float(goal), float(velocity), self.weights.obstacle * float(value.hits[0]), float(resemblance)
         )
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _evaluate(
     nodes, n_hands, edges, radii, obstacles, lower, upper, taught, cost_weights, penalty_weights, along_path
 ):
@@ -224,79 +222,79 @@ def _evaluate(
     return terms.sum(axis=1), penalty, clearance, hits, speed, acceleration, terms
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights, along_path):
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout."""
     margin, slope, step, needed = penalty_weights
-    n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.kind.shape[0]
-    pose = np.empty((n_nodes, 3))
+    n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
-    touched = np.zeros(n_obstacles, dtype=np.bool_)
+    touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
     total, least, hits = 0.0, margin, 0
     thickest = radii.max()
     for t in range(n_steps):
-        last = t == n_steps - 1
-        after = t if last else t + 1
+        after = min(t + 1, n_steps - 1)
         longest = 0.0
         for n in range(n_nodes):
             moved = 0.0
             for axis in range(3):
-                if not np.isfinite(x[t, n, axis]):
-                    return np.inf, -np.inf, float(n_obstacles)
                 moved += (x[after, n, axis] - x[t, n, axis]) ** 2
             longest = max(longest, moved)
+            if not moved < 1e12:  # not finite, or as good as
+                return np.inf, -np.inf, float(n_obstacles)
         longest = sqrt(longest)
-        parts = 1 if last else min(1 + int(longest / SUB_STEP), MAX_SUB_STEPS)
-        n_near, at_border = _near_obstacles(
-            x[t], margin + thickest + longest, obstacles, lower, upper, near
-        )
-        weight = (longest if along_path else 1.0 / n_steps) / parts
+        parts = min(1 + int(longest / SUB_STEP), MAX_SUB_STEPS)
+        n_near, at_border = _near_obstacles(x, t, margin + thickest + longest, obstacles, lower, upper, near)
         if n_near == 0 and not at_border:
             continue
+        weight = (longest if along_path else 1.0 / n_steps) / parts
         for part in range(parts):
             f = part / parts
-            for n in range(n_nodes):
-                for axis in range(3):
-                    pose[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])
             d = margin
-            touched[:n_near] = False
             for e in range(edges.shape[0]):
-                p, q, r = pose[edges[e, 0]], pose[edges[e, 1]], radii[e]
+                m, n, r = edges[e, 0], edges[e, 1], radii[e]
+                px = x[t, m, 0] + f * (x[after, m, 0] - x[t, m, 0])
+                py = x[t, m, 1] + f * (x[after, m, 1] - x[t, m, 1])
+                pz = x[t, m, 2] + f * (x[after, m, 2] - x[t, m, 2])
+                qx = x[t, n, 0] + f * (x[after, n, 0] - x[t, n, 0])
+                qy = x[t, n, 1] + f * (x[after, n, 1] - x[t, n, 1])
+                qz = x[t, n, 2] + f * (x[after, n, 2] - x[t, n, 2])
                 if at_border:
-                    for axis in range(3):
-                        d = min(d, min(p[axis], q[axis]) - lower[axis] - r)
-                        d = min(d, upper[axis] - max(p[axis], q[axis]) - r)
+                    low = min(min(px, qx) - lower[0], min(py, qy) - lower[1], min(pz, qz) - lower[2])
+                    high = min(upper[0] - max(px, qx), upper[1] - max(py, qy), upper[2] - max(pz, qz))
+                    d = min(d, low - r, high - r)
                 for i in range(n_near):
-                    distance = segment_distance(obstacles, near[i], p, q, margin + r, TOLERANCE) - r
+                    distance = (
+                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, margin + r, TOLERANCE) - r
+                    )
                     d = min(d, distance)
-                    touched[i] |= distance <= 0.0
+                    if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
+                        touched[near[i]] = t + 1
+                        hits += 1
             if d < margin:
                 total += weight * slope * (margin - d)
             if d <= needed:
                 total += weight * step
             least = min(least, d)
-            if part == 0:
-                hits += touched[:n_near].sum()
     return total, least, hits / n_steps
 
 
-@numba.njit(cache=True)
-def _near_obstacles(pose, cutoff, obstacles, lower, upper, near):
-    """List in `near` the obstacles within `cutoff` of a body's bounding ball; is the border that near too?"""
-    n_nodes = pose.shape[0]
+@numba.njit(cache=True, error_model="numpy")
+def _near_obstacles(x, t, cutoff, obstacles, lower, upper, near):
+    """List in `near` the obstacles within `cutoff` of the body's bounding ball; is the border that near too?"""
+    n_nodes = x.shape[1]
     cx, cy, cz = 0.0, 0.0, 0.0
     for n in range(n_nodes):
-        cx += pose[n, 0] / n_nodes
-        cy += pose[n, 1] / n_nodes
-        cz += pose[n, 2] / n_nodes
+        cx += x[t, n, 0] / n_nodes
+        cy += x[t, n, 1] / n_nodes
+        cz += x[t, n, 2] / n_nodes
     reach = 0.0
     for n in range(n_nodes):
-        reach = max(reach, (pose[n, 0] - cx) ** 2 + (pose[n, 1] - cy) ** 2 + (pose[n, 2] - cz) ** 2)
+        reach = max(reach, (x[t, n, 0] - cx) ** 2 + (x[t, n, 1] - cy) ** 2 + (x[t, n, 2] - cz) ** 2)
     reach = sqrt(reach) + cutoff
     count = 0
-    for j in range(obstacles.kind.shape[0]):
-        dx, dy, dz = cx - obstacles.center[j, 0], cy - obstacles.center[j, 1], cz - obstacles.center[j, 2]
-        far = obstacles.reach[j] + reach
+    for j in range(obstacles.shape[0]):
+        dx, dy, dz = cx - obstacles[j, 1], cy - obstacles[j, 2], cz - obstacles[j, 3]
+        far = obstacles[j, REACH] + reach
         if dx * dx + dy * dy + dz * dz < far * far and point_distance(obstacles, j, cx, cy, cz) < reach:
             near[count] = j
             count += 1

@@ -23,7 +23,7 @@ from comove.planning.configurations import (
     random_orientation,
     span,
 )
-from comove.scenes.distances import point_distance
+from comove.scenes.distances import CENTER, REACH, point_distance
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def continuous(space: Space, path: Array) -> Array:
     return path
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def along(space, path, shares):
     """Configurations at given shares of a path's length (in spans).
 
@@ -103,7 +103,7 @@ def along(space, path, shares):
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _rrt_connect(space, start, goal, margin, rng, max_nodes):
     """RRT-Connect (Kuffner and LaValle, 2000); an empty path where it fails."""
     n_columns = start.shape[0]
@@ -145,7 +145,7 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
     return np.empty((0, n_columns))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _nearest(space, tree, count, q):
     best, least = 0, np.inf
     for i in range(count):
@@ -155,7 +155,7 @@ def _nearest(space, tree, count, q):
     return best
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _towards(space, p, q, step, out):
     """Go from p towards q, at most `step`; True where q is reached."""
     length = span(space, p, q)
@@ -163,7 +163,7 @@ def _towards(space, p, q, step, out):
     return length <= step
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _joined(trees, parents, mine, theirs):
     """Path from the root of tree 0 through `mine` ~ `theirs` to the root of tree 1."""
     depths = np.zeros(2, dtype=np.int64)
@@ -184,7 +184,7 @@ def _joined(trees, parents, mine, theirs):
     return path
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _forest(space, start, goal, margin, rng, max_nodes):
     """Trees grown from windows, existing nodes and free space until start and goal are in one.
 
@@ -224,7 +224,7 @@ def _forest(space, start, goal, margin, rng, max_nodes):
     return np.empty((0, n_columns))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
     """Connect the newest node to its nearest neighbours in other trees."""
     new = count - 1
@@ -249,7 +249,7 @@ def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
     return n_links
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _node_to_expand(member, count, rng):
     """A random node, with preference for trees that hold neither start nor goal."""
     i = rng.integers(0, count)
@@ -260,10 +260,10 @@ def _node_to_expand(member, count, rng):
     return i
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _bridge(space, rng, margin, out, nodes):
     """A free pose centred between two obstacle points that are near each other; False where none was found."""
-    obstacles, n_obstacles = space.obstacles, space.obstacles.kind.shape[0]
+    obstacles, n_obstacles = space.obstacles, space.obstacles.shape[0]
     n_dims = space.blocks.n_dims
     if n_obstacles == 0:
         return False
@@ -272,8 +272,8 @@ def _bridge(space, rng, margin, out, nodes):
         j = rng.integers(0, n_obstacles)
         inside = True
         for axis in range(n_dims):
-            low = max(space.lower[axis], obstacles.center[j, axis] - obstacles.reach[j])
-            high = min(space.upper[axis], obstacles.center[j, axis] + obstacles.reach[j])
+            low = max(space.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
+            high = min(space.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])
             inside &= low < high
             a[axis] = low + rng.random() * (high - low)
             b[axis] = a[axis] + 0.1 * rng.standard_normal()
@@ -293,7 +293,7 @@ def _bridge(space, rng, margin, out, nodes):
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _perturb(space, q, rng, out):
     """A pose near q: for a bar half of the time one slid along its own axis."""
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
@@ -319,7 +319,7 @@ def _perturb(space, q, rng, out):
             out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _path_through(tree, links, n_links, count):
     """The path from node 0 to node 1 over the links, which form trees."""
     came = np.full(count, -1)
@@ -348,7 +348,7 @@ def _path_through(tree, links, n_links, count):
     return path
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _shortened(space, path, margin, rng, n_trials):
     """Replace pieces between random points of the path by straight edges where these are free."""
     n_columns = path.shape[1]

@@ -1,5 +1,9 @@
 """Signed distances from points and segments to obstacles, in numba kernels.
 
+Obstacles are rows of one table, which kernels take at no cost: `KIND`, `CENTER` (3), `ROTATION` (9, a row-major
+matrix whose columns are the obstacle's axes in the world), `SIZE` (3: half edges; radius; radius and half length
+along the obstacle's z; likewise; radii) and `REACH` (radius about the centre that holds the obstacle), in metres.
+
 Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far
 along z. One set of kernels then serves both, and the distances within the slice are exact.
 
@@ -10,133 +14,157 @@ constant 1; along a segment it is convex too, which `segment_distance` uses.
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
 BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
-GOLDEN = 0.3819660112501051  # 2 - golden ratio
+TINY = 1e-12
 
 
-class Obstacles(NamedTuple):
-    """Obstacles as arrays, the form that kernels take.
-
-    Attributes
-    ----------
-    kind : array of int, shape (n_obstacles,): BOX, SPHERE, CAPSULE, CYLINDER or ELLIPSOID
-    center : array, shape (n_obstacles, 3), [m]
-    rotation : array, shape (n_obstacles, 3, 3), its columns are the obstacle's axes in the world
-    size : array, shape (n_obstacles, 3), [m]: half edges; radius; radius and half length along the
-        obstacle's z; likewise; radii
-    reach : array, shape (n_obstacles,), [m], radius of a sphere about the centre that holds the obstacle
-    """
-
-    kind: NDArray[np.int64]
-    center: Array
-    rotation: Array
-    size: Array
-    reach: Array
-
-
-@numba.njit(cache=True, fastmath=False, inline="never")
-def point_distance(obstacles, j, x, y, z):
+@numba.njit(cache=True, error_model="numpy")
+def point_distance(table, j, x, y, z):
     """Signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
-    kind = obstacles.kind[j]
-    x -= obstacles.center[j, 0]
-    y -= obstacles.center[j, 1]
-    z -= obstacles.center[j, 2]
-    a, b, c = obstacles.size[j, 0], obstacles.size[j, 1], obstacles.size[j, 2]
+    kind = int(table[j, 0])
+    x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
+    a, b, c = table[j, 13], table[j, 14], table[j, 15]
     if kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - a
-    r = obstacles.rotation
-    u = abs(r[j, 0, 0] * x + r[j, 1, 0] * y + r[j, 2, 0] * z)
-    v = abs(r[j, 0, 1] * x + r[j, 1, 1] * y + r[j, 2, 1] * z)
-    w = abs(r[j, 0, 2] * x + r[j, 1, 2] * y + r[j, 2, 2] * z)
+    u = abs(table[j, 4] * x + table[j, 7] * y + table[j, 10] * z)
+    v = abs(table[j, 5] * x + table[j, 8] * y + table[j, 11] * z)
+    w = abs(table[j, 6] * x + table[j, 9] * y + table[j, 12] * z)
     if kind == BOX:
-        u -= a
-        v -= b
-        w -= c
-        inside = max(u, v, w)
-        if inside <= 0.0:
-            return inside
-        u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
-        return sqrt(u * u + v * v + w * w)
+        u, v, w = u - a, v - b, w - c
+        outside = sqrt(max(u, 0.0) ** 2 + max(v, 0.0) ** 2 + max(w, 0.0) ** 2)
+        return outside + min(max(u, v, w), 0.0)
     if kind == CAPSULE:
         w = max(w - b, 0.0)
         return sqrt(u * u + v * v + w * w) - a
     if kind == CYLINDER:
         radial, axial = sqrt(u * u + v * v) - a, w - b
-        inside = max(radial, axial)
-        if inside <= 0.0:
-            return inside
-        radial, axial = max(radial, 0.0), max(axial, 0.0)
-        return sqrt(radial * radial + axial * axial)
-    return _ellipsoid_distance(a, b, c, u, v, w)
+        return sqrt(max(radial, 0.0) ** 2 + max(axial, 0.0) ** 2) + min(max(radial, axial), 0.0)
+    t, _, _, _, length = _ellipsoid_normal(a, b, c, u, v, w)
+    return t * length
 
 
-@numba.njit(cache=True)
-def _ellipsoid_distance(a, b, c, u, v, w):
-    """Signed distance to an axis-aligned ellipsoid from a point of the first octant.
+@numba.njit(cache=True, error_model="numpy")
+def _ellipsoid_normal(a, b, c, u, v, w):
+    """Nearest point on an axis-aligned ellipsoid from a point of the first octant.
 
-    The nearest surface point is r_i^2 p_i / (t + r_i^2) where t solves sum (r_i p_i / (t + r_i^2))^2 = 1;
-    that sum is convex and decreasing, so Newton's method from the left is monotone (Eberly, 2013).
+    It is r_i^2 p_i / (t + r_i^2) where t solves sum (r_i p_i / (t + r_i^2))^2 = 1; that sum is convex and
+    decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal
+    p_i / (t + r_i^2), and its length; the signed distance is t times the length.
     """
-    tiny = 1e-12
-    u, v, w = max(u, tiny * a), max(v, tiny * b), max(w, tiny * c)
+    u, v, w = max(u, TINY * a), max(v, TINY * b), max(w, TINY * c)
     t = max(a * u - a * a, b * v - b * b, c * w - c * c)
     for _ in range(60):
         pa, pb, pc = 1.0 / (t + a * a), 1.0 / (t + b * b), 1.0 / (t + c * c)
         ga, gb, gc = (a * u * pa) ** 2, (b * v * pb) ** 2, (c * w * pc) ** 2
-        value = ga + gb + gc - 1.0
-        step = 0.5 * value / (ga * pa + gb * pb + gc * pc)
+        step = 0.5 * (ga + gb + gc - 1.0) / (ga * pa + gb * pb + gc * pc)
         t += step
         if not step > 1e-15 * (abs(t) + a * a):
             break
-    du = u * t / (t + a * a)
-    dv = v * t / (t + b * b)
-    dw = w * t / (t + c * c)
-    distance = sqrt(du * du + dv * dv + dw * dw)
-    return distance if t > 0.0 else -distance
+    nu, nv, nw = u / (t + a * a), v / (t + b * b), w / (t + c * c)
+    return t, nu, nv, nw, sqrt(nu * nu + nv * nv + nw * nw)
 
 
-@numba.njit(cache=True)
-def segment_distance(obstacles, j, p, q, cutoff, tolerance):
+@numba.njit(cache=True, error_model="numpy")
+def tangent(table, j, x, y, z, dx, dy, dz):
+    """Signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
+
+    The slope is a subgradient's where the distance has a kink.
+    """
+    kind = int(table[j, 0])
+    x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
+    a, b, c = table[j, 13], table[j, 14], table[j, 15]
+    if kind == SPHERE:
+        length = sqrt(x * x + y * y + z * z)
+        return length - a, (x * dx + y * dy + z * dz) / max(length, TINY)
+    u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
+    v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
+    w = table[j, 6] * x + table[j, 9] * y + table[j, 12] * z
+    du = table[j, 4] * dx + table[j, 7] * dy + table[j, 10] * dz
+    dv = table[j, 5] * dx + table[j, 8] * dy + table[j, 11] * dz
+    dw = table[j, 6] * dx + table[j, 9] * dy + table[j, 12] * dz
+    # By symmetry in the first octant, the direction mirrored along.
+    if u < 0.0:
+        u, du = -u, -du
+    if v < 0.0:
+        v, dv = -v, -dv
+    if w < 0.0:
+        w, dw = -w, -dw
+    if kind == BOX:
+        u, v, w = u - a, v - b, w - c
+        if u <= 0.0 and v <= 0.0 and w <= 0.0:
+            if u >= v and u >= w:
+                return u, du
+            return (v, dv) if v >= w else (w, dw)
+        u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
+        length = sqrt(u * u + v * v + w * w)
+        return length, (u * du + v * dv + w * dw) / length
+    if kind == CAPSULE:
+        w = max(w - b, 0.0)
+        length = sqrt(u * u + v * v + w * w)
+        return length - a, (u * du + v * dv + w * dw) / max(length, TINY)
+    if kind == CYLINDER:
+        length = sqrt(u * u + v * v)
+        radial, outward, axial = length - a, (u * du + v * dv) / max(length, TINY), w - b
+        if radial <= 0.0 and axial <= 0.0:
+            return (radial, outward) if radial >= axial else (axial, dw)
+        radial, axial = max(radial, 0.0), max(axial, 0.0)
+        length = sqrt(radial * radial + axial * axial)
+        return length, (radial * outward + axial * dw) / length
+    t, nu, nv, nw, length = _ellipsoid_normal(a, b, c, u, v, w)
+    return t * length, (nu * du + nv * dv + nw * dw) / length
+
+
+@numba.njit(cache=True, error_model="numpy")
+def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 
-    The distance is convex along the segment: golden sections close in on its minimum. The result is an
-    upper bound of it, at most `tolerance` above; where the distance is sure to be above `cutoff`, any value
-    above `cutoff` may come back.
+    The distance is convex along the segment, so tangents bound it from below: where the tangents at both ends
+    of a bracket meet is the next place to look. The result is an upper bound, at most `tolerance` above the
+    least distance; where the latter is sure to be above `cutoff`, any value above `cutoff` may come back.
     """
-    px, py, pz = p[0], p[1], p[2]
-    dx, dy, dz = q[0] - px, q[1] - py, q[2] - pz
-    length = sqrt(dx * dx + dy * dy + dz * dz)
-    middle = point_distance(obstacles, j, px + 0.5 * dx, py + 0.5 * dy, pz + 0.5 * dz)
-    if length == 0.0 or middle - 0.5 * length > cutoff:
+    dx, dy, dz = qx - px, qy - py, qz - pz
+    middle, rise = tangent(table, j, px + 0.5 * dx, py + 0.5 * dy, pz + 0.5 * dz, dx, dy, dz)
+    if middle - 0.5 * abs(rise) > cutoff or dx * dx + dy * dy + dz * dz == 0.0:
         return middle
-    low, high = 0.0, 1.0
-    s1, s2 = GOLDEN, 1.0 - GOLDEN
-    f1 = point_distance(obstacles, j, px + s1 * dx, py + s1 * dy, pz + s1 * dz)
-    f2 = point_distance(obstacles, j, px + s2 * dx, py + s2 * dy, pz + s2 * dz)
-    while (high - low) * length > tolerance:
-        if f1 < f2:
-            high, s2, f2 = s2, s1, f1
-            s1 = low + GOLDEN * (high - low)
-            f1 = point_distance(obstacles, j, px + s1 * dx, py + s1 * dy, pz + s1 * dz)
-        else:
-            low, s1, f1 = s1, s2, f2
-            s2 = high - GOLDEN * (high - low)
-            f2 = point_distance(obstacles, j, px + s2 * dx, py + s2 * dy, pz + s2 * dz)
-        if min(f1, f2) - (high - low) * length > cutoff:
+    # The least distance lies on the falling side of the middle.
+    if rise > 0.0:
+        high, f_high, g_high = 0.5, middle, rise
+        low = 0.0
+        f_low, g_low = tangent(table, j, px, py, pz, dx, dy, dz)
+        if g_low >= 0.0:
+            return f_low
+    else:
+        low, f_low, g_low = 0.5, middle, rise
+        high = 1.0
+        f_high, g_high = tangent(table, j, qx, qy, qz, dx, dy, dz)
+        if g_high <= 0.0:
+            return f_high
+    best = min(f_low, f_high)
+    for _ in range(40):
+        s = (f_high - f_low + g_low * low - g_high * high) / (g_low - g_high)
+        bound = f_low + g_low * (s - low)
+        if best - bound <= tolerance or bound > cutoff or not low < s < high:
             break
-    return min(f1, f2, middle)
+        f, g = tangent(table, j, px + s * dx, py + s * dy, pz + s * dz, dx, dy, dz)
+        best = min(best, f)
+        if g > 0.0:
+            high, f_high, g_high = s, f, g
+        elif g < 0.0:
+            low, f_low, g_low = s, f, g
+        else:
+            break
+    return best
 
 
-@numba.njit(cache=True)
-def configuration_distance(nodes, edges, radii, obstacles, lower, upper):
+@numba.njit(cache=True, error_model="numpy")
+def configuration_distance(nodes, edges, radii, table, lower, upper):
     """Clearance [m] of one configuration, and what is nearest.
 
     Parameters
@@ -144,7 +172,7 @@ def configuration_distance(nodes, edges, radii, obstacles, lower, upper):
     nodes : array, shape (n_nodes, 3), [m]
     edges : array of int, shape (n_edges, 2); an edge with equal ends is a point
     radii : array, shape (n_edges,), [m]
-    obstacles : Obstacles
+    table : array, shape (n_obstacles, N_COLUMNS), the obstacles
     lower, upper : arrays, shape (3,), the workspace [m]
 
     Returns
@@ -159,8 +187,10 @@ def configuration_distance(nodes, edges, radii, obstacles, lower, upper):
             border = min(p[axis], q[axis]) - lower[axis], upper[axis] - max(p[axis], q[axis])
             if min(border) - radii[e] < clearance:
                 clearance, nearest = min(border) - radii[e], -1
-        for j in range(obstacles.kind.shape[0]):
-            distance = segment_distance(obstacles, j, p, q, clearance + radii[e], 1e-7) - radii[e]
+        for j in range(table.shape[0]):
+            distance = (
+                segment_distance(table, j, p[0], p[1], p[2], q[0], q[1], q[2], clearance + radii[e], 1e-7) - radii[e]
+            )
             if distance < clearance:
                 clearance, nearest = distance, j
     return clearance, nearest

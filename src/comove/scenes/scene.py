@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,7 @@ class Scene:
     groups : rigid groups in the order of their first member; every manipulator is in one
     constraints : distance constraints, those that the load implies included
     body : what must not touch anything
-    obstacles : arrays for the kernels
+    obstacles : array, shape (n_obstacles, distances.N_COLUMNS), the table that kernels take
     """
 
     file: SceneFile
@@ -85,7 +87,7 @@ class Scene:
     groups: tuple[RigidGroup, ...]
     constraints: tuple[DistanceConstraint, ...]
     body: Body
-    obstacles: sd.Obstacles
+    obstacles: Array
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -165,8 +167,8 @@ class Scene:
             nodes, self.body.edges, self.body.radii, self.obstacles, *self.workspace
         )
         if self.body.filled:
-            for j in np.flatnonzero(_inside_polygon(nodes[self.body.edges[:, 0]], self.obstacles.center)):
-                clearance, nearest = min(clearance, -float(self.obstacles.reach[j])), int(j)
+            for j in np.flatnonzero(_inside_polygon(nodes[self.body.edges[:, 0]], self.obstacles[:, 1:4])):
+                clearance, nearest = min(clearance, -float(self.obstacles[j, sd.REACH])), int(j)
         if nearest < 0:
             return clearance, "the border of the workspace"
         return clearance, f"obstacles[{nearest}] ({self.file.obstacles[nearest].shape})"
@@ -205,7 +207,7 @@ def _build(file: SceneFile, path: str | Path | None) -> Scene:
         groups=tuple(groups),
         constraints=explicit + tuple(implied),
         body=_body(file, names, groups),
-        obstacles=_obstacle_arrays(file, n_dims),
+        obstacles=_obstacle_table(file, n_dims),
     )
     moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
     for end, given in (("start", scene.start), ("goal", scene.goal)):
@@ -320,7 +322,7 @@ def _load_shape(file: SceneFile, members: tuple[int, ...]) -> tuple[Array | None
         beyond = half + load.overhang
         return ends, np.array([[-beyond, 0.0, 0.0], [beyond, 0.0, 0.0]]) if load.overhang else np.zeros((0, 3))
     grasps = None
-    if load.grasps:
+    if getattr(load, "grasps", None):
         grasps = _spatial(np.array([load.grasps[names[i]] for i in members], dtype=float))
     corners = _spatial(np.array(load.vertices, dtype=float)) if load.shape == "polygon" else np.zeros((0, 3))
     return grasps, corners
@@ -371,7 +373,7 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
     if load is not None:
-        radius = load.radius
+        radius = getattr(load, "radius", 0.0)
         if load.shape == "bar":
             holders = [names.index(name) for name in (load.held_by or names)]
             edges = [tuple(corners or holders)]
@@ -389,42 +391,34 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
     )
 
 
-def _obstacle_arrays(file: SceneFile, n_dims: int) -> sd.Obstacles:
-    n = len(file.obstacles)
-    arrays = sd.Obstacles(
-        np.zeros(n, dtype=np.int64), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.ones((n, 3)), np.zeros(n)
-    )
-    for j, obstacle in enumerate(file.obstacles):
-        arrays.center[j] = _spatial(np.array(obstacle.center, dtype=float))
+def _obstacle_table(file: SceneFile, n_dims: int) -> Array:
+    """One row an obstacle, as `comove.scenes.distances` describes."""
+    table = np.zeros((len(file.obstacles), sd.N_COLUMNS))
+    for row, obstacle in zip(table, file.obstacles, strict=True):
+        kind, size, reach = _SHAPES[obstacle.shape](obstacle)
         if n_dims == 2:
-            arrays.rotation[j] = rotation_in_plane(np.deg2rad(getattr(obstacle, "rotation_deg", 0.0) or 0.0))
+            rotation = rotation_in_plane(np.deg2rad(getattr(obstacle, "rotation_deg", 0.0)))
+            if kind == sd.CAPSULE:  # the kernel's capsule lies along z, the planar one along x
+                rotation = rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+            if len(size) == 2 and kind in (sd.BOX, sd.ELLIPSOID):
+                size = (*size, FAR if kind == sd.BOX else max(size))
         else:
-            wxyz = getattr(obstacle, "quaternion_wxyz", None)
-            arrays.rotation[j] = np.eye(3) if wxyz is None else rotation_of_quaternion(np.array(wxyz))
-        _fill_shape(arrays, j, obstacle, n_dims)
-    return arrays
+            rotation = rotation_of_quaternion(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
+        row[sd.KIND], row[sd.REACH] = kind, reach
+        row[sd.CENTER : sd.CENTER + 3] = _spatial(np.array(obstacle.center))
+        row[sd.ROTATION : sd.ROTATION + 9] = rotation.ravel()
+        row[sd.SIZE : sd.SIZE + len(size)] = size
+    return table
 
 
-def _fill_shape(arrays: sd.Obstacles, j: int, obstacle: Any, n_dims: int) -> None:
-    size, shape = arrays.size, obstacle.shape
-    if shape == "box":
-        half = np.array(obstacle.size, dtype=float) / 2
-        arrays.kind[j], size[j] = sd.BOX, _spatial(half, FAR)
-        arrays.reach[j] = np.linalg.norm(half)
-    elif shape in ("circle", "sphere"):
-        arrays.kind[j], size[j, 0], arrays.reach[j] = sd.SPHERE, obstacle.radius, obstacle.radius
-    elif shape == "capsule":
-        arrays.kind[j], size[j, :2] = sd.CAPSULE, (obstacle.radius, obstacle.length / 2)
-        arrays.reach[j] = obstacle.radius + obstacle.length / 2
-        if n_dims == 2:  # the kernel's capsule lies along z, the planar one along x
-            arrays.rotation[j] = arrays.rotation[j] @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-    elif shape == "cylinder":
-        arrays.kind[j], size[j, :2] = sd.CYLINDER, (obstacle.radius, obstacle.height / 2)
-        arrays.reach[j] = np.hypot(obstacle.radius, obstacle.height / 2)
-    else:
-        radii = np.array(obstacle.radii, dtype=float)
-        arrays.kind[j], size[j] = sd.ELLIPSOID, _spatial(radii, radii.max())
-        arrays.reach[j] = radii.max()
+# Kind, size and reach of an obstacle of each shape.
+_SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
+    "box": lambda o: (sd.BOX, tuple(x / 2 for x in o.size), hypot(*o.size) / 2),
+    "sphere": lambda o: (sd.SPHERE, (o.radius,), o.radius),
+    "capsule": lambda o: (sd.CAPSULE, (o.radius, o.length / 2), o.radius + o.length / 2),
+    "cylinder": lambda o: (sd.CYLINDER, (o.radius, o.height / 2), hypot(o.radius, o.height / 2)),
+    "ellipsoid": lambda o: (sd.ELLIPSOID, tuple(o.radii), max(o.radii)),
+}
 
 
 def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:

@@ -4,11 +4,13 @@ Between two knots every node stays within its *bulge* ``h^2/8 max|y''|`` of the 
 edge stays within the larger bulge of its two nodes of the point of the chords' ruled surface. On that surface
 a space-time cell [t0, t1] x [s0, s1] is at least
 
-    distance(middle) - dt/2 max(|dp(s0)|, |dp(s1)|) - ds/2 max(length(t0), length(t1))
+    along - dt/2 max(|dp(s0)|, |dp(s1)|)
 
-away from an obstacle, since signed distances have Lipschitz constant 1. Cells that are not clear enough are
-halved along their larger term. The least bound over all cells, less the bulge and the radius of the load, is a
-lower bound of the clearance at every instant.
+away from an obstacle, since signed distances have Lipschitz constant 1. Here `along` bounds the distance along the
+edge at mid-time: by the same constant, ``d(middle) - ds/2 length``, or by convexity, as obstacles are convex:
+beyond the middle the distance stays above the line through the middle and the other end. Cells that are not
+clear enough are halved along their larger term. The least bound over all cells, less the bulge and the radius of
+the load, is a lower bound of the clearance at every instant.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ Array = NDArray[np.float64]
 LOOSE, TIGHT = 1e-4, 1e-7  # m, how far the bound may stay below the true clearance
 MAX_CELLS = 2_000_000  # a bound that needs more is given up as it stands: still sound, only lower
 STACK = 256
+ROUNDING = 1e-12  # m
 
 
 class Clearance(NamedTuple):
@@ -65,7 +68,7 @@ def certify(motion: CoordinatedMotion) -> Clearance:
     return Clearance(lower, upper, k * INTERVAL, nearest)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, required):
     """Certified lower bound, least clearance met, its knot, its obstacle.
 
@@ -74,11 +77,11 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
     nodes : array, shape (n_knots, n_nodes, 3), [m]
     bulge : array, shape (n_knots - 1, n_nodes), [m]
     edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
-    obstacles : Obstacles
+    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     lower, upper : arrays, shape (3,), the workspace [m]
     required : clearance asked for [m]; the bound is tightened where it is close to it
     """
-    n_intervals, n_edges, n_obstacles = bulge.shape[0], edges.shape[0], obstacles.kind.shape[0]
+    n_intervals, n_edges, n_obstacles = bulge.shape[0], edges.shape[0], obstacles.shape[0]
     bound, met, knot, nearest = np.inf, np.inf, 0, -1
     for e in range(n_edges):
         for k in range(n_intervals + 1):
@@ -118,55 +121,74 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
     cells = 0
     for k in range(n_intervals):
         for e in range(n_edges):
-            a0, b0 = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
-            a1, b1 = nodes[k + 1, edges[e, 0]], nodes[k + 1, edges[e, 1]]
+            m, n = edges[e, 0], edges[e, 1]
+            a0, b0, a1, b1 = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
             length = max(_apart(a0, b0), _apart(a1, b1))
             move_a, move_b = _apart(a0, a1), _apart(b0, b1)
-            swell = radii[e] + max(bulge[k, edges[e, 0]], bulge[k, edges[e, 1]]) + 1e-12
+            swell = max(bulge[k, m], bulge[k, n]) + ROUNDING
             for j in range(n_obstacles):
-                top = 1
+                x, y, z = _on_surface(a0, b0, a1, b1, 0.5, 0.5)
+                distance = point_distance(obstacles, j, x, y, z) - radii[e]
+                if distance - 0.5 * max(move_a, move_b) - 0.5 * length - swell > met:
+                    continue  # far away: most cells
                 stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
+                top = 1
                 while top > 0:
                     top -= 1
-                    t0, t1, s0, s1 = stack[top]
-                    t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
-                    x = (1 - s) * (a0[0] + t * (a1[0] - a0[0])) + s * (b0[0] + t * (b1[0] - b0[0]))
-                    y = (1 - s) * (a0[1] + t * (a1[1] - a0[1])) + s * (b0[1] + t * (b1[1] - b0[1]))
-                    z = (1 - s) * (a0[2] + t * (a1[2] - a0[2])) + s * (b0[2] + t * (b1[2] - b0[2]))
-                    distance = point_distance(obstacles, j, x, y, z)
-                    if distance - radii[e] < met:
-                        met, knot, nearest = distance - radii[e], k, j
-                    sweep = 0.5 * (t1 - t0) * max(
-                        _mix_apart(a0, a1, b0, b1, s0), _mix_apart(a0, a1, b0, b1, s1)
-                    )
-                    reach = 0.5 * (s1 - s0) * length
-                    cell = distance - sweep - reach - swell
                     cells += 1
-                    slack = min(LOOSE, max(TIGHT, 0.5 * (met - required)))
-                    if cell >= met - slack - swell + radii[e] or top + 2 >= STACK or cells > MAX_CELLS:
-                        bound = min(bound, cell)
-                    elif sweep > reach:
-                        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t, s0, s1
-                        stack[top + 1, 0], stack[top + 1, 1] = t, t1
-                        stack[top + 1, 2], stack[top + 1, 3] = s0, s1
-                        top += 2
+                    t0, t1, s0, s1 = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+                    t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
+                    x, y, z = _on_surface(a0, b0, a1, b1, t, s)
+                    distance = point_distance(obstacles, j, x, y, z) - radii[e]
+                    if distance < met:
+                        met, knot, nearest = distance, k, j
+                    along = distance - 0.5 * (s1 - s0) * length
+                    sweep = (
+                        0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
+                    )
+                    enough = met - min(LOOSE, max(TIGHT, 0.5 * (met - required)))
+                    if along - sweep < enough:
+                        x, y, z = _on_surface(a0, b0, a1, b1, t, s0)
+                        first = point_distance(obstacles, j, x, y, z) - radii[e]
+                        x, y, z = _on_surface(a0, b0, a1, b1, t, s1)
+                        last = point_distance(obstacles, j, x, y, z) - radii[e]
+                        if min(first, last) < met:
+                            met, knot, nearest = min(first, last), k, j
+                        along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
+                    if along - sweep >= enough or top + 2 >= STACK or cells > MAX_CELLS:
+                        bound = min(bound, along - sweep - swell)
+                        continue
+                    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s1
+                    stack[top + 1, 0], stack[top + 1, 1] = t0, t1
+                    stack[top + 1, 2], stack[top + 1, 3] = s0, s1
+                    if sweep > distance - along:
+                        stack[top, 1], stack[top + 1, 0] = t, t
                     else:
-                        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s
-                        stack[top + 1, 0], stack[top + 1, 1] = t0, t1
-                        stack[top + 1, 2], stack[top + 1, 3] = s, s1
-                        top += 2
+                        stack[top, 3], stack[top + 1, 2] = s, s
+                    top += 2
             if bound < required and met < required - LOOSE:
                 return bound, met, knot, nearest  # contact: no need to know how deep
     return bound, met, knot, nearest
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _apart(p, q):
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
-@numba.njit(cache=True)
-def _mix_apart(a0, a1, b0, b1, s):
+@numba.njit(cache=True, error_model="numpy")
+def _on_surface(a0, b0, a1, b1, t, s):
+    """The point (t, s) of the surface that the edge's chord sweeps."""
+    f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
+    return (
+        f * a0[0] + g * b0[0] + h * a1[0] + i * b1[0],
+        f * a0[1] + g * b0[1] + h * a1[1] + i * b1[1],
+        f * a0[2] + g * b0[2] + h * a1[2] + i * b1[2],
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _move(a0, a1, b0, b1, s):
     """How far the point s of the edge moves along its chord."""
     x = (1 - s) * (a1[0] - a0[0]) + s * (b1[0] - b0[0])
     y = (1 - s) * (a1[1] - a0[1]) + s * (b1[1] - b0[1])

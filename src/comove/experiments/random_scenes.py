@@ -1,0 +1,152 @@
+"""Random scenes that a load can be carried through, for benchmarks and tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.errors import SceneError
+from comove.planning.configurations import configuration_space
+from comove.planning.planner import plan
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+SPARE = 0.006  # m, that the kept scenes leave
+BAR = 0.2  # m
+TRIES = 12  # plans before a scene is given up
+
+
+def planar_scene(seed: int) -> Scene:
+    """A planar bar through one to three walls (gap 0.45 to 1.4 bar lengths) past up to two discs."""
+    return _first_passable(np.random.default_rng([seed, 2]), lambda rng: _planar(rng, seed))
+
+
+def spatial_bar_scene(seed: int) -> Scene:
+    """A bar in space through one or two walls with a window narrower than the bar, past up to four bodies."""
+    return _first_passable(np.random.default_rng([seed, 3]), lambda rng: _spatial(rng, seed, 2))
+
+
+def spatial_triangle_scene(seed: int) -> Scene:
+    """A triangle held by three through one or two walls with a window, past up to four bodies."""
+    return _first_passable(np.random.default_rng([seed, 4]), lambda rng: _spatial(rng, seed, 3))
+
+
+def _first_passable(rng: np.random.Generator, draw) -> Scene:
+    while True:
+        try:
+            scene = Scene.from_dict(draw(rng))
+        except SceneError:  # an end in an obstacle: draw again
+            continue
+        coordinates = load_coordinates(scene)
+        space, ends = configuration_space(scene, coordinates), coordinates.boundary()
+        clear = min(scene.clearance_at(scene.nodes_at(end))[0] for end in ("start", "goal"))
+        if clear < 2 * SPARE:
+            continue
+        if any(plan(space, ends[0], ends[2], SPARE, rng) is not None for _ in range(TRIES)):
+            return scene
+
+
+def _planar(rng: np.random.Generator, seed: int) -> dict[str, Any]:
+    walls = int(rng.integers(1, 4))
+    obstacles: list[dict[str, Any]] = []
+    for wall in range(walls):
+        x = 0.5 + (wall - (walls - 1) / 2) * 0.2 + rng.uniform(-0.02, 0.02)
+        gap, thickness = BAR * rng.uniform(0.45, 1.4), rng.uniform(0.02, 0.08)
+        middle = rng.uniform(gap / 2 + 0.05, 0.95 - gap / 2)
+        for low, high in ((-0.1, middle - gap / 2), (middle + gap / 2, 1.1)):
+            obstacles.append(
+                {"shape": "box", "center": [x, (low + high) / 2], "size": [thickness, high - low]}
+            )
+    for _ in range(int(rng.integers(0, 3))):
+        center = rng.uniform([0.25, 0.1], [0.75, 0.9])
+        obstacles.append(
+            {"shape": "circle", "center": center.tolist(), "radius": float(rng.uniform(0.02, 0.06))}
+        )
+    hands = [_planar_hands(rng, 0.14), _planar_hands(rng, 0.86)]
+    return _scene(f"planar-{seed}", [0, 0], [1, 1], obstacles, hands, {"shape": "bar", "length": BAR})
+
+
+def _planar_hands(rng: np.random.Generator, x: float) -> Array:
+    angle = rng.uniform(-np.pi, np.pi)
+    center = np.array([x, rng.uniform(0.15, 0.85)])
+    along = BAR / 2 * np.array([np.cos(angle), np.sin(angle)])
+    return np.stack([center - along, center + along])
+
+
+def _spatial(rng: np.random.Generator, seed: int, n_hands: int) -> dict[str, Any]:
+    obstacles: list[dict[str, Any]] = []
+    walls = int(rng.integers(1, 3))
+    side = BAR if n_hands == 2 else 0.16
+    for wall in range(walls):
+        x = 0.5 + (wall - (walls - 1) / 2) * 0.26
+        obstacles += _window(rng, x, side * rng.uniform(0.5, 0.9, 2), rng.uniform(0.02, 0.06))
+    for _ in range(int(rng.integers(0, 5))):
+        center = rng.uniform([0.25, 0.1, 0.1], [0.75, 0.9, 0.9]).tolist()
+        if rng.random() < 0.5:
+            obstacles.append({"shape": "sphere", "center": center, "radius": float(rng.uniform(0.02, 0.06))})
+        else:
+            turn = rng.standard_normal(4)
+            obstacles.append(
+                {
+                    "shape": "box",
+                    "center": center,
+                    "size": rng.uniform(0.04, 0.12, 3).tolist(),
+                    "quaternion_wxyz": (turn / np.linalg.norm(turn)).tolist(),
+                }
+            )
+    if n_hands == 2:
+        held = np.array([[-BAR / 2, 0, 0], [BAR / 2, 0, 0]])
+        load: dict[str, Any] = {"shape": "bar", "length": BAR, "radius": 0.005}
+    else:
+        angles = np.pi / 2 + 2 * np.pi / 3 * np.arange(3)
+        held = side / np.sqrt(3) * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+        load = {"shape": "frame", "edges": [["a", "b"], ["b", "c"], ["c", "a"]], "radius": 0.005}
+    hands = [_spatial_hands(rng, held, x) for x in (0.14, 0.86)]
+    return _scene(f"spatial-{n_hands}-{seed}", [0, 0, 0], [1, 1, 1], obstacles, hands, load)
+
+
+def _spatial_hands(rng: np.random.Generator, held: Array, x: float) -> Array:
+    q, r = np.linalg.qr(rng.standard_normal((3, 3)))
+    rotation = q * np.sign(np.diag(r))
+    rotation *= np.sign(np.linalg.det(rotation))
+    return np.array([x, *rng.uniform(0.2, 0.8, 2)]) + held @ rotation.T
+
+
+def _window(rng: np.random.Generator, x: float, size: Array, thickness: float) -> list[dict[str, Any]]:
+    """Four boxes that leave a window of `size` (y, z) in a wall across x."""
+    y, z = rng.uniform(0.2 + size / 2, 0.8 - size / 2)
+    low, high = np.array([y, z]) - size / 2, np.array([y, z]) + size / 2
+    pieces = [
+        ((-0.1, low[0]), (-0.1, 1.1)),
+        ((high[0], 1.1), (-0.1, 1.1)),
+        ((low[0], high[0]), (-0.1, low[1])),
+        ((low[0], high[0]), (high[1], 1.1)),
+    ]
+    return [
+        {
+            "shape": "box",
+            "center": [x, float(a + b) / 2, float(c + d) / 2],
+            "size": [float(thickness), float(b - a), float(d - c)],
+        }
+        for (a, b), (c, d) in pieces
+    ]
+
+
+def _scene(name, lower, upper, obstacles, hands, load) -> dict[str, Any]:
+    names = ["a", "b", "c"][: len(hands[0])]
+    return {
+        "name": name,
+        "duration": 10.0,
+        "workspace": {"lower": lower, "upper": upper},
+        "obstacles": obstacles,
+        "load": load,
+        "manipulators": [
+            {"name": n, "start": s.tolist(), "goal": g.tolist()}
+            for n, s, g in zip(names, hands[0], hands[1], strict=True)
+        ],
+        "limits": {"speed": 1.0},
+    }
