@@ -74,12 +74,14 @@ class Penalty:
     slope : [1/m]
     step : cost of contact
     along_path : weigh by path length instead of time, so that rushing through an obstacle does not pay
+    limits : share of the speed and acceleration limits that the search keeps to
     """
 
     margin: float = 0.01
     slope: float = 50.0
     step: float = 10.0
     along_path: bool = False
+    limits: float = 1.0
 
 
 class Evaluation(NamedTuple):
@@ -167,8 +169,8 @@ class Objective:
     def limit_ratios(self, evaluation: Evaluation) -> tuple[Array, Array]:
         """Speed and acceleration over their limits; arrays, shape (n_rollouts,)."""
         return (
-            evaluation.speed / self.scene.speed_limit,
-            evaluation.acceleration / self.scene.acceleration_limit,
+            evaluation.speed / (self.penalty.limits * self.scene.speed_limit),
+            evaluation.acceleration / (self.penalty.limits * self.scene.acceleration_limit),
         )
 
     def feasible(self, evaluation: Evaluation) -> NDArray[np.bool_]:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 POPULATION = 16
 N_CERTIFIED = 7  # seeds judged, in order of their cost, before the next plan
 PATIENCE = 10  # further plans tried where a scene has several ways through
-MARGIN, MARGIN_STEP = 0.010, 0.004  # m
+MARGIN_STEP = 0.004  # m
 
 
 class OutOfTime(Exception):
@@ -76,17 +76,16 @@ class Search:
         self.evaluations += len(weights)
         return objective.evaluate(rollouts(basis, boundary, weights, N_STEPS), size)
 
-    def judge(self, motion: CoordinatedMotion) -> bool:
+    def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best."""
         verdict = verify(motion, self.checks)
-        cost = self.objective.cost(motion).total
-        if verdict.verified is None:
-            return False
-        if self.first_verified is None:
-            self.first_verified = time.perf_counter() - self.started
-        if cost < self.best_cost:
-            self.best, self.best_motion, self.best_cost = verdict, motion, cost
-        return True
+        if verdict.verified is not None:
+            if self.first_verified is None:
+                self.first_verified = time.perf_counter() - self.started
+            cost = self.objective.cost(motion).total
+            if cost < self.best_cost:
+                self.best, self.best_motion, self.best_cost = verdict, motion, cost
+        return verdict
 
     def remember(self, motion: CoordinatedMotion, value: float) -> None:
         """Keep the best attempt, for the case that nothing is verified."""
@@ -110,12 +109,14 @@ class Comove:
     coordinates : in which the search moves
     n_basis : shape weights a column when polishing
     n_plans : plans whose fits are compared before the best is polished
+    n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     """
 
     name = "comove"
     coordinates: Callable[[Scene], Coordinates] = load_coordinates
     n_basis: int = 30
-    n_plans: int = 4
+    n_plans: int = 8
+    n_polishings: int = 5
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
@@ -172,29 +173,22 @@ class Comove:
         for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
             motion = CoordinatedMotion(search.scene, coordinates, basis, seeds.boundary, seeds.weights[i])
             search.remember(motion, float(rank[i]))
-            if search.judge(motion):
+            if search.judge(motion).verified:
                 return float(value.cost[i]), seeds.boundary, seeds.weights[i]
         return None
 
     def _polish(self, search, coordinates, basis, boundary, weights) -> None:
         """Improve a verified motion; the margin widens until the result verifies as well."""
         search.stage = "polishing"
-        margin = MARGIN
-        for _ in range(4):
-            found = minimise_weights(
-                search,
-                search.objective.with_penalty(margin=margin),
-                basis,
-                boundary,
-                weights,
-                sigma=0.02,
-                generations=300,
-                patience=30,
-                gain=0.005,
+        objective, sigma = search.objective, 0.02
+        for _ in range(self.n_polishings):
+            weights = minimise_weights(
+                search, objective, basis, boundary, weights, sigma=sigma, generations=1000, patience=60, gain=0.002
             )
-            if search.judge(CoordinatedMotion(search.scene, coordinates, basis, boundary, found)):
+            verdict = search.judge(CoordinatedMotion(search.scene, coordinates, basis, boundary, weights))
+            if verdict.verified:
                 return
-            margin += MARGIN_STEP
+            objective, sigma = stricter(objective, verdict), 0.01
 
     def _grown(self, search, coordinates) -> bool:
         """Restarts in which the load grows; True once a motion is verified."""
@@ -220,28 +214,20 @@ class Comove:
                 gain=0.01,
                 growth=120,
             )
-            margin = MARGIN
-            for _ in range(4):
+            for _ in range(self.n_polishings):
                 motion = CoordinatedMotion(search.scene, coordinates, basis, boundary, weights)
                 search.check_time()
-                if search.judge(motion):
+                verdict = search.judge(motion)
+                if verdict.verified:
                     self._polish_grown(search, coordinates, basis, boundary, weights)
                     return True
                 value = search.evaluate(objective, basis, boundary, weights[None])
                 search.remember(motion, float(search.objective.search_value(value)[0]))
                 if value.clearance[0] < -0.03:
-                    break  # deep inside something: another start, not a wider margin
-                margin += MARGIN_STEP
+                    break  # deep inside something: another start, not a stricter search
+                objective = stricter(objective, verdict)
                 weights = minimise_weights(
-                    search,
-                    objective.with_penalty(margin=margin),
-                    basis,
-                    boundary,
-                    weights,
-                    sigma=0.01,
-                    generations=80,
-                    patience=25,
-                    gain=0.01,
+                    search, objective, basis, boundary, weights, sigma=0.01, generations=80, patience=25, gain=0.01
                 )
         return False
 
@@ -260,6 +246,18 @@ class Comove:
         q = rollouts(basis, boundary, weights[None], N_STEPS)[0].T
         refit = np.linalg.lstsq(phi, q - base @ boundary, rcond=None)[0].T
         self._polish(search, coordinates, fine, boundary, refit)
+
+
+def stricter(objective: Objective, verdict: Verdict) -> Objective:
+    """The objective with a wider margin, or lower limits, after a motion was rejected for want of them."""
+    scene, penalty, report = objective.scene, objective.penalty, verdict.report
+    changes: dict[str, float] = {}
+    if not report.clearance_min >= scene.clearance:
+        changes["margin"] = penalty.margin + MARGIN_STEP
+    ratio = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+    if ratio > 1:
+        changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)
+    return objective.with_penalty(**changes)
 
 
 def minimise_weights(

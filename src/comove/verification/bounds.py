@@ -1,8 +1,8 @@
 """Upper bounds of hand speeds and accelerations over continuous time.
 
-Both are known exactly at the knots; in between they change by at most half an interval times a bound of the
-next derivative, which follows from the transformed system: on an interval its second derivative is
-``(P + Q t) exp(-omega t)``, fixed by its values at both ends.
+Both are known exactly at the knots. Between two knots the velocity stays within ``h^2/8 max|y'''|`` of its chord
+and the acceleration changes by at most ``h/2 max|y'''|``; the third derivative is bounded from the transformed
+system, whose second derivative on an interval is ``(P + Q t) exp(-omega t)``, fixed by its values at both ends.
 """
 
 from __future__ import annotations
@@ -19,29 +19,32 @@ Array = NDArray[np.float64]
 SUBDIVISIONS = (1, 8, 64)  # of an interval, tried in turn where a bound alone breaks the limit
 
 
-def largest_speed(motion: CoordinatedMotion, velocity: Array) -> float:
+def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
     """Upper bound of the speed of every hand at every instant [m/s].
 
     Parameters
     ----------
     velocity : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
+    jerk : as `jerk_bound` gives it
     """
     speed = np.linalg.norm(velocity, axis=2)
-    change = motion.coordinates.acceleration_bound(motion.knots)[:, : speed.shape[1]]
-    bound = np.maximum(speed[1:], speed[:-1]) + 0.5 * INTERVAL * change
+    bound = np.maximum(speed[1:], speed[:-1]) + INTERVAL**2 / 8 * jerk[:, : speed.shape[1]]
     return float(bound.max()) / motion.scene.duration
 
 
-def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, limit: float) -> float:
+def largest_acceleration(
+    motion: CoordinatedMotion, acceleration: Array, jerk: Array, limit: float
+) -> float:
     """Upper bound of the acceleration of every hand at every instant [m/s^2], as tight as `limit` asks.
 
     Parameters
     ----------
     acceleration : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
+    jerk : as `jerk_bound` gives it
     limit : [m/s^2]
     """
     scale, n_hands = motion.scene.duration**2, acceleration.shape[1]
-    jerk = jerk_bound(motion)[:, :n_hands]
+    jerk = jerk[:, :n_hands]
     bound = np.inf
     for parts in SUBDIVISIONS:
         if parts > 1:

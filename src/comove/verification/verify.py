@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import DistanceConstraint
 from comove.trajectory import Trajectory
-from comove.verification.bounds import largest_acceleration, largest_speed
+from comove.verification.bounds import jerk_bound, largest_acceleration, largest_speed
 from comove.verification.certificate import certify
 
 Array = NDArray[np.float64]
@@ -116,14 +116,14 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     scene, duration = motion.scene, motion.scene.duration
     position, velocity, acceleration = motion.coordinates.motion(motion.knots)[:, :, : len(scene.manipulators)]
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
-    clearance = certify(motion)
+    clearance, jerk = certify(motion), jerk_bound(motion)
     report = Report(
         clearance_min=clearance.lower,
         distance_error_max=max((_distance_error(c, position) for c in scene.constraints), default=0.0),
         end_error=float(ends.max()),
         end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
-        speed_max=largest_speed(motion, velocity),
-        acceleration_max=largest_acceleration(motion, acceleration, scene.acceleration_limit),
+        speed_max=largest_speed(motion, velocity, jerk),
+        acceleration_max=largest_acceleration(motion, acceleration, jerk, scene.acceleration_limit),
     )
     names, reasons = scene.manipulators, []
     if not np.isfinite(motion.knots).all():
