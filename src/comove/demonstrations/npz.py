@@ -50,8 +50,8 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
     DemonstrationError
         The archive cannot be read, is too large, or misses or misshapes an array; names it.
     """
-    path = existing_file(path, MAX_BYTES, _TOO_LARGE)
-    arrays = _read_arrays(path)
+    path = Path(path)
+    arrays = read_arrays(path, ("time", "position"), ("manipulators",))
     time, position = arrays["time"], arrays["position"]
     if position.ndim != 3:
         time, position = check(time, position, Origin(path))
@@ -96,21 +96,35 @@ class _NpzOrigin(Origin):
         return f"position[{sample}, {self.manipulator}, {dim}]"
 
 
-def _read_arrays(path: Path) -> dict[str, NDArray]:
-    """Read the arrays that describe movements, after comparing what they claim with the limit."""
+def read_arrays(
+    path: str | os.PathLike[str], required: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> dict[str, NDArray]:
+    """Read named arrays from an archive, after comparing what they claim with the limit.
+
+    Parameters
+    ----------
+    path : archive of up to 256 MB unpacked
+    required, optional : names; further arrays are left alone
+
+    Raises
+    ------
+    DemonstrationError
+        The archive cannot be read, is too large, holds pickled objects or misses a required array.
+    """
     import lzma
     import struct
     import tokenize
     import zipfile
     import zlib
 
+    path = existing_file(path, MAX_BYTES, _TOO_LARGE)
     broken = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, tokenize.TokenError)
     unusable = (EOFError, ValueError, OverflowError, RuntimeError, SyntaxError, KeyError, TypeError)
     try:
         with telling(path), zipfile.ZipFile(path) as archive:
             _check_unpacked_size(path, archive)
             found = [name.removesuffix(".npy") for name in archive.namelist()]
-            for key in ("time", "position"):
+            for key in required:
                 if key not in found:
                     raise DemonstrationError(
                         "the array is missing",
@@ -118,8 +132,7 @@ def _read_arrays(path: Path) -> dict[str, NDArray]:
                         key=key,
                         way_out=f"{near_name(key, found)}; {_LAYOUT}",
                     )
-            wanted = ("time", "position", "manipulators")
-            return {key: _read_array(path, archive, key) for key in wanted if key in found}
+            return {key: _read_array(path, archive, key) for key in (*required, *optional) if key in found}
     except (*broken, *unusable) as error:
         raise DemonstrationError(
             f"it is no whole archive of arrays ({error})", file=path, way_out=_LAYOUT

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 SPARE = 0.006  # m, that the kept scenes leave
 BAR = 0.2  # m
+TRIANGLE = 0.16  # m, its sides
 TRIES = 12  # plans before a scene is given up
 
 
@@ -80,10 +81,10 @@ def _planar_hands(rng: np.random.Generator, x: float) -> Array:
 def _spatial(rng: np.random.Generator, seed: int, n_hands: int) -> dict[str, Any]:
     obstacles: list[dict[str, Any]] = []
     walls = int(rng.integers(1, 3))
-    side = BAR if n_hands == 2 else 0.16
+    side, narrowest, widest = (BAR, 0.5, 0.9) if n_hands == 2 else (TRIANGLE, 0.7, 1.0)
     for wall in range(walls):
         x = 0.5 + (wall - (walls - 1) / 2) * 0.26
-        obstacles += _window(rng, x, side * rng.uniform(0.5, 0.9, 2), rng.uniform(0.02, 0.06))
+        obstacles += _window(rng, x, side * rng.uniform(narrowest, widest, 2), rng.uniform(0.02, 0.06))
     for _ in range(int(rng.integers(0, 5))):
         center = rng.uniform([0.25, 0.1, 0.1], [0.75, 0.9, 0.9]).tolist()
         if rng.random() < 0.5:

@@ -62,6 +62,13 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def copy_to(source, target):
+    """Copy a vector; array assignment would do the same but takes seconds to compile."""
+    for c in range(source.shape[0]):
+        target[c] = source[c]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def clearance_of(space, q, nodes):
     """Clearance [m] of configuration q, at most CAP; `nodes` is scratch, shape (n_nodes, 3)."""
     place_one(space.blocks, q, 1.0, nodes)

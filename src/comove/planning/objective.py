@@ -193,8 +193,8 @@ def _evaluate(
     nodes, n_hands, edges, radii, obstacles, lower, upper, taught, cost_weights, penalty_weights, along_path
 ):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
-    c_goal, c_vel, c_res, duration = cost_weights
-    terms = np.zeros((n_rollouts, 3))
+    c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
+    terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
     speed, acceleration = np.zeros(n_rollouts), np.zeros(n_rollouts)
     penalty, clearance, hits = np.zeros(n_rollouts), np.zeros(n_rollouts), np.zeros(n_rollouts)
     rate = (n_steps - 1) / duration
@@ -217,22 +217,26 @@ def _evaluate(
         terms[k, 0] *= c_goal / n_steps
         terms[k, 1] *= c_vel * (n_steps - 1) ** 2 / n_steps
         terms[k, 2] *= c_res / n_steps
+        total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
         penalty[k], clearance[k], hits[k] = _obstacle_penalty(
             x, edges, radii, obstacles, lower, upper, penalty_weights, along_path
         )
-    return terms.sum(axis=1), penalty, clearance, hits, speed, acceleration, terms
+    return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights, along_path):
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout."""
-    margin, slope, step, needed = penalty_weights
+    margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
+    needed = penalty_weights[3]
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
     touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
     total, least, hits = 0.0, margin, 0
-    thickest = radii.max()
+    thickest = 0.0
+    for e in range(radii.shape[0]):
+        thickest = max(thickest, radii[e])
     for t in range(n_steps):
         after = min(t + 1, n_steps - 1)
         longest = 0.0

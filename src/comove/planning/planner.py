@@ -16,6 +16,7 @@ from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.planning.configurations import (
     Space,
     clearance_of,
+    copy_to,
     edge_is_free,
     in_an_obstacle,
     interpolate,
@@ -110,13 +111,14 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
     trees = np.empty((2, max_nodes, n_columns))
     parents = np.full((2, max_nodes), -1)
     counts = np.ones(2, dtype=np.int64)
-    trees[0, 0], trees[1, 0] = start, goal
+    copy_to(start, trees[0, 0])
+    copy_to(goal, trees[1, 0])
     sample, target, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
     if edge_is_free(space, start, goal, margin, scratch, nodes):
-        path = np.empty((2, n_columns))
-        path[0], path[1] = start, goal
-        return path
+        copy_to(start, trees[0, 0])
+        copy_to(goal, trees[0, 1])
+        return trees[0, :2].copy()
     this = 0
     for _ in range(20 * max_nodes):
         if counts[0] + counts[1] + 2 >= max_nodes:
@@ -126,7 +128,8 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
         _towards(space, trees[this, near], sample, STEP, target)
         if edge_is_free(space, trees[this, near], target, margin, scratch, nodes):
             new = counts[this]
-            trees[this, new], parents[this, new] = target, near
+            copy_to(target, trees[this, new])
+            parents[this, new] = near
             counts[this] += 1
             other = 1 - this
             at = _nearest(space, trees[other], counts[other], target)
@@ -135,7 +138,8 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
                 if not edge_is_free(space, trees[other, at], target, margin, scratch, nodes):
                     break
                 end = counts[other]
-                trees[other, end], parents[other, end] = target, at
+                copy_to(target, trees[other, end])
+                parents[other, end] = at
                 counts[other] += 1
                 at = end
                 if arrived:
@@ -175,11 +179,11 @@ def _joined(trees, parents, mine, theirs):
     path = np.empty((depths[0] + depths[1], trees.shape[2]))
     i, row = mine, depths[0] - 1
     while i >= 0:
-        path[row] = trees[0, i]
+        copy_to(trees[0, i], path[row])
         i, row = parents[0, i], row - 1
     i, row = theirs, depths[0]
     while i >= 0:
-        path[row] = trees[1, i]
+        copy_to(trees[1, i], path[row])
         i, row = parents[1, i], row + 1
     return path
 
@@ -195,7 +199,8 @@ def _forest(space, start, goal, margin, rng, max_nodes):
     tree, member = np.empty((max_nodes, n_columns)), np.empty(max_nodes, dtype=np.int64)
     links = np.empty((max_nodes, 2), dtype=np.int64)
     n_links, count = 0, 2
-    tree[0], tree[1] = start, goal
+    copy_to(start, tree[0])
+    copy_to(goal, tree[1])
     member[0], member[1] = 0, 1
     new, scratch = np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
@@ -216,7 +221,8 @@ def _forest(space, start, goal, margin, rng, max_nodes):
             found = clearance_of(space, new, nodes) > margin
         if not found:
             continue
-        tree[count], member[count] = new, count
+        copy_to(new, tree[count])
+        member[count] = count
         count += 1
         n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
         if member[0] == member[1]:
@@ -231,18 +237,18 @@ def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
     distances = np.empty(new)
     for i in range(new):
         distances[i] = span(space, tree[i], tree[new])
-    order = np.argsort(distances)
-    tried = 0
-    for i in order:
-        if tried == NEIGHBOURS or distances[i] > CONNECT_WITHIN:
+    for _ in range(NEIGHBOURS):
+        near, least = -1, CONNECT_WITHIN
+        for i in range(new):
+            if member[i] != member[new] and distances[i] < least:
+                near, least = i, distances[i]
+        if near < 0:
             break
-        if member[i] == member[new]:
-            continue
-        tried += 1
-        if edge_is_free(space, tree[i], tree[new], margin, scratch, nodes):
-            links[n_links, 0], links[n_links, 1] = i, new
+        distances[near] = np.inf
+        if edge_is_free(space, tree[near], tree[new], margin, scratch, nodes):
+            links[n_links, 0], links[n_links, 1] = near, new
             n_links += 1
-            old, kept = max(member[i], member[new]), min(member[i], member[new])
+            old, kept = max(member[near], member[new]), min(member[near], member[new])
             for j in range(count):
                 if member[j] == old:
                     member[j] = kept
@@ -343,7 +349,7 @@ def _path_through(tree, links, n_links, count):
     path = np.empty((length, tree.shape[1]))
     at = 1
     for row in range(length - 1, -1, -1):
-        path[row] = tree[at]
+        copy_to(tree[at], path[row])
         at = came[at]
     return path
 
@@ -352,10 +358,10 @@ def _path_through(tree, links, n_links, count):
 def _shortened(space, path, margin, rng, n_trials):
     """Replace pieces between random points of the path by straight edges where these are free."""
     n_columns = path.shape[1]
-    path = path.copy()
     count = path.shape[0]
     work = np.empty((count + 2 * n_trials + 2, n_columns))
-    work[:count] = path
+    for row in range(count):
+        copy_to(path[row], work[row])
     p, q, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
     lengths = np.empty(work.shape[0])
@@ -384,10 +390,11 @@ def _shortened(space, path, margin, rng, n_trials):
         moved = 2 - (j - i)  # rows i+1 .. j give way to p and q
         if moved > 0:
             for row in range(count - 1, j, -1):
-                work[row + moved] = work[row]
+                copy_to(work[row], work[row + moved])
         elif moved < 0:
             for row in range(j + 1, count):
-                work[row + moved] = work[row]
-        work[i + 1], work[i + 2] = p, q
+                copy_to(work[row], work[row + moved])
+        copy_to(p, work[i + 1])
+        copy_to(q, work[i + 2])
         count += moved
     return work[:count].copy()

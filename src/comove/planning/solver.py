@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, load_coordinates
+from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
 from comove.optimisers.separable import SeparableCMAES
 from comove.planning.configurations import Space, configuration_space
-from comove.planning.objective import N_STEPS, CostWeights, Objective
+from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.planner import PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.seeds import fit_path
 from comove.planning.solution import Progress, ProgressCallback, Solution
@@ -42,10 +43,12 @@ class Search:
     ----------
     objective : equation (4) on the scene
     taught : the demonstrated movement, None without one
+    hard : obstacles are constraints, not only costs
     """
 
     objective: Objective
     taught: DMP | None
+    hard: bool
     rng: np.random.Generator
     started: float
     deadline: float
@@ -79,9 +82,9 @@ class Search:
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best."""
         verdict = verify(motion, self.checks)
-        if verdict.verified is not None:
-            if self.first_verified is None:
-                self.first_verified = time.perf_counter() - self.started
+        if verdict.verified is not None and self.first_verified is None:
+            self.first_verified = time.perf_counter() - self.started
+        if verdict.verified is not None or not self.hard:
             cost = self.objective.cost(motion).total
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
@@ -112,7 +115,7 @@ class Comove:
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     """
 
-    name = "comove"
+    name: ClassVar[str] = "comove"
     coordinates: Callable[[Scene], Coordinates] = load_coordinates
     n_basis: int = 30
     n_plans: int = 8
@@ -120,13 +123,7 @@ class Comove:
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
-        coordinates = self.coordinates(search.scene)
-        search.objective = Objective(
-            search.scene,
-            coordinates,
-            search.objective.weights,
-            demonstration=search.objective.demonstration,
-        )
+        coordinates = search.objective.coordinates
         if planner and self._planned(search, coordinates):
             return
         if self._grown(search, coordinates):
@@ -186,7 +183,7 @@ class Comove:
                 search, objective, basis, boundary, weights, sigma=sigma, generations=1000, patience=60, gain=0.002
             )
             verdict = search.judge(CoordinatedMotion(search.scene, coordinates, basis, boundary, weights))
-            if verdict.verified:
+            if verdict.verified or not search.hard:
                 return
             objective, sigma = stricter(objective, verdict), 0.01
 
@@ -218,7 +215,7 @@ class Comove:
                 motion = CoordinatedMotion(search.scene, coordinates, basis, boundary, weights)
                 search.check_time()
                 verdict = search.judge(motion)
-                if verdict.verified:
+                if verdict.verified or not search.hard:
                     self._polish_grown(search, coordinates, basis, boundary, weights)
                     return True
                 value = search.evaluate(objective, basis, boundary, weights[None])
@@ -246,6 +243,14 @@ class Comove:
         q = rollouts(basis, boundary, weights[None], N_STEPS)[0].T
         refit = np.linalg.lstsq(phi, q - base @ boundary, rcond=None)[0].T
         self._polish(search, coordinates, fine, boundary, refit)
+
+
+@dataclass(frozen=True)
+class Projection(Comove):
+    """Free hands, every rollout projected onto the distance constraints; otherwise as the default."""
+
+    name: ClassVar[str] = "projection"
+    coordinates: Callable[[Scene], Coordinates] = projected_coordinates
 
 
 def stricter(objective: Objective, verdict: Verdict) -> Objective:
@@ -326,6 +331,7 @@ def solve(
     planner: bool = True,
     budget: float = 30.0,
     cost: CostWeights | None = None,
+    obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     progress: ProgressCallback | None = None,
 ) -> Solution:
@@ -349,6 +355,9 @@ def solve(
         Seconds after which the best so far is returned.
     cost
         Weights of the objective.
+    obstacles
+        Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
+        cost is handed out, verified or not.
     checks
         Further checks that a motion must pass to be verified.
     progress
@@ -359,9 +368,11 @@ def solve(
     weights = cost or CostWeights()
     coordinates = method.coordinates(scene)
     taught = None if demonstration is None else _carried(demonstration, scene)
+    penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
     search = Search(
-        Objective(scene, coordinates, weights, demonstration=taught),
+        Objective(scene, coordinates, weights, penalty, taught),
         demonstration,
+        obstacles == "constraint",
         np.random.default_rng(seed),
         started,
         started + budget,

@@ -184,9 +184,9 @@ def configuration_distance(nodes, edges, radii, table, lower, upper):
     for e in range(edges.shape[0]):
         p, q = nodes[edges[e, 0]], nodes[edges[e, 1]]
         for axis in range(3):
-            border = min(p[axis], q[axis]) - lower[axis], upper[axis] - max(p[axis], q[axis])
-            if min(border) - radii[e] < clearance:
-                clearance, nearest = min(border) - radii[e], -1
+            border = min(min(p[axis], q[axis]) - lower[axis], upper[axis] - max(p[axis], q[axis]))
+            if border - radii[e] < clearance:
+                clearance, nearest = border - radii[e], -1
         for j in range(table.shape[0]):
             distance = (
                 segment_distance(table, j, p[0], p[1], p[2], q[0], q[1], q[2], clearance + radii[e], 1e-7) - radii[e]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, SceneError
 from comove.scenes import distances as sd
 from comove.scenes.groups import (
@@ -25,12 +26,12 @@ from comove.scenes.groups import (
     rotation_in_plane,
     rotation_of_quaternion,
 )
-from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
+from comove.scenes.model import DISTANCE_TOLERANCE, SceneFile, canonical, load_scene_file, parse_scene
+from comove.scenes.taught import read_demonstration
 
 Array = NDArray[np.float64]
 
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
-DISTANCE_TOLERANCE = 1e-3  # of the distance, where a scene states none
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,8 @@ class Scene:
     Attributes
     ----------
     file : the parsed scene file
+    folder : to which its paths are relative
+    path : of the scene file, None where the scene was built in memory
     start, goal : arrays, shape (n_manipulators, n_dims), [m], moved onto the constraints where the file
         missed them by no more than their tolerance
     lower, upper : arrays, shape (n_dims,), workspace [m]
@@ -80,6 +83,8 @@ class Scene:
     """
 
     file: SceneFile
+    folder: Path
+    path: Path | None
     start: Array
     goal: Array
     lower: Array
@@ -98,7 +103,8 @@ class Scene:
         SceneError
             If the file cannot be read, breaks the contract or contradicts itself.
         """
-        return _build(load_scene_file(path), path)
+        path = Path(path)
+        return _build(load_scene_file(path), path.parent, path)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
@@ -109,7 +115,8 @@ class Scene:
         SceneError
             As `load`.
         """
-        return _build(parse_scene(data, folder=None if folder is None else Path(folder)), None)
+        folder = None if folder is None else Path(folder)
+        return _build(parse_scene(data, folder=folder), folder or Path(), None)
 
     @property
     def name(self) -> str:
@@ -145,6 +152,19 @@ class Scene:
     def acceleration_limit(self) -> float:
         """Acceleration limit of every manipulator [m/s^2], infinite where there is none."""
         return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
+
+    @cached_property
+    def demonstration(self) -> Demonstration | None:
+        """The recording that the scene names, None where it names none.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be read or has another dimension.
+        """
+        if self.file.demonstration is None:
+            return None
+        return read_demonstration(self.file.demonstration, self.folder, self.n_dims, self.path)
 
     @cached_property
     def sha256(self) -> str:
@@ -186,7 +206,7 @@ class Scene:
         return nodes
 
 
-def _build(file: SceneFile, path: str | Path | None) -> Scene:
+def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     names = [m.name for m in file.manipulators]
     start = _spatial(np.array([m.start for m in file.manipulators]))
     goal = _spatial(np.array([m.goal for m in file.manipulators]))
@@ -200,6 +220,8 @@ def _build(file: SceneFile, path: str | Path | None) -> Scene:
         implied += pairs
     scene = Scene(
         file=file,
+        folder=folder,
+        path=path,
         start=np.array(start[:, :n_dims]),
         goal=np.array(goal[:, :n_dims]),
         lower=np.array(file.workspace.lower, dtype=float),

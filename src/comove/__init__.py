@@ -1,0 +1,52 @@
+"""Coordinated dynamic movement primitives: several manipulators carry one load, verified in continuous time.
+
+>>> import comove
+>>> scene = comove.Scene.load("narrow.yaml")             # doctest: +SKIP
+>>> solution = comove.solve(scene, seed=0)               # doctest: +SKIP
+>>> solution.motion.clearance_min                        # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from comove._version import __version__
+
+if TYPE_CHECKING:
+    from comove.coordination import CoordinatedDMP, CoordinatedMotion
+    from comove.demonstrations import Demonstration
+    from comove.planning import Comove, CostWeights, Projection, Solution, solve
+    from comove.primitives import DMP
+    from comove.scenes import Scene
+    from comove.trajectory import Trajectory
+    from comove.verification import VerifiedMotion, verify
+
+# What the package offers and where it lives; loaded on first use, so that importing comove costs nothing.
+_ROOMS = {
+    "Comove": "planning",
+    "CoordinatedDMP": "coordination",
+    "CoordinatedMotion": "coordination",
+    "CostWeights": "planning",
+    "DMP": "primitives",
+    "Demonstration": "demonstrations",
+    "Projection": "planning",
+    "Scene": "scenes",
+    "Solution": "planning",
+    "Trajectory": "trajectory",
+    "VerifiedMotion": "verification",
+    "solve": "planning",
+    "verify": "verification",
+}
+
+__all__ = ["__version__", *_ROOMS]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ROOMS:
+        raise AttributeError(f"module 'comove' has no attribute '{name}'")
+    return getattr(import_module(f"comove.{_ROOMS[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

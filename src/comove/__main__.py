@@ -1,0 +1,5 @@
+"""`python -m comove`."""
+
+from comove.cli import main
+
+main()

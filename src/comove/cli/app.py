@@ -1,0 +1,93 @@
+"""The application: verbs, exit codes, and how errors and warnings are told."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NoReturn
+
+import typer
+
+from comove._version import __version__
+from comove.errors import ComoveError, ComoveWarning
+
+VERIFIED, NOT_VERIFIED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="comove",
+    help="Several manipulators carry one load: coordinated movement primitives, verified in continuous time.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+def verb(function: Callable[..., int | None]) -> Callable[..., None]:
+    """Register a command: it returns its exit code and may raise `ComoveError` for bad input."""
+
+    @wraps(function)
+    def command(*args: Any, **options: Any) -> None:
+        warnings.showwarning = _tell_warning
+        warnings.simplefilter("always", ComoveWarning)
+        try:
+            code = function(*args, **options)
+        except ComoveError as error:
+            fail(str(error))
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(code or VERIFIED)
+
+    app.command()(command)
+    return command
+
+
+def fail(message: str) -> NoReturn:
+    """Tell bad input in one message and leave."""
+    print(f"error: {message}", file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)
+
+
+def since_process_start() -> float:
+    """Seconds since this process began."""
+    try:
+        with open("/proc/self/stat", encoding="ascii") as stat:
+            ticks = int(stat.read().rsplit(")", 1)[1].split()[19])
+        import os
+
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, AttributeError, ValueError, IndexError):
+        return time.process_time()
+
+
+def _tell_warning(message: Warning | str, category: type[Warning], *_: object) -> None:
+    if issubclass(category, ComoveWarning):
+        print(f"warning: {message}", file=sys.stderr)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"comove {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+) -> None:
+    """Several manipulators carry one load: coordinated movement primitives, verified in continuous time."""
+
+
+def main() -> None:
+    """Entry point of the `comove` command."""
+    from comove.cli import demo, show, solve, verify  # noqa: F401  registers the verbs
+
+    try:
+        app()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)

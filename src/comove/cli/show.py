@@ -1,0 +1,52 @@
+"""`comove show`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from comove.cli.app import verb
+
+PICTURES = ("motion.png", "progress.png")
+
+
+@verb
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
+    open_pictures: Annotated[bool, typer.Option("--open", help="Open the pictures as well.")] = False,
+) -> int:
+    """Print the summary of a result and name its pictures."""
+    from comove.results import read_result
+
+    stored = read_result(folder)
+    print(summary_text(stored.summary, folder))
+    if open_pictures:
+        for name in PICTURES:
+            typer.launch(str(folder / name))
+    return 0
+
+
+def summary_text(summary: dict[str, Any], folder: Path) -> str:
+    """A result's summary for people."""
+    verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
+    lines = [f"{summary.get('scene')}: {verdict} ({summary.get('method')}, seed {summary.get('seed')})"]
+    lines += [f"  - {reason}" for reason in summary.get("reasons") or []]
+    terms = summary.get("cost_terms") or {}
+    parts = ", ".join(f"{name} {_number(value)}" for name, value in terms.items() if value)
+    lines += [
+        f"  cost J                  {_number(summary.get('cost'))}  ({parts})",
+        f"  certified clearance     {_number(summary.get('clearance_min'), 1e3)} mm or more, at every instant",
+        f"  distance error          {_number(summary.get('distance_error_max'))} m",
+        f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
+        f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
+        f"  first verified motion   after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, "
+        f"all of it {_number(summary.get('wall_time_s'))} s",
+        f"  pictures                {', '.join(str(folder / name) for name in PICTURES)}",
+    ]
+    return "\n".join(lines)
+
+
+def _number(value: object, factor: float = 1.0) -> str:
+    return f"{value * factor:.4g}" if isinstance(value, (int, float)) else "-"

@@ -1,0 +1,106 @@
+"""`comove solve`."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb
+from comove.errors import OptionError, near_name
+
+METHODS = ("comove", "projection")
+
+
+class ObstacleMode(StrEnum):
+    """How obstacles enter: as hard constraints, or as a term of the objective (4)."""
+
+    constraint = "constraint"
+    cost = "cost"
+
+
+@verb
+def solve(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the result.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    no_planner: Annotated[bool, typer.Option("--no-planner", help="Do not start from a planned path.")] = False,
+    budget: Annotated[float, typer.Option(help="Seconds after which the best so far is taken.")] = 30.0,
+    obstacles: Annotated[
+        ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")
+    ] = ObstacleMode.constraint,
+    resemblance: Annotated[
+        float, typer.Option(min=0.0, help="How much the demonstration's shape counts in the cost.")
+    ] = 0.0,
+    json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
+) -> int:
+    """Find a verified motion for SCENE, save it and draw it."""
+    from comove.cli.progress import progress_bar
+    from comove.planning import CostWeights, solve
+    from comove.primitives import DMP
+    from comove.results import check_target, whole_folder
+    from comove.scenes import Scene
+
+    chosen = method_named(method)
+    if not 0 < budget < float("inf"):
+        raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
+    if not resemblance < float("inf"):
+        raise OptionError(f"resemblance = {resemblance}", key="--resemblance", way_out="give a finite number")
+    check_target(out)
+    loaded = Scene.load(scene)
+    recording = loaded.demonstration
+    dmp = None if recording is None else DMP.fit(recording)
+    if resemblance > 0 and dmp is None:
+        raise OptionError(
+            "the scene has no demonstration to resemble",
+            file=scene,
+            key="--resemblance",
+            way_out="add a demonstration to the scene",
+        )
+    with progress_bar(budget) as progress:
+        solution = solve(
+            loaded,
+            demonstration=dmp,
+            seed=seed,
+            method=chosen,
+            planner=not no_planner,
+            budget=budget,
+            cost=CostWeights(resemblance=resemblance),
+            obstacles=obstacles.value,
+            progress=progress,
+        )
+    with whole_folder(out) as draft:
+        summary = write_result(solution, draft)
+    if json:
+        print((out / "solution.json").read_text(encoding="utf-8"), end="")
+    else:
+        from comove.cli.show import summary_text
+
+        print(summary_text(summary, out))
+    if solution.interrupted:
+        return INTERRUPTED
+    return VERIFIED if solution.verified else NOT_VERIFIED
+
+
+def method_named(name: str):
+    """The method object of a name."""
+    from comove.planning import Comove, Projection
+
+    methods = dict(zip(METHODS, (Comove, Projection), strict=True))
+    if name not in methods:
+        raise OptionError(f"unknown method '{name}'", key="--method", way_out=near_name(name, methods))
+    return methods[name]()
+
+
+def write_result(solution, folder: Path) -> dict:
+    """Files and pictures of a solution; returns the contents of solution.json."""
+    from comove.results import write_solution
+    from comove.views import draw_motion, draw_progress, save
+
+    label = "" if solution.verified else " (not verified)"
+    save(draw_motion(solution.attempt, title=solution.scene.name + label), folder / "motion.png")
+    save(draw_progress(solution.attempt), folder / "progress.png")
+    return write_solution(solution, folder, since_process_start())

@@ -1,0 +1,34 @@
+"""`comove verify`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+
+
+@verb
+def verify(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
+) -> int:
+    """Judge a saved result anew, from the files alone."""
+    from comove.results import read_result, verify_result
+    from comove.scenes import Scene
+
+    verdict = verify_result(read_result(folder), Scene.load(scene))
+    if verdict.verified is None:
+        print(f"{folder}: rejected", file=sys.stderr)
+        for reason in verdict.reasons:
+            print(f"  - {reason}", file=sys.stderr)
+        return NOT_VERIFIED
+    report = verdict.report
+    print(f"{folder}: verified")
+    print(f"  clearance at every instant   >= {1e3 * report.clearance_min:.3f} mm")
+    print(f"  distance errors              <= {report.distance_error_max:.2g} m")
+    print(f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2")
+    return VERIFIED

@@ -1,0 +1,337 @@
+"""The result folder: `solution.npz`, `solution.json` and whatever pictures are drawn into it.
+
+A folder is written under a temporary name and renamed at the end, so it is there as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.coordination.coordinates import load_coordinates, projected_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations.npz import read_arrays
+from comove.errors import DemonstrationError, OptionError, ResultError
+from comove.planning.solution import Solution
+from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.scenes.scene import Scene
+from comove.trajectory import Trajectory
+from comove.verification.verify import Report, Verdict, verify
+
+Array = NDArray[np.float64]
+
+ARRAYS, SUMMARY = "solution.npz", "solution.json"
+SAMPLES = ("time", "position", "velocity", "manipulators")
+CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
+REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
+SAME = 1e-6  # relative, by which measures may differ from those of the summary
+
+
+@dataclass(frozen=True, eq=False)
+class StoredResult:
+    """What a result folder holds.
+
+    Attributes
+    ----------
+    folder : where it is
+    summary : the contents of solution.json
+    arrays : the contents of solution.npz
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+    arrays: dict[str, NDArray]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The samples."""
+        names = tuple(str(name) for name in self.arrays["manipulators"])
+        return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
+
+
+def check_target(folder: str | Path) -> Path:
+    """Make sure that a result may be written to `folder`.
+
+    Raises
+    ------
+    ResultError
+        If it is a file, a folder with something else in it, or not writable.
+    """
+    folder = Path(folder).absolute()
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("it is a file", file=folder, way_out="name a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / SUMMARY).is_file():
+        raise ResultError(
+            "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
+        )
+    parent = folder.parent
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise ResultError(f"{parent} is not writable", file=folder, way_out="name a folder that you may write")
+    return folder
+
+
+@contextmanager
+def whole_folder(folder: str | Path) -> Iterator[Path]:
+    """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
+    folder = check_target(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    except OSError as error:
+        raise ResultError(
+            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
+        ) from error
+    try:
+        yield draft
+        os.chmod(draft, 0o777 & ~_umask())
+        if folder.exists():
+            old = draft.with_name(draft.name + ".old")
+            os.replace(folder, old)
+            os.replace(draft, folder)
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            os.replace(draft, folder)
+    except OSError as error:
+        raise ResultError(
+            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
+        ) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> dict[str, Any]:
+    """Write `solution.npz` and `solution.json` into an existing folder; returns the summary."""
+    arrays = motion_arrays(solution.attempt)
+    with open(folder / ARRAYS, "wb") as file:
+        np.savez(file, **arrays)
+    summary = summary_of(solution, arrays, wall_time_s)
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+    return summary
+
+
+def motion_arrays(motion: CoordinatedMotion) -> dict[str, NDArray]:
+    """Samples, and what rebuilds the curve exactly."""
+    trajectory, basis = motion.trajectory(), motion.basis
+    return {
+        "time": trajectory.time,
+        "position": trajectory.position,
+        "velocity": trajectory.velocity,
+        "manipulators": np.array(trajectory.manipulators),
+        "coordinates": np.array(motion.coordinates.kind),
+        "weights": motion.weights,
+        "start": motion.boundary[:2],
+        "goal": motion.boundary[2:],
+        "basis_functions": np.array(basis.n_basis),
+        "basis_metric": np.array(basis.metric),
+        "basis_phase": np.array(_phase_text(basis.phase)),
+    }
+
+
+def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: float) -> dict[str, Any]:
+    """The contents of solution.json."""
+    report, cost = solution.report, solution.cost
+    return {
+        "verified": solution.verified,
+        "interrupted": solution.interrupted,
+        "reasons": list(solution.reasons),
+        "scene": solution.scene.name,
+        "method": solution.method,
+        "seed": solution.seed,
+        "version": __version__,
+        "cost": cost.total,
+        "cost_terms": {
+            "goal": cost.goal,
+            "velocity": cost.velocity,
+            "obstacle": cost.obstacle,
+            "resemblance": cost.resemblance,
+        },
+        **{name: _finite(value) for name, value in report.asdict().items()},
+        "evaluations": solution.evaluations,
+        "generations": solution.generations,
+        "time_to_first_verified_s": solution.time_to_first_verified_s,
+        "wall_time_s": wall_time_s,
+        "scene_sha256": solution.scene.sha256,
+        "motion_sha256": checksum(arrays),
+    }
+
+
+def checksum(arrays: Mapping[str, NDArray]) -> str:
+    """SHA-256 of arrays: their names, types, shapes and bytes."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def read_result(folder: str | Path) -> StoredResult:
+    """Read a result folder.
+
+    Raises
+    ------
+    ResultError
+        If it is missing, incomplete or unreadable.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ResultError("there is no such folder", file=folder, way_out="make it by: comove solve SCENE --out DIR")
+    path = folder / SUMMARY
+    if not path.is_file():
+        raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="name the folder of a result")
+    try:
+        if path.stat().st_size > 2**20:
+            raise ValueError("it is larger than 1 MB")
+        summary = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
+        if not isinstance(summary, dict):
+            raise ValueError("it is no JSON object")
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultError(f"it cannot be read: {error}", file=path, way_out="solve the scene again") from error
+    try:
+        arrays = read_arrays(folder / ARRAYS, (*SAMPLES, *CURVE))
+    except DemonstrationError as error:
+        raise ResultError(
+            error.message, file=folder / ARRAYS, key=error.key, way_out="solve the scene again"
+        ) from error
+    return StoredResult(folder, summary, arrays)
+
+
+def rebuild(arrays: Mapping[str, NDArray], scene: Scene) -> CoordinatedMotion:
+    """The curve that a stored result describes, on `scene`.
+
+    Raises
+    ------
+    ResultError
+        If the arrays do not describe a motion on this scene.
+    """
+    kinds = {"load": load_coordinates, "projected": projected_coordinates}
+    name = str(arrays["coordinates"])
+    if name not in kinds:
+        raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out=f"known: {', '.join(kinds)}")
+    try:
+        coordinates = kinds[name](scene)
+    except OptionError as error:
+        raise ResultError(error.message, key="coordinates", way_out="verify it on its own scene") from error
+    basis = _basis(arrays)
+    expected = {
+        "weights": (coordinates.n_columns, basis.n_basis),
+        "start": (2, coordinates.n_columns),
+        "goal": (2, coordinates.n_columns),
+    }
+    for key, shape in expected.items():
+        array = arrays[key]
+        if array.shape != shape or array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise ResultError(
+                f"{array.dtype.name} of shape {array.shape} where finite numbers of shape {shape} belong",
+                key=key,
+                way_out="verify it on its own scene",
+            )
+    boundary = np.concatenate([arrays["start"], arrays["goal"]])
+    return CoordinatedMotion(scene, coordinates, basis, boundary, arrays["weights"])
+
+
+def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
+    """Judge a stored result anew, from its files and the scene alone.
+
+    The motion is rebuilt from its weights, compared with its samples and judged; checksums and the measures
+    in the summary must agree as well.
+    """
+    try:
+        motion = rebuild(stored.arrays, scene)
+    except ResultError as error:
+        nothing = Report(-math.inf, math.inf, math.inf, math.inf, math.inf, math.inf)
+        return Verdict(None, nothing, (f"the motion cannot be rebuilt on this scene: {error}",))
+    verdict = verify(motion)
+    reasons = list(verdict.reasons)
+    reasons += _edited_samples(stored, motion)
+    if stored.summary.get("motion_sha256") != checksum(stored.arrays):
+        reasons.append(f"{ARRAYS} was edited: its checksum is not the one in {SUMMARY}")
+    if stored.summary.get("scene_sha256") != scene.sha256:
+        reasons.append("the scene is not the one that was solved: its checksum differs")
+    if verdict.verified is not None and stored.summary.get("verified") is True:
+        reasons += _edited_summary(stored.summary, verdict.report)
+    elif stored.summary.get("verified") is not True:
+        reasons.append(f"{SUMMARY} does not claim a verified motion")
+    return Verdict(None if reasons else verdict.verified, verdict.report, tuple(reasons))
+
+
+def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:
+    """Which samples are not on the rebuilt curve, in words."""
+    expected, reasons = motion_arrays(motion), []
+    for name in SAMPLES:
+        found, right = stored.arrays[name], expected[name]
+        if found.shape != right.shape or found.dtype.kind != right.dtype.kind:
+            reasons.append(f"'{name}' was edited: its shape is {found.shape}, the motion's is {right.shape}")
+        elif right.dtype.kind == "U":
+            if list(found) != list(right):
+                reasons.append("the manipulators are not those of the scene")
+        elif not np.abs(found - right).max() <= REBUILT:
+            at = np.unravel_index(np.nanargmax(np.abs(np.nan_to_num(found, nan=np.inf) - right)), right.shape)
+            where = ", ".join(str(int(i)) for i in at)
+            reasons.append(f"'{name}[{where}]' was edited: it is {found[at]!r}, the motion's is {right[at]!r}")
+    return reasons
+
+
+def _edited_summary(summary: Mapping[str, Any], report: Report) -> list[str]:
+    """Which measures of the summary are not those of the motion."""
+    reasons = []
+    for name, right in report.asdict().items():
+        stated = summary.get(name)
+        agrees = isinstance(stated, (int, float)) and abs(stated - right) <= SAME * max(1e-3, abs(right))
+        if not agrees:
+            reasons.append(f"{SUMMARY} says {name} = {stated}, the motion's is {right:.9g}")
+    return reasons
+
+
+def _basis(arrays: Mapping[str, NDArray]) -> MotionBasis:
+    try:
+        count, metric = int(arrays["basis_functions"]), str(arrays["basis_metric"])
+        if metric not in ("velocity", "acceleration"):
+            raise ValueError(f"unknown metric '{metric}'")
+        return motion_basis(count, metric, _phase(str(arrays["basis_phase"])))
+    except (TypeError, ValueError) as error:
+        raise ResultError(str(error), key="basis", way_out="solve the scene again") from error
+
+
+def _phase_text(phase: Phase) -> str:
+    return "linear" if isinstance(phase, LinearPhase) else f"exponential {phase.alpha!r}"
+
+
+def _phase(text: str) -> Phase:
+    name, _, alpha = text.partition(" ")
+    if name == "linear":
+        return LinearPhase()
+    if name == "exponential":
+        return ExponentialPhase(float(alpha))
+    raise ValueError(f"unknown phase '{text}'")
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"it holds {text}")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

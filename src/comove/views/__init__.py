@@ -1,0 +1,5 @@
+"""Pictures; the only room that imports matplotlib."""
+
+from comove.views.motion import draw_motion, draw_progress, save
+
+__all__ = ["draw_motion", "draw_progress", "save"]

@@ -1,0 +1,168 @@
+"""Pictures of a motion: the scene with every few states, and objective and constraint along the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.scenes import distances as sd
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
+N_STATES = 26  # drawn along a motion
+VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure without a window; sizes in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG."""
+    figure.savefig(path, dpi=110)
+
+
+def draw_motion(
+    motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None, states: bool = True
+) -> Figure:
+    """The scene, the hands' paths and the load at equal steps (the paper's Figures 4 and 6).
+
+    Parameters
+    ----------
+    demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
+    states : draw the load every few steps
+    """
+    scene = motion.scene
+    views = ((0, 1),) if scene.n_dims == 2 else VIEWS
+    figure = new_figure(5.6 * len(views) ** 0.75, 5.6)
+    figure.suptitle(title or scene.name)
+    dense = motion.coordinates.motion(motion.at(np.linspace(0, 1, 401)))[0]
+    sparse = motion.coordinates.motion(motion.at(np.linspace(0, 1, N_STATES)))[0]
+    for i, axes_of_view in enumerate(views):
+        axes = figure.add_subplot(1, len(views), i + 1)
+        _frame(axes, scene, axes_of_view)
+        _draw_obstacles(axes, scene, axes_of_view)
+        if states:
+            _draw_load(axes, scene, sparse[:, :, list(axes_of_view)])
+        if demonstration is not None:
+            for hand in range(demonstration.shape[1]):
+                label = "demonstration, carried to each hand" if hand == 0 and i == 0 else None
+                path = demonstration[:, hand][:, list(axes_of_view)]
+                axes.plot(*path.T, "--", color="0.45", linewidth=1, label=label)
+        for hand, name in enumerate(scene.manipulators):
+            colour = COLOURS[hand % len(COLOURS)]
+            path = dense[:, hand][:, list(axes_of_view)]
+            axes.plot(*path.T, color=colour, linewidth=1.6, label=name if i == 0 else None)
+            axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
+            axes.plot(*path[-1], "s", color="#d62728", markersize=7, zorder=5)
+    figure.legend(loc="outside lower center", ncols=min(4, len(scene.manipulators) + 1), frameon=False)
+    return figure
+
+
+def draw_progress(motion: CoordinatedMotion) -> Figure:
+    """Objective and constraint along the movement (the paper's Figure 5)."""
+    scene = motion.scene
+    s = np.linspace(0.0, 1.0, 801)
+    time = s * scene.duration
+    position, velocity, _ = motion.hands(s)
+    to_goal = ((position - scene.goal) ** 2).sum(axis=(1, 2))
+    effort = 0.01 * (velocity**2).sum(axis=(1, 2))
+    figure = new_figure(7.2, 5.4)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    upper.plot(time, to_goal + effort, color=COLOURS[1], label="objective")
+    upper.plot(time, to_goal, "--", color="0.4", linewidth=1, label="distance to the goal, squared [m²]")
+    upper.set(title=f"{scene.name}: objective and constraint along the movement", ylabel="objective")
+    upper.legend(frameon=False)
+    for c in scene.constraints:
+        apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
+        names = scene.manipulators[c.first], scene.manipulators[c.second]
+        lower.plot(time, apart - c.distance, label=f"|{names[0]} − {names[1]}| − {c.distance:g} m")
+    if scene.constraints:
+        # Down to rounding errors the axis would show noise: open it to the tolerance at the least.
+        tolerance = max(max(c.tolerance for c in scene.constraints), 1e-12)
+        reach = max(tolerance, *(abs(limit) for limit in lower.get_ylim()))
+        lower.set_ylim(-1.2 * reach, 1.2 * reach)
+        lower.axhspan(-tolerance, tolerance, color="0.9", zorder=0, label="tolerance")
+        lower.legend(frameon=False)
+    lower.set(xlabel="time [s]", ylabel="constraint violation [m]")
+    return figure
+
+
+def _frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    low, high = scene.lower[list(view)], scene.upper[list(view)]
+    pad = 0.02 * float((high - low).max())
+    axes.set(
+        xlim=(low[0] - pad, high[0] + pad),
+        ylim=(low[1] - pad, high[1] + pad),
+        aspect="equal",
+        xlabel=f"{'xyz'[view[0]]} [m]",
+        ylabel=f"{'xyz'[view[1]]} [m]",
+    )
+    axes.add_patch(Rectangle(tuple(low), *(high - low), fill=False, edgecolor="0.3", linewidth=1))
+
+
+def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    """Obstacles as filled outlines: in the plane themselves, in space their shadow along the view."""
+    for row in scene.obstacles:
+        outline = _outline(row, view)
+        axes.fill(
+            *outline.T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=1.0 if scene.n_dims == 2 else 0.35
+        )
+
+
+def _outline(row: Array, view: tuple[int, int]) -> Array:
+    """Border of an obstacle's projection, from its support points in all directions of the view."""
+    angles = np.linspace(0.0, 2 * np.pi, 181)
+    directions = np.zeros((len(angles), 3))
+    directions[:, view[0]], directions[:, view[1]] = np.cos(angles), np.sin(angles)
+    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
+    local, size = directions @ rotation, row[sd.SIZE : sd.SIZE + 3]
+    kind = int(row[sd.KIND])
+    if kind == sd.BOX:
+        return _hull_of_box(row, rotation, size, view)
+    if kind == sd.SPHERE:
+        support = local * size[0]
+    elif kind == sd.CAPSULE:
+        support = local * size[0]
+        support[:, 2] += np.sign(local[:, 2]) * size[1]
+    elif kind == sd.CYLINDER:
+        radial = np.linalg.norm(local[:, :2], axis=1, keepdims=True)
+        support = np.concatenate(
+            [size[0] * local[:, :2] / np.maximum(radial, 1e-12), size[1] * np.sign(local[:, 2:])], axis=1
+        )
+    else:
+        support = local * size**2 / np.linalg.norm(local * size, axis=1, keepdims=True)
+    return (row[sd.CENTER : sd.CENTER + 3] + support @ rotation.T)[:, list(view)]
+
+
+def _hull_of_box(row: Array, rotation: Array, size: Array, view: tuple[int, int]) -> Array:
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    half = np.minimum(size, 1e3)  # a planar scene's boxes are endless along z
+    corners = (row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)]
+    angles = np.linspace(0.0, 2 * np.pi, 721)
+    farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    return corners[list(dict.fromkeys(farthest.tolist()))]
+
+
+def _draw_load(axes: Axes, scene: Scene, nodes: Array) -> None:
+    """The load's edges at every state; nodes (n_states, n_nodes, 2)."""
+    bars = [e for e in scene.body.edges if e[0] != e[1]]
+    if not bars:
+        bars = [(c.first, c.second) for c in scene.constraints]
+    lines = [state[list(edge)] for state in nodes for edge in bars]
+    axes.add_collection(LineCollection(lines, colors="0.15", linewidths=1.1, alpha=0.75, zorder=3))
+    for hand in range(len(scene.manipulators)):
+        axes.plot(*nodes[:, hand].T, "o", color=COLOURS[hand % len(COLOURS)], markersize=2.6, zorder=4)
