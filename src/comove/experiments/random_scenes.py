@@ -81,7 +81,7 @@ def _planar_hands(rng: np.random.Generator, x: float) -> Array:
 def _spatial(rng: np.random.Generator, seed: int, n_hands: int) -> dict[str, Any]:
     obstacles: list[dict[str, Any]] = []
     walls = int(rng.integers(1, 3))
-    side, narrowest, widest = (BAR, 0.5, 0.9) if n_hands == 2 else (TRIANGLE, 0.7, 1.0)
+    side, narrowest, widest = (BAR, 0.5, 0.9) if n_hands == 2 else (TRIANGLE, 0.9, 1.3)
     for wall in range(walls):
         x = 0.5 + (wall - (walls - 1) / 2) * 0.26
         obstacles += _window(rng, x, side * rng.uniform(narrowest, widest, 2), rng.uniform(0.02, 0.06))

@@ -69,8 +69,11 @@ def copy_to(source, target):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def clearance_of(space, q, nodes):
-    """Clearance [m] of configuration q, at most CAP; `nodes` is scratch, shape (n_nodes, 3)."""
+def clearance_of(space, q, nodes, floor=0.0):
+    """Clearance [m] of configuration q, at most CAP; what is below `floor` need not be exact.
+
+    `nodes` is scratch, array of shape (n_nodes, 3).
+    """
     place_one(space.blocks, q, 1.0, nodes)
     clearance = CAP
     for e in range(space.edges.shape[0]):
@@ -78,7 +81,7 @@ def clearance_of(space, q, nodes):
         for axis in range(3):
             clearance = min(clearance, min(a[axis], b[axis]) - space.lower[axis] - radius)
             clearance = min(clearance, space.upper[axis] - max(a[axis], b[axis]) - radius)
-        if clearance <= 0.0:
+        if clearance <= floor:
             return clearance
     for e in range(space.edges.shape[0]):
         a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
@@ -87,7 +90,7 @@ def clearance_of(space, q, nodes):
                 space.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
             )
             clearance = min(clearance, distance - TOLERANCE - radius)
-            if clearance <= 0.0:
+            if clearance <= floor:
                 return clearance
     return clearance
 

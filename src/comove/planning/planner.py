@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.planning.configurations import (
+    CAP,
     Space,
     clearance_of,
     copy_to,
@@ -29,15 +30,24 @@ from comove.scenes.distances import CENTER, REACH, point_distance
 Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
-MAX_NODES = 3000
+MAX_NODES, MORE_NODES = 3000, 10000  # of a first attempt, and once several have failed
 N_SHORTCUTS = 100
+RETRACTIONS = 30  # random steps by which a pose in collision may escape
+TOURNAMENT = 2  # nodes drawn to find one worth expanding
 NEIGHBOURS, CONNECT_WITHIN = 6, 0.5  # of the forest; m
 PLANE_MARGINS = (0.008, 0.004, 0.002, 0.0005)  # m, tried in turn
 SPACE_MARGINS = (0.008, 0.004, 0.002, 0.004)
 
 
 def plan(
-    space: Space, start: Array, goal: Array, margin: float, rng: np.random.Generator, required: float = 0.0
+    space: Space,
+    start: Array,
+    goal: Array,
+    margin: float,
+    rng: np.random.Generator,
+    *,
+    required: float = 0.0,
+    max_nodes: int = MAX_NODES,
 ) -> Array | None:
     """A shortened path from start to goal that keeps a margin, or None where none was found.
 
@@ -45,6 +55,7 @@ def plan(
     ----------
     start, goal : arrays, shape (n_columns,)
     margin : clearance kept along the path [m] on top of `required`; less where the ends have less
+    max_nodes : after which the planner gives up
 
     Returns
     -------
@@ -54,7 +65,7 @@ def plan(
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     grow = _rrt_connect if space.blocks.n_dims == 2 or len(space.blocks.kind) > 1 else _forest
-    path = grow(space, start, goal, margin, rng, MAX_NODES)
+    path = grow(space, start, goal, margin, rng, max_nodes)
     if len(path) == 0:
         return None
     return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
@@ -202,6 +213,7 @@ def _forest(space, start, goal, margin, rng, max_nodes):
     copy_to(start, tree[0])
     copy_to(goal, tree[1])
     member[0], member[1] = 0, 1
+    room = np.full(max_nodes, CAP)
     new, scratch = np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
     if edge_is_free(space, start, goal, margin, scratch, nodes):
@@ -211,18 +223,18 @@ def _forest(space, start, goal, margin, rng, max_nodes):
             break
         draw = rng.random()
         if (count < 32 and trial < 1000) or draw < 0.1:
-            found = _bridge(space, rng, margin, new, nodes)
+            found = _bridge(space, rng, margin, new, scratch, nodes)
         elif draw < 0.64:
-            i = _node_to_expand(member, count, rng)
-            _perturb(space, tree[i], rng, new)
-            found = clearance_of(space, new, nodes) > margin
+            i = _node_to_expand(member, room, count, rng)
+            _perturb(space, tree[i], 1.0, True, rng, new)
+            found = _retract(space, new, margin, RETRACTIONS, rng, scratch, nodes)
         else:
             random_configuration(space, rng, new)
             found = clearance_of(space, new, nodes) > margin
         if not found:
             continue
         copy_to(new, tree[count])
-        member[count] = count
+        member[count], room[count] = count, clearance_of(space, new, nodes)
         count += 1
         n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
         if member[0] == member[1]:
@@ -256,18 +268,20 @@ def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _node_to_expand(member, count, rng):
-    """A random node, with preference for trees that hold neither start nor goal."""
-    i = rng.integers(0, count)
-    for _ in range(3):
-        if member[i] != member[0] and member[i] != member[1]:
-            break
+def _node_to_expand(member, room, count, rng):
+    """A random node, preferably of a tree that holds neither start nor goal, else one in tight space."""
+    best, least = 0, np.inf
+    for _ in range(TOURNAMENT):
         i = rng.integers(0, count)
-    return i
+        if member[i] != member[0] and member[i] != member[1]:
+            return i
+        if room[i] < least:
+            best, least = i, room[i]
+    return best
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bridge(space, rng, margin, out, nodes):
+def _bridge(space, rng, margin, out, scratch, nodes):
     """A free pose centred between two obstacle points that are near each other; False where none was found."""
     obstacles, n_obstacles = space.obstacles, space.obstacles.shape[0]
     n_dims = space.blocks.n_dims
@@ -292,20 +306,40 @@ def _bridge(space, rng, margin, out, nodes):
             continue
         for axis in range(n_dims):
             out[axis] = 0.5 * (a[axis] + b[axis])
-        for _ in range(40):
+        for _ in range(4):
             random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
-            if clearance_of(space, out, nodes) > margin:
+            if _retract(space, out, margin, 4 * RETRACTIONS, rng, scratch, nodes):
                 return True
     return False
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _perturb(space, q, rng, out):
-    """A pose near q: for a bar half of the time one slid along its own axis."""
+def _retract(space, q, margin, n_trials, rng, scratch, nodes):
+    """Move a pose, in place, by random steps that gain clearance until it keeps the margin; False if it does not.
+
+    Hardly any random pose is free in a narrow passage, but many are near a free one.
+    """
+    clearance, size = clearance_of(space, q, nodes, -CAP), 1.0
+    for _ in range(n_trials):
+        if clearance > margin:
+            return True
+        _perturb(space, q, size, False, rng, scratch)
+        gained = clearance_of(space, scratch, nodes, clearance)
+        if gained > clearance:
+            copy_to(scratch, q)
+            clearance, size = gained, min(1.0, 1.5 * size)
+        else:
+            size *= 0.8
+    return clearance > margin
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _perturb(space, q, size, may_slide, rng, out):
+    """A pose near q, `size` a share of the usual step; for a bar half of the time one slid along its own axis."""
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
-    slide = kind == DIRECTION and rng.random() < 0.5
+    slide = may_slide and kind == DIRECTION and rng.random() < 0.5
     shift = (2.0 * rng.random() - 1.0) * 2.4 * reach if slide else 0.0
-    move, turn = (0.004, 0.025) if slide else (0.05, 0.025 / reach)
+    move, turn = (0.004, 0.025) if slide else (0.05 * size, 0.025 * size / reach)
     for c in range(q.shape[0]):
         out[c] = q[c]
     for axis in range(n_dims):

@@ -15,7 +15,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modula
 from comove.optimisers.separable import SeparableCMAES
 from comove.planning.configurations import Space, configuration_space
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
-from comove.planning.planner import PLANE_MARGINS, SPACE_MARGINS, plan
+from comove.planning.planner import MAX_NODES, MORE_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.seeds import fit_path
 from comove.planning.solution import Progress, ProgressCallback, Solution
 from comove.primitives.basis import MotionBasis, motion_basis
@@ -112,6 +112,7 @@ class Comove:
     coordinates : in which the search moves
     n_basis : shape weights a column when polishing
     n_plans : plans whose fits are compared before the best is polished
+    n_failures : plans that may fail before the load is grown instead
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     """
 
@@ -119,6 +120,7 @@ class Comove:
     coordinates: Callable[[Scene], Coordinates] = load_coordinates
     n_basis: int = 30
     n_plans: int = 8
+    n_failures: int = 12
     n_polishings: int = 5
 
     def run(self, search: Search, *, planner: bool) -> None:
@@ -140,22 +142,22 @@ class Comove:
         ends = planning.boundary()
         basis = motion_basis(self.n_basis, "velocity")
         margins = PLANE_MARGINS if scene.n_dims == 2 else SPACE_MARGINS
-        starts, successes = [], 0
-        for attempt in range(len(margins) + self.n_plans):
+        starts, failures = [], 0
+        while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
-            margin = margins[attempt % len(margins)] if successes == 0 else margins[0]
-            path = plan(space, ends[0], ends[2], margin, search.rng, scene.clearance)
-            if path is None:
-                if successes or attempt >= len(margins) - 1:
-                    break
-                continue
-            start = self._seed(search, space, path, coordinates, basis)
+            margin = margins[failures % len(margins)]
+            nodes = MAX_NODES if failures < len(margins) else MORE_NODES
+            path = plan(
+                space, ends[0], ends[2], margin, search.rng, required=scene.clearance, max_nodes=nodes
+            )
+            start = None if path is None else self._seed(search, space, path, coordinates, basis)
             if start is not None:
                 starts.append(start)
-                successes += 1
-            if successes >= self.n_plans:
-                break
+            elif starts:
+                break  # one way is known: others that are hard to find are not worth the time
+            else:
+                failures += 1
         if not starts:
             return False
         _, boundary, weights = min(starts, key=lambda start: start[0])

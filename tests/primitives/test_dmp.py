@@ -1,0 +1,251 @@
+"""A primitive meets both ends, keeps its shape, fits handwriting and runs online as it rolls out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.lasa import lasa_names
+from comove.errors import DemonstrationError, OptionError
+from comove.primitives import DMP, ExponentialPhase, LinearPhase
+from comove.primitives.basis import N_INTERVALS
+
+seeds = st.integers(0, 2**32 - 1)
+phases = st.sampled_from([LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=3.0)])
+
+
+@dataclass
+class Recorded:
+    """The least that a primitive is fitted to."""
+
+    time: np.ndarray
+    position: np.ndarray
+    start_velocity: np.ndarray
+
+
+def random_dmp(seed, phase=ExponentialPhase(), n_dims=2, n_basis=12, duration=None):  # noqa: B008
+    """Weights of about the size of the distance between the ends; at the goal it rests."""
+    rng = np.random.default_rng(seed)
+    start, goal, velocity = rng.uniform(-1, 1, (3, n_dims))
+    duration = rng.uniform(0.5, 20) if duration is None else duration
+    weights = rng.standard_normal((n_dims, n_basis))
+    return DMP(weights, start, goal, velocity, np.zeros(n_dims), duration, phase)
+
+
+def minimum_jerk(n_steps=201, duration=2.0):
+    """A recording that starts and ends at rest, smooth all along."""
+    s = np.linspace(0, 1, n_steps)
+    bell = 10 * s**3 - 15 * s**4 + 6 * s**5
+    return Recorded(duration * s, np.stack([0.4 * bell, bell * (1 - 0.5 * bell)], axis=1), np.zeros(2))
+
+
+@settings(max_examples=50)
+@given(seeds, phases, st.integers(1, 40), st.integers(1, 4), st.floats(0, 100))
+def test_both_ends_are_exact(seed, phase, n_basis, n_dims, size):
+    dmp = random_dmp(seed, phase, n_dims, n_basis)
+    dmp = replace(dmp, weights=size * dmp.weights, goal_velocity=dmp.start_velocity[::-1].copy())
+    path, tolerance = dmp.rollout(n_steps=7), 1e-12 * max(1.0, size)
+    assert np.array_equal(path.position[0], dmp.start)
+    assert np.abs(path.position[-1] - dmp.goal).max() <= tolerance
+    assert np.allclose(path.velocity[0], dmp.start_velocity, rtol=1e-14, atol=0)
+    assert (
+        np.abs(path.velocity[-1] - dmp.goal_velocity).max() * dmp.duration <= tolerance * dmp.duration + 1e-11
+    )
+
+
+@settings(max_examples=30)
+@given(seeds, phases)
+def test_at_rest_ever_after(seed, phase):
+    dmp = random_dmp(seed, phase)
+    after = dmp.at(dmp.duration * np.array([1.0, 1.0001, 1.01, 1.5, 3.0, 1000.0]))
+    assert np.abs(after.position - dmp.goal).max() < 1e-12
+    assert np.abs(after.velocity).max() * dmp.duration < 1e-11
+
+
+@settings(max_examples=30)
+@given(seeds, phases)
+def test_linear_in_the_weights(seed, phase):
+    one, other = random_dmp(seed, phase), random_dmp(seed + 1, phase)
+    mixed = replace(one, weights=0.3 * one.weights + 0.7 * other.weights)
+    paths = [replace(one, weights=w).rollout() for w in (one.weights, other.weights)]
+    mean = 0.3 * paths[0].position + 0.7 * paths[1].position
+    assert np.abs(mixed.rollout().position - mean).max() < 1e-12
+
+
+@settings(max_examples=30)
+@given(seeds, phases, st.floats(0.1, 10))
+def test_time_scaling(seed, phase, ratio):
+    """At another pace the path is the same and every velocity smaller by the ratio."""
+    dmp = random_dmp(seed, phase)
+    own, slow = dmp.rollout(), dmp.rollout(duration=ratio * dmp.duration)
+    assert slow.time[-1] == pytest.approx(ratio * dmp.duration)
+    assert np.abs(slow.position - own.position).max() < 1e-11
+    assert np.abs(slow.velocity * ratio - own.velocity).max() < 1e-10 * np.abs(own.velocity).max()
+
+
+@settings(max_examples=30)
+@given(seeds, phases)
+def test_shifted_ends_shift_the_path(seed, phase):
+    dmp, shift = random_dmp(seed, phase), np.array([3.0, -2.0])
+    moved = dmp.rollout(start=dmp.start + shift, goal=dmp.goal + shift)
+    assert np.abs(moved.position - dmp.rollout().position - shift).max() < 1e-13 * 100
+
+
+def test_goal_at_the_start():
+    """The shape stays finite, keeps its size and comes back."""
+    dmp = random_dmp(3)
+    closed = dmp.rollout(goal=dmp.start)
+    assert np.abs(closed.position[-1] - dmp.start).max() < 1e-12
+    assert np.isfinite(closed.position).all()
+    assert np.ptp(closed.position, axis=0).min() > 0.05
+    circle = 2 * np.pi * np.linspace(0, 1, 300)
+    closed = Recorded(circle, np.stack([np.cos(circle), np.sin(circle)], axis=1), np.array([0.0, 1.0]))
+    fitted = DMP.fit(closed, n_basis=40).at(closed.time)
+    assert np.abs(fitted.position - closed.position).max() < 0.02
+
+
+def test_a_given_goal_velocity_is_met_at_that_instant():
+    dmp = random_dmp(4)
+    path = dmp.rollout(goal_velocity=[0.3, -0.2])
+    assert np.abs(path.velocity[-1] - [0.3, -0.2]).max() < 1e-12
+    assert np.abs(path.position[-1] - dmp.goal).max() < 1e-12
+
+
+@settings(max_examples=10)
+@given(seeds, phases, st.sampled_from([1, 2, 3]))
+def test_online_equals_the_rollout_where_steps_meet_the_knots(seed, phase, per_interval):
+    dmp = random_dmp(seed, phase)
+    n_steps = per_interval * N_INTERVALS
+    expected, state = dmp.rollout(n_steps=n_steps + 1), dmp.initial_state()
+    for i in range(n_steps):
+        assert np.abs(state.position - expected.position[i]).max() < 1e-11
+        assert np.abs(state.velocity - expected.velocity[i]).max() * dmp.duration < 1e-9
+        state = dmp.step(state, dmp.duration / n_steps)
+    assert np.abs(state.position - dmp.goal).max() < 1e-11
+
+
+@settings(max_examples=10)
+@given(seeds, phases)
+def test_online_rests_at_the_goal_ever_after(seed, phase):
+    dmp = random_dmp(seed, phase)
+    state = dmp.initial_state()
+    for _ in range(N_INTERVALS + 400):
+        state = dmp.step(state, dmp.duration / N_INTERVALS)
+    assert np.abs(state.position - dmp.goal).max() < 1e-11
+    assert np.abs(state.velocity).max() * dmp.duration < 1e-10
+
+
+def test_online_is_of_second_order_in_the_step():
+    """Steps that miss the knots, on a smooth movement whose forcing ends near zero."""
+    dmp = DMP.fit(minimum_jerk(), n_basis=10, phase=LinearPhase())
+    numbers = np.array([23, 46, 92, 184])
+    errors = []
+    for n_steps in numbers:
+        expected, state, worst = dmp.rollout(n_steps=n_steps + 1), dmp.initial_state(), 0.0
+        for position in expected.position:
+            worst = max(worst, np.abs(state.position - position).max())
+            state = dmp.step(state, dmp.duration / n_steps)
+        errors.append(worst)
+    order = -np.polyfit(np.log(numbers), np.log(errors), 1)[0]
+    assert 1.8 < order < 2.2
+
+
+def test_online_follows_a_goal_that_moves():
+    dmp, state = random_dmp(5, LinearPhase()), None
+    state = dmp.initial_state()
+    for i in range(3 * N_INTERVALS):
+        if i == 300:
+            state = replace(state, goal=dmp.goal + 0.1)
+        state = dmp.step(state, dmp.duration / N_INTERVALS)
+    assert np.abs(state.position - dmp.goal - 0.1).max() < 1e-8
+
+
+def test_a_step_of_no_time_is_refused_or_changes_nothing():
+    dmp = random_dmp(6)
+    try:
+        state = dmp.step(dmp.initial_state(), 0.0)
+    except OptionError:
+        return
+    assert np.array_equal(state.position, dmp.start)
+
+
+@settings(max_examples=20)
+@given(seeds, phases)
+def test_a_fit_finds_the_weights_that_made_the_movement(seed, phase):
+    """From uneven samples, and wherever the clock starts."""
+    dmp = random_dmp(seed, phase)
+    time = dmp.duration * np.sort(np.append(np.random.default_rng(seed).uniform(0, 1, 200), [0.0, 1.0]))
+    recorded = Recorded(time + 5.0, dmp.at(time).position, dmp.start_velocity)
+    assert np.abs(DMP.fit(recorded, n_basis=12, phase=phase).weights - dmp.weights).max() < 1e-5
+
+
+def test_a_fit_keeps_the_ends_of_the_recording():
+    demo = Demonstration.from_lasa("JShape_2")  # starts in motion
+    path = DMP.fit(demo).rollout()
+    assert np.array_equal(path.position[0], demo.start)
+    assert np.abs(path.position[-1] - demo.goal).max() < 1e-10
+    assert np.allclose(path.velocity[0], demo.start_velocity)
+    assert np.linalg.norm(path.velocity[0]) > 1.0
+    assert np.abs(path.velocity[-1]).max() < 1e-10
+    assert path.time[-1] == demo.duration
+
+
+def test_the_fit_is_least_squares():
+    """No other weights come nearer to the samples."""
+    demo = Demonstration.from_lasa("Angle")
+    dmp, rng = DMP.fit(demo), np.random.default_rng(0)
+    squares = ((dmp.at(demo.time).position - demo.position) ** 2).sum()
+    for _ in range(20):
+        other = replace(dmp, weights=dmp.weights + 1e-2 * rng.standard_normal(dmp.weights.shape))
+        assert ((other.at(demo.time).position - demo.position) ** 2).sum() > squares
+
+
+@pytest.mark.parametrize(("n_basis", "most"), [(10, 0.25), (20, 0.060), (50, 0.010)])
+def test_handwriting(n_basis, most):
+    """Median error over the 30 LASA shapes, in their units."""
+    errors = []
+    for name in lasa_names():
+        demo = Demonstration.from_lasa(name)
+        miss = DMP.fit(demo, n_basis=n_basis).at(demo.time).position - demo.position
+        errors.append(np.sqrt((miss**2).sum(axis=1).mean()))
+    assert len(errors) == 30
+    assert np.median(errors) <= most
+
+
+@pytest.mark.parametrize("n_basis", [0, -3, 201, 2.5, True, "20", None])
+def test_numbers_of_weights_that_are_refused(n_basis):
+    with pytest.raises(OptionError, match="1 to 200"):
+        DMP.fit(minimum_jerk(), n_basis=n_basis)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"n_steps": 1},
+        {"duration": 0.0},
+        {"duration": -1.0},
+        {"duration": np.nan},
+        {"duration": np.inf},
+        {"start": [0.0]},
+        {"goal": [0.0, 1.0, 2.0]},
+        {"goal": 1.0},
+        {"start": [np.nan, 0.0]},
+        {"start_velocity": [[0.0, 0.0]]},
+        {"goal_velocity": [np.inf, 0.0]},
+    ],
+    ids=str,
+)
+def test_bad_arguments_are_refused(wrong):
+    with pytest.raises(OptionError) as caught:
+        random_dmp(0).rollout(**wrong)
+    assert next(iter(wrong)) in caught.value.message
+    assert caught.value.way_out
+
+
+def test_a_recording_without_a_movement_is_refused():
+    for n_steps in (1, 2):
+        with pytest.raises(DemonstrationError, match="lasts no time"):
+            DMP.fit(Recorded(np.zeros(n_steps), np.zeros((n_steps, 2)), np.zeros(2)))
