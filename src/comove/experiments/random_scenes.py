@@ -47,7 +47,7 @@ def _first_passable(rng: np.random.Generator, draw) -> Scene:
         clear = min(scene.clearance_at(scene.nodes_at(end))[0] for end in ("start", "goal"))
         if clear < 2 * SPARE:
             continue
-        if any(plan(space, ends[0], ends[2], SPARE, rng) is not None for _ in range(TRIES)):
+        if any(plan(space, ends[0], ends[2], SPARE, rng, max_nodes=3000) is not None for _ in range(TRIES)):
             return scene
 
 

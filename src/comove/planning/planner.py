@@ -30,7 +30,7 @@ from comove.scenes.distances import CENTER, REACH, point_distance
 Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
-MAX_NODES, MORE_NODES = 3000, 10000  # of a first attempt, and once several have failed
+FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
 N_SHORTCUTS = 100
 RETRACTIONS = 30  # random steps by which a pose in collision may escape
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
@@ -47,7 +47,7 @@ def plan(
     rng: np.random.Generator,
     *,
     required: float = 0.0,
-    max_nodes: int = MAX_NODES,
+    max_nodes: int = FEW_NODES,
 ) -> Array | None:
     """A shortened path from start to goal that keeps a margin, or None where none was found.
 

@@ -15,7 +15,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modula
 from comove.optimisers.separable import SeparableCMAES
 from comove.planning.configurations import Space, configuration_space
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
-from comove.planning.planner import MAX_NODES, MORE_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
+from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.seeds import fit_path
 from comove.planning.solution import Progress, ProgressCallback, Solution
 from comove.primitives.basis import MotionBasis, motion_basis
@@ -147,7 +147,7 @@ class Comove:
             search.check_time()
             search.stage = "planning"
             margin = margins[failures % len(margins)]
-            nodes = MAX_NODES if failures < len(margins) else MORE_NODES
+            nodes = min(MANY_NODES, FEW_NODES * 2 ** (failures // 2))
             path = plan(
                 space, ends[0], ends[2], margin, search.rng, required=scene.clearance, max_nodes=nodes
             )
