@@ -1,1 +1,53 @@
-def x(): ...
+"""`comove demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+
+
+@verb
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for results and figures.")] = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+) -> int:
+    """Solve the examples from a person's recorded movement and draw the paper's Figures 3 to 5."""
+    from comove.cli.progress import progress_bar
+    from comove.cli.solve import write_result
+    from comove.experiments.examples import EXAMPLES, example
+    from comove.experiments.figures import draw_figures
+    from comove.planning import CostWeights, solve
+    from comove.primitives import DMP
+    from comove.results import check_target, whole_folder
+
+    recording = example("narrow").demonstration
+    dmp = DMP.fit(recording)
+    print(f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s")
+    jobs = [(name, name, CostWeights()) for name in EXAMPLES]
+    jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
+    for folder, _, _ in jobs:
+        check_target(out / folder)
+    solutions = {}
+    for folder, name, cost in jobs:
+        scene = example(name)
+        taught = dmp if scene.n_dims == recording.n_dims else None
+        with progress_bar(30.0) as progress:
+            solution = solve(scene, demonstration=taught, seed=seed, cost=cost, progress=progress)
+        with whole_folder(out / folder) as draft:
+            summary = write_result(solution, draft, dmp if folder == "narrow-taught" else None)
+        solutions[folder] = solution
+        verdict = "verified" if solution.verified else "NOT VERIFIED"
+        first = summary["time_to_first_verified_s"]
+        timing = f", first motion after {1e3 * first:.0f} ms" if first is not None else ""
+        clearance = 1e3 * (summary["clearance_min"] or 0.0)
+        print(f"{folder:14s} {verdict}: cost {summary['cost']:.3f}, clearance >= {clearance:.1f} mm{timing}")
+        if solution.interrupted:
+            return INTERRUPTED
+    print(f"\nmain result: {out / 'narrow'} (solution.npz, solution.json, motion.png, progress.png)\npictures:")
+    for name, caption in draw_figures(out, solutions, dmp).items():
+        print(f"  {out / name}: {caption}")
+    return VERIFIED if all(s.verified for s in solutions.values()) else NOT_VERIFIED

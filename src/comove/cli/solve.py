@@ -73,7 +73,7 @@ def solve(
             progress=progress,
         )
     with whole_folder(out) as draft:
-        summary = write_result(solution, draft)
+        summary = write_result(solution, draft, dmp)
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
@@ -95,12 +95,15 @@ def method_named(name: str):
     return methods[name]()
 
 
-def write_result(solution, folder: Path) -> dict:
+def write_result(solution, folder: Path, dmp=None) -> dict:
     """Files and pictures of a solution; returns the contents of solution.json."""
+    from comove.planning import carried_demonstration
     from comove.results import write_solution
     from comove.views import draw_motion, draw_progress, save
 
-    label = "" if solution.verified else " (not verified)"
-    save(draw_motion(solution.attempt, title=solution.scene.name + label), folder / "motion.png")
-    save(draw_progress(solution.attempt), folder / "progress.png")
+    scene, motion = solution.scene, solution.attempt
+    title = scene.name if solution.verified else f"{scene.name} (not verified)"
+    taught = None if dmp is None else carried_demonstration(dmp, scene)
+    save(draw_motion(motion, title=title, demonstration=taught), folder / "motion.png")
+    save(draw_progress(motion), folder / "progress.png")
     return write_solution(solution, folder, since_process_start())

@@ -2,6 +2,15 @@
 
 from comove.planning.objective import Cost, CostWeights
 from comove.planning.solution import Progress, Solution
-from comove.planning.solver import Comove, Projection, solve
+from comove.planning.solver import Comove, Projection, carried_demonstration, solve
 
-__all__ = ["Comove", "Cost", "CostWeights", "Progress", "Projection", "Solution", "solve"]
+__all__ = [
+    "Comove",
+    "Cost",
+    "CostWeights",
+    "Progress",
+    "Projection",
+    "Solution",
+    "carried_demonstration",
+    "solve",
+]

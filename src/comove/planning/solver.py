@@ -14,6 +14,7 @@ from comove.coordination.coordinates import Coordinates, load_coordinates, proje
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
 from comove.optimisers.separable import SeparableCMAES
 from comove.planning.configurations import Space, configuration_space
+from comove.planning.kernels import load_kernels
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.seeds import fit_path
@@ -126,9 +127,11 @@ class Comove:
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
         coordinates = search.objective.coordinates
+        if search.taught is not None and search.objective.weights.resemblance > 0:
+            self._grown(search, coordinates, restarts=1)  # from the demonstration, to stay near it
         if planner and self._planned(search, coordinates):
             return
-        if self._grown(search, coordinates):
+        if search.best is not None or self._grown(search, coordinates, restarts=25):
             return
         while search.best is None:  # last resort, and the only one where growing does not help
             self._planned(search, coordinates)
@@ -189,10 +192,10 @@ class Comove:
                 return
             objective, sigma = stricter(objective, verdict), 0.01
 
-    def _grown(self, search, coordinates) -> bool:
+    def _grown(self, search, coordinates, restarts: int) -> bool:
         """Restarts in which the load grows; True once a motion is verified."""
         basis = motion_basis(20, "acceleration")
-        for restart in range(25):
+        for restart in range(restarts):
             search.stage = f"growing the load, restart {restart}"
             boundary, weights = self._first_guess(search, coordinates, basis, restart)
             objective = search.objective.with_penalty(along_path=True)
@@ -365,11 +368,12 @@ def solve(
     progress
         Called once a generation.
     """
+    load_kernels(scene.n_dims)
     started = time.perf_counter()
     method = method or Comove()
     weights = cost or CostWeights()
     coordinates = method.coordinates(scene)
-    taught = None if demonstration is None else _carried(demonstration, scene)
+    taught = None if demonstration is None else carried_demonstration(demonstration, scene)
     penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
     search = Search(
         Objective(scene, coordinates, weights, penalty, taught),
@@ -410,8 +414,8 @@ def solve(
     )
 
 
-def _carried(dmp: DMP, scene: Scene) -> Array:
-    """The demonstration at every manipulator; array, shape (N_STEPS, n_manipulators, 3), [m]."""
+def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
+    """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
     s = np.linspace(0.0, 1.0, N_STEPS)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
     for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):

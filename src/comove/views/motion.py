@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,41 +36,79 @@ def save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def draw_motion(
-    motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None, states: bool = True
-) -> Figure:
-    """The scene, the hands' paths and the load at equal steps (the paper's Figures 4 and 6).
+def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
+    """The scene, the hands' paths and the load at equal steps (the paper's Figure 6).
 
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
-    states : draw the load every few steps
     """
-    scene = motion.scene
-    views = ((0, 1),) if scene.n_dims == 2 else VIEWS
-    figure = new_figure(5.6 * len(views) ** 0.75, 5.6)
-    figure.suptitle(title or scene.name)
-    dense = motion.coordinates.motion(motion.at(np.linspace(0, 1, 401)))[0]
-    sparse = motion.coordinates.motion(motion.at(np.linspace(0, 1, N_STATES)))[0]
-    for i, axes_of_view in enumerate(views):
-        axes = figure.add_subplot(1, len(views), i + 1)
-        _frame(axes, scene, axes_of_view)
-        _draw_obstacles(axes, scene, axes_of_view)
-        if states:
-            _draw_load(axes, scene, sparse[:, :, list(axes_of_view)])
-        if demonstration is not None:
-            for hand in range(demonstration.shape[1]):
-                label = "demonstration, carried to each hand" if hand == 0 and i == 0 else None
-                path = demonstration[:, hand][:, list(axes_of_view)]
-                axes.plot(*path.T, "--", color="0.45", linewidth=1, label=label)
-        for hand, name in enumerate(scene.manipulators):
-            colour = COLOURS[hand % len(COLOURS)]
-            path = dense[:, hand][:, list(axes_of_view)]
-            axes.plot(*path.T, color=colour, linewidth=1.6, label=name if i == 0 else None)
-            axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
-            axes.plot(*path[-1], "s", color="#d62728", markersize=7, zorder=5)
-    figure.legend(loc="outside lower center", ncols=min(4, len(scene.manipulators) + 1), frameon=False)
+    views = ((0, 1),) if motion.scene.n_dims == 2 else VIEWS
+    figure = new_figure(*((6.0, 6.4) if len(views) == 1 else (13.0, 5.2)))
+    figure.suptitle(title or motion.scene.name)
+    for i, view in enumerate(views):
+        draw_panel(figure.add_subplot(1, len(views), i + 1), motion, view, demonstration)
+    _legend(figure)
     return figure
+
+
+def draw_side_by_side(
+    motions: Sequence[CoordinatedMotion],
+    titles: Sequence[str],
+    demonstrations: Sequence[Array | None] | None = None,
+    *,
+    states: bool = True,
+) -> Figure:
+    """Planar motions next to each other (the paper's Figures 3 and 4).
+
+    Parameters
+    ----------
+    demonstrations : one for each motion, as in `draw_motion`
+    states : draw the load at equal steps, not the paths alone
+    """
+    figure = new_figure(5.4 * len(motions) + 0.4, 6.2)
+    for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
+        axes = figure.add_subplot(1, len(motions), i + 1)
+        axes.set_title(title)
+        draw_panel(axes, motion, (0, 1), demonstrations[i] if demonstrations else None, states=states)
+    _legend(figure)
+    return figure
+
+
+def draw_panel(
+    axes: Axes,
+    motion: CoordinatedMotion,
+    view: tuple[int, int],
+    demonstration: Array | None = None,
+    *,
+    states: bool = True,
+) -> None:
+    """One view of a motion."""
+    scene, columns = motion.scene, list(view)
+    _frame(axes, scene, view)
+    _draw_obstacles(axes, scene, view)
+    if states:
+        sparse = motion.coordinates.motion(motion.at(np.linspace(0, 1, N_STATES)))[0]
+        _draw_load(axes, scene, sparse[:, :, columns])
+    if demonstration is not None:
+        for hand in range(demonstration.shape[1]):
+            label = "demonstration, carried to each hand" if hand == 0 else None
+            axes.plot(*demonstration[:, hand][:, columns].T, "--", color="0.45", linewidth=1, label=label)
+    dense = motion.coordinates.motion(motion.at(np.linspace(0, 1, 401)))[0]
+    for hand, name in enumerate(scene.manipulators):
+        path = dense[:, hand][:, columns]
+        axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=name)
+        axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
+        axes.plot(*path[-1], "s", color="#d62728", markersize=7, zorder=5)
+
+
+def _legend(figure: Figure) -> None:
+    """One legend for all panels."""
+    labelled = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        labelled |= dict(zip(labels, handles, strict=True))
+    figure.legend(labelled.values(), labelled, loc="outside lower center", ncols=4, frameon=False)
 
 
 def draw_progress(motion: CoordinatedMotion) -> Figure:
@@ -119,7 +158,11 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     for row in scene.obstacles:
         outline = _outline(row, view)
         axes.fill(
-            *outline.T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=1.0 if scene.n_dims == 2 else 0.35
+            *outline.T,
+            facecolor="0.62",
+            edgecolor="0.25",
+            linewidth=0.6,
+            alpha=1.0 if scene.n_dims == 2 else 0.35,
         )
 
 

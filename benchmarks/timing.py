@@ -1,0 +1,73 @@
+"""What the benchmarks share: clocks, tables in markdown, and peers that may be missing."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
+from math import ceil, floor, log10
+from statistics import median
+from types import ModuleType
+from typing import Any
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def on_one_thread() -> None:
+    """Start the script again with numerical libraries on one thread, where they are not already."""
+    if any(os.environ.get(name) != "1" for name in THREAD_VARIABLES):
+        environment = os.environ | dict.fromkeys(THREAD_VARIABLES, "1")
+        sys.stdout.flush()
+        os.execve(sys.executable, [sys.executable, *sys.argv], environment)
+
+
+def peer(name: str) -> ModuleType:
+    """Import a module of a peer; leave with the command that installs it where it is missing."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        sys.exit(f"{error.name or name} is not installed; run: pip install 'comove[bench]'")
+
+
+def elapsed(function: Callable[[], Any]) -> float:
+    """Wall time of one call [s]."""
+    started = time.perf_counter()
+    function()
+    return time.perf_counter() - started
+
+
+def medians(functions: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
+    """Median wall time of each function [s].
+
+    They take turns, so that a machine that is busy for a while slows all of them alike. The first round
+    warms up and does not count.
+    """
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for _ in range(repeats + 1):
+        for name, function in functions.items():
+            times[name].append(elapsed(function))
+    return {name: median(values[1:]) for name, values in times.items()}
+
+
+def print_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table in markdown, its columns aligned."""
+    cells = [list(map(str, row)) for row in (header, *rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    cells.insert(1, ["-" * width for width in widths])
+    for row in cells:
+        print("| " + " | ".join(map(str.ljust, row, widths)) + " |")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, never with an exponent where it can be avoided."""
+    if value == 0 or not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    return f"{value:.{max(0, digits - 1 - floor(log10(abs(value))))}f}"
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The least value that `share` of the values do not exceed; infinite values are allowed."""
+    ranked = sorted(values)
+    return ranked[max(0, ceil(share * len(ranked)) - 1)]

@@ -1,0 +1,46 @@
+"""Loading compiled kernels ahead of the clock."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning.configurations import configuration_space
+from comove.planning.objective import Objective
+from comove.planning.planner import plan
+from comove.planning.seeds import fit_path
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
+from comove.verification.verify import verify
+
+
+@lru_cache(maxsize=2)
+def load_kernels(n_dims: int) -> None:
+    """Compile, or load from the cache, every kernel that solving a scene of `n_dims` dimensions needs."""
+
+    def at(*values: float) -> list[float]:
+        return [*values, *[0.5] * (n_dims - len(values))]
+
+    scene = Scene.from_dict(
+        {
+            "name": "kernels",
+            "duration": 1.0,
+            "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
+            "obstacles": [{"shape": "sphere", "center": at(0.9, 0.9), "radius": 0.01}],
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": [
+                {"name": "a", "start": at(0.2, 0.4), "goal": at(0.3, 0.4)},
+                {"name": "b", "start": at(0.2, 0.6), "goal": at(0.3, 0.6)},
+            ],
+        }
+    )
+    coordinates, basis = load_coordinates(scene), motion_basis(30, "velocity")
+    space, ends = configuration_space(scene, coordinates), coordinates.boundary()
+    path = plan(space, ends[0], ends[2], 0.01, np.random.default_rng(0))
+    seeds = fit_path(space, path, coordinates, basis)
+    motion = CoordinatedMotion(scene, coordinates, basis, seeds.boundary, seeds.weights[0])
+    Objective(scene, coordinates).cost(motion)
+    verify(motion)
