@@ -9,18 +9,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from comove._version import __version__
-
-if TYPE_CHECKING:
-    from comove.coordination import CoordinatedDMP, CoordinatedMotion
-    from comove.demonstrations import Demonstration
-    from comove.planning import Comove, CostWeights, Projection, Solution, solve
-    from comove.primitives import DMP
-    from comove.scenes import Scene
-    from comove.trajectory import Trajectory
-    from comove.verification import VerifiedMotion, verify
 
 # What the package offers and where it lives; loaded on first use, so that importing comove costs nothing.
 _ROOMS = {

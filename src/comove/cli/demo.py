@@ -26,7 +26,9 @@ def demo(
 
     recording = example("narrow").demonstration
     dmp = DMP.fit(recording)
-    print(f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s")
+    print(
+        f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
+    )
     jobs = [(name, name, CostWeights()) for name in EXAMPLES]
     jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
     for folder, _, _ in jobs:
@@ -47,7 +49,9 @@ def demo(
         print(f"{folder:14s} {verdict}: cost {summary['cost']:.3f}, clearance >= {clearance:.1f} mm{timing}")
         if solution.interrupted:
             return INTERRUPTED
-    print(f"\nmain result: {out / 'narrow'} (solution.npz, solution.json, motion.png, progress.png)\npictures:")
+    print(
+        f"\nmain result: {out / 'narrow'} (solution.npz, solution.json, motion.png, progress.png)\npictures:"
+    )
     for name, caption in draw_figures(out, solutions, dmp).items():
         print(f"  {out / name}: {caption}")
     return VERIFIED if all(s.verified for s in solutions.values()) else NOT_VERIFIED

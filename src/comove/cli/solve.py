@@ -27,7 +27,9 @@ def solve(
     out: Annotated[Path, typer.Option(help="Folder for the result.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
-    no_planner: Annotated[bool, typer.Option("--no-planner", help="Do not start from a planned path.")] = False,
+    no_planner: Annotated[
+        bool, typer.Option("--no-planner", help="Do not start from a planned path.")
+    ] = False,
     budget: Annotated[float, typer.Option(help="Seconds after which the best so far is taken.")] = 30.0,
     obstacles: Annotated[
         ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")

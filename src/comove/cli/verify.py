@@ -30,5 +30,7 @@ def verify(
     print(f"{folder}: verified")
     print(f"  clearance at every instant   >= {1e3 * report.clearance_min:.3f} mm")
     print(f"  distance errors              <= {report.distance_error_max:.2g} m")
-    print(f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2")
+    print(
+        f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
+    )
     return VERIFIED

@@ -113,8 +113,12 @@ class CoordinatedDMP:
         for group, column in zip(self.coordinates.groups, self.coordinates.blocks.column, strict=True):
             if group.orientation == "plane" and self.coordinates.kind == "load":
                 turn = slice(column + 2, column + 3)
-                boundary[2, turn] += 2 * np.pi * np.round(
-                    (q[-1, turn] - q[0, turn] - boundary[2, turn] + boundary[0, turn]) / (2 * np.pi)
+                boundary[2, turn] += (
+                    2
+                    * np.pi
+                    * np.round(
+                        (q[-1, turn] - q[0, turn] - boundary[2, turn] + boundary[0, turn]) / (2 * np.pi)
+                    )
                 )
                 q = q.copy()
                 q[:, turn] += boundary[0, turn] - q[0, turn]

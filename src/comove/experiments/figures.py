@@ -23,7 +23,10 @@ def draw_figures(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict
     initial = solve(alone, demonstration=dmp, cost=CostWeights(resemblance=10.0))
     save(
         draw_side_by_side(
-            [initial.attempt], ["initial movement of one hand"], [carried_demonstration(dmp, alone)], states=False
+            [initial.attempt],
+            ["initial movement of one hand"],
+            [carried_demonstration(dmp, alone)],
+            states=False,
         ),
         folder / "figure3.png",
     )

@@ -36,7 +36,13 @@ class SeparableCMAES:
     """
 
     def __init__(
-        self, mean: Array, sigma: float, rng: np.random.Generator, *, population: int = 16, sigma_floor: float = 0.0
+        self,
+        mean: Array,
+        sigma: float,
+        rng: np.random.Generator,
+        *,
+        population: int = 16,
+        sigma_floor: float = 0.0,
     ):
         self.mean = np.array(mean, dtype=float)
         if self.mean.ndim != 1 or not np.isfinite(self.mean).all():
@@ -83,12 +89,15 @@ class SeparableCMAES:
             step / np.sqrt(self._variance)
         )
         length = np.linalg.norm(self._path_sigma)
-        self.sigma = max(self.sigma_floor, self.sigma * np.exp(c / self._d_sigma * (length / self._expected - 1)))
+        self.sigma = max(
+            self.sigma_floor, self.sigma * np.exp(c / self._d_sigma * (length / self._expected - 1))
+        )
 
         n, c = len(self.mean), self._c_c
-        stalled = length / np.sqrt(1 - (1 - self._c_sigma) ** (2 * self.generation)) >= (
-            1.4 + 2 / (n + 1)
-        ) * self._expected
+        stalled = (
+            length / np.sqrt(1 - (1 - self._c_sigma) ** (2 * self.generation))
+            >= (1.4 + 2 / (n + 1)) * self._expected
+        )
         hold = 0.0 if stalled else 1.0
         self._path_c = (1 - c) * self._path_c + hold * np.sqrt(c * (2 - c) * self._effective) * step
         self._variance = (

@@ -270,7 +270,8 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
                     d = min(d, low - r, high - r)
                 for i in range(n_near):
                     distance = (
-                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, margin + r, TOLERANCE) - r
+                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, margin + r, TOLERANCE)
+                        - r
                     )
                     d = min(d, distance)
                     if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import ANGLE, Coordinates
+from comove.coordination.coordinates import Coordinates
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along

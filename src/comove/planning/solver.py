@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
 from comove.optimisers.separable import SeparableCMAES
-from comove.planning.configurations import Space, configuration_space
+from comove.planning.configurations import configuration_space
 from comove.planning.kernels import load_kernels
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
@@ -185,7 +185,15 @@ class Comove:
         objective, sigma = search.objective, 0.02
         for _ in range(self.n_polishings):
             weights = minimise_weights(
-                search, objective, basis, boundary, weights, sigma=sigma, generations=1000, patience=60, gain=0.002
+                search,
+                objective,
+                basis,
+                boundary,
+                weights,
+                sigma=sigma,
+                generations=1000,
+                patience=60,
+                gain=0.002,
             )
             verdict = search.judge(CoordinatedMotion(search.scene, coordinates, basis, boundary, weights))
             if verdict.verified or not search.hard:
@@ -229,7 +237,15 @@ class Comove:
                     break  # deep inside something: another start, not a stricter search
                 objective = stricter(objective, verdict)
                 weights = minimise_weights(
-                    search, objective, basis, boundary, weights, sigma=0.01, generations=80, patience=25, gain=0.01
+                    search,
+                    objective,
+                    basis,
+                    boundary,
+                    weights,
+                    sigma=0.01,
+                    generations=80,
+                    patience=25,
+                    gain=0.01,
                 )
         return False
 

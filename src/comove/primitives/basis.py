@@ -227,9 +227,7 @@ def _propagate(psi, decay, c0, c1):
             rate = velocity + OMEGA * error
             slope = (psi[k + 1, j] - psi[k, j]) / h
             weights[0, k + 1, j] = (error + h * rate) * decay + psi[k, j] * c0 + slope * c1
-            weights[1, k + 1, j] = (
-                (velocity - OMEGA * h * rate) * decay + psi[k, j] * h * decay + slope * c0
-            )
+            weights[1, k + 1, j] = (velocity - OMEGA * h * rate) * decay + psi[k, j] * h * decay + slope * c0
     return inputs, weights
 
 

@@ -174,7 +174,11 @@ class DMP:
         if n_steps < 2:
             raise OptionError(f"n_steps = {n_steps}", way_out="give two samples or more")
         dmp = self.towards(
-            start=start, goal=goal, duration=duration, start_velocity=start_velocity, goal_velocity=goal_velocity
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
         )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
@@ -200,7 +204,9 @@ class DMP:
         """
         ds = dt / state.duration
         now, then = (_force_at(state.force, (state.time + step) / state.duration) for step in (0.0, dt))
-        error, velocity = hold_step(ds, state.position - state.goal, state.velocity * state.duration, now, then)
+        error, velocity = hold_step(
+            ds, state.position - state.goal, state.velocity * state.duration, now, then
+        )
         return replace(
             state,
             time=state.time + dt,

@@ -82,7 +82,9 @@ def check_target(folder: str | Path) -> Path:
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise ResultError(f"{parent} is not writable", file=folder, way_out="name a folder that you may write")
+        raise ResultError(
+            f"{parent} is not writable", file=folder, way_out="name a folder that you may write"
+        )
     return folder
 
 
@@ -192,7 +194,9 @@ def read_result(folder: str | Path) -> StoredResult:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise ResultError("there is no such folder", file=folder, way_out="make it by: comove solve SCENE --out DIR")
+        raise ResultError(
+            "there is no such folder", file=folder, way_out="make it by: comove solve SCENE --out DIR"
+        )
     path = folder / SUMMARY
     if not path.is_file():
         raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="name the folder of a result")
@@ -203,7 +207,9 @@ def read_result(folder: str | Path) -> StoredResult:
         if not isinstance(summary, dict):
             raise ValueError("it is no JSON object")
     except (OSError, ValueError, RecursionError) as error:
-        raise ResultError(f"it cannot be read: {error}", file=path, way_out="solve the scene again") from error
+        raise ResultError(
+            f"it cannot be read: {error}", file=path, way_out="solve the scene again"
+        ) from error
     try:
         arrays = read_arrays(folder / ARRAYS, (*SAMPLES, *CURVE))
     except DemonstrationError as error:
@@ -224,7 +230,9 @@ def rebuild(arrays: Mapping[str, NDArray], scene: Scene) -> CoordinatedMotion:
     kinds = {"load": load_coordinates, "projected": projected_coordinates}
     name = str(arrays["coordinates"])
     if name not in kinds:
-        raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out=f"known: {', '.join(kinds)}")
+        raise ResultError(
+            f"unknown coordinates '{name}'", key="coordinates", way_out=f"known: {', '.join(kinds)}"
+        )
     try:
         coordinates = kinds[name](scene)
     except OptionError as error:
@@ -285,7 +293,9 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
         elif not np.abs(found - right).max() <= REBUILT:
             at = np.unravel_index(np.nanargmax(np.abs(np.nan_to_num(found, nan=np.inf) - right)), right.shape)
             where = ", ".join(str(int(i)) for i in at)
-            reasons.append(f"'{name}[{where}]' was edited: it is {found[at]!r}, the motion's is {right[at]!r}")
+            reasons.append(
+                f"'{name}[{where}]' was edited: it is {found[at]!r}, the motion's is {right[at]!r}"
+            )
     return reasons
 
 

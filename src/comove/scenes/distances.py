@@ -14,6 +14,7 @@ constant 1; along a segment it is convex too, which `segment_distance` uses.
 from __future__ import annotations
 
 from math import sqrt
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +190,8 @@ def configuration_distance(nodes, edges, radii, table, lower, upper):
                 clearance, nearest = border - radii[e], -1
         for j in range(table.shape[0]):
             distance = (
-                segment_distance(table, j, p[0], p[1], p[2], q[0], q[1], q[2], clearance + radii[e], 1e-7) - radii[e]
+                segment_distance(table, j, p[0], p[1], p[2], q[0], q[1], q[2], clearance + radii[e], 1e-7)
+                - radii[e]
             )
             if distance < clearance:
                 clearance, nearest = distance, j

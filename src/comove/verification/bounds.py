@@ -32,9 +32,7 @@ def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> fl
     return float(bound.max()) / motion.scene.duration
 
 
-def largest_acceleration(
-    motion: CoordinatedMotion, acceleration: Array, jerk: Array, limit: float
-) -> float:
+def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: Array, limit: float) -> float:
     """Upper bound of the acceleration of every hand at every instant [m/s^2], as tight as `limit` asks.
 
     Parameters

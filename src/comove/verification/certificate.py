@@ -64,7 +64,9 @@ def certify(motion: CoordinatedMotion) -> Clearance:
         nodes, bulge, body.edges, body.radii, scene.obstacles, *scene.workspace, scene.clearance
     )
     if body.filled and scene.clearance_at(nodes[0])[0] < lower:
-        lower = upper = scene.clearance_at(nodes[0])[0]  # an obstacle inside the plate: no edge needs to touch it
+        lower = upper = scene.clearance_at(nodes[0])[
+            0
+        ]  # an obstacle inside the plate: no edge needs to touch it
     return Clearance(lower, upper, k * INTERVAL, nearest)
 
 
@@ -143,9 +145,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
                     if distance < met:
                         met, knot, nearest = distance, k, j
                     along = distance - 0.5 * (s1 - s0) * length
-                    sweep = (
-                        0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
-                    )
+                    sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
                     enough = met - min(LOOSE, max(TIGHT, 0.5 * (met - required)))
                     if along - sweep < enough:
                         x, y, z = _on_surface(a0, b0, a1, b1, t, s0)

@@ -63,7 +63,9 @@ class VerifiedMotion:
 
     def __init__(self, motion: CoordinatedMotion, report: Report, *, seal: object = None):
         if seal is not _SEAL:
-            raise TypeError("a VerifiedMotion comes from comove.verification.verify, not from its constructor")
+            raise TypeError(
+                "a VerifiedMotion comes from comove.verification.verify, not from its constructor"
+            )
         object.__setattr__(self, "motion", motion)
         object.__setattr__(self, "report", report)
 
@@ -114,7 +116,9 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         Further checks, a robot's for example.
     """
     scene, duration = motion.scene, motion.scene.duration
-    position, velocity, acceleration = motion.coordinates.motion(motion.knots)[:, :, : len(scene.manipulators)]
+    position, velocity, acceleration = motion.coordinates.motion(motion.knots)[
+        :, :, : len(scene.manipulators)
+    ]
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     clearance, jerk = certify(motion), jerk_bound(motion)
     report = Report(
