@@ -1,8 +1,9 @@
 """Objective, planners, growing the load, and `solve`."""
 
+from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost, CostWeights
 from comove.planning.solution import Progress, Solution
-from comove.planning.solver import Comove, Projection, carried_demonstration, solve
+from comove.planning.solver import carried_demonstration, solve
 
 __all__ = [
     "Comove",

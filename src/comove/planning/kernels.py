@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import Objective
 from comove.planning.planner import plan
@@ -40,7 +39,6 @@ def load_kernels(n_dims: int) -> None:
     coordinates, basis = load_coordinates(scene), motion_basis(30, "velocity")
     space, ends = configuration_space(scene, coordinates), coordinates.boundary()
     path = plan(space, ends[0], ends[2], 0.01, np.random.default_rng(0))
-    seeds = fit_path(space, path, coordinates, basis)
-    motion = CoordinatedMotion(scene, coordinates, basis, seeds.boundary, seeds.weights[0])
+    motion = fit_path(space, path, coordinates, basis, scene)[0].rollout()
     Objective(scene, coordinates).cost(motion)
     verify(motion)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
+from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along
 from comove.primitives.basis import MotionBasis
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -20,20 +21,6 @@ Array = NDArray[np.float64]
 # brakes least, so several are fitted and the best that verifies is kept.
 PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.7), (6.0, 1.0))
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-
-
-@dataclass(frozen=True)
-class Seeds:
-    """Fits of one path: one a profile and ridge.
-
-    Attributes
-    ----------
-    boundary : array, shape (4, n_columns)
-    weights : array, shape (n_seeds, n_columns, n_basis)
-    """
-
-    boundary: Array
-    weights: Array
 
 
 def minimum_jerk(t: Array) -> Array:
@@ -49,13 +36,20 @@ def profiles(n_steps: int) -> Array:
     return np.stack([minimum_jerk(1.0 - (1.0 - np.minimum(t / f, 1.0)) ** p) for p, f in PROFILES])
 
 
-def fit_path(space: Space, path: Array, coordinates: Coordinates, basis: MotionBasis) -> Seeds:
+def fit_path(
+    space: Space, path: Array, coordinates: Coordinates, basis: MotionBasis, scene: Scene
+) -> tuple[CoordinatedDMP, Array]:
     """Fit the primitive to a planned path under every profile and ridge.
 
     Parameters
     ----------
     path : array, shape (n_configurations, n_columns), in load coordinates, continuous
     coordinates : those of the primitive
+
+    Returns
+    -------
+    dmp : with the ends of the path
+    weights : array, shape (n_profiles * n_ridges, n_columns, n_basis)
     """
     target = along(space, path, profiles(N_STEPS))
     boundary = coordinates.boundary()
@@ -65,7 +59,8 @@ def fit_path(space: Space, path: Array, coordinates: Coordinates, basis: MotionB
         target = coordinates.from_load(target)
     misses = target - basis.sampled(N_STEPS)[basis.n_basis :].T @ boundary
     weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_profiles, n_ridges, n_basis, n_columns)
-    return Seeds(boundary, np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1)))
+    weights = np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1))
+    return CoordinatedDMP(scene, coordinates, basis, boundary, weights[0]), weights
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,219 @@
+"""How often, how fast and how well comove solves its sets of scenes; one row a set.
+
+Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space
+(`comove.experiments.random_scenes`), and the example scenes under many seeds of the solver. A name that
+ends in ``-no-planner`` turns the planner off. For random sets `--first-seed` says which scenes are drawn (the
+solver's own seed is 0); for examples it is the first seed of the solver.
+
+Columns: motions verified; time to the first verified motion (from scene in memory and kernels loaded) and
+total time of `solve`; the cost J; then the worst of the verified motions: certified clearance, and at
+100 Hz samples the error of any distance constraint, the miss of an end, and the speed at the end.
+What is not verified counts as endless in the times to the first motion.
+
+``--fit`` measures instead how well `DMP.fit` follows demo 0 of the 30 LASA shapes: RMSE is the root of the
+mean squared distance, in units of the set.
+
+To repeat: ``pip install comove``, ``python benchmarks/suite.py [--sets planar wide] [--count 20] [--json FILE]``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from math import inf
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from timing import number, on_one_thread, print_table, quantile
+
+import comove
+from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
+
+Problem = tuple[comove.Scene, int]
+Row = dict[str, str | int | float | None]
+
+NO_PLANNER = "-no-planner"
+N_BASIS = (10, 20, 50)  # of the fits
+HEADER = {
+    "set": "set",
+    "verified": "verified",
+    "first_median_s": "first [ms]",
+    "first_p90_s": "p90",
+    "first_max_s": "max",
+    "total_median_s": "total [ms]",
+    "total_max_s": "max",
+    "cost_median": "J median",
+    "clearance_min": "clearance [mm]",
+    "distance_error_max": "distance error [m]",
+    "end_error_max": "end error [m]",
+    "end_speed_max": "end speed [m/s]",
+}
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """Scenes that make one row.
+
+    Attributes
+    ----------
+    count : problems, unless another number is asked for
+    problem : makes the scene, and the seed of the solver, of an index
+    """
+
+    count: int
+    problem: Callable[[int], Problem]
+
+
+def drawn(draw: Callable[[int], comove.Scene], count: int) -> SceneSet:
+    """Random scenes, each solved once."""
+    return SceneSet(count, lambda index: (draw(index), 0))
+
+
+def example(name: str) -> SceneSet:
+    """One example scene, solved with many seeds."""
+    return SceneSet(
+        20, lambda index: (comove.Scene.load(str(files("comove") / "examples" / f"{name}.yaml")), index)
+    )
+
+
+SETS = {
+    "planar": drawn(planar_scene, 100),
+    "planar-no-planner": drawn(planar_scene, 100),
+    "bars": drawn(spatial_bar_scene, 50),
+    "triangles": drawn(spatial_triangle_scene, 20),
+    "wide": example("wide"),
+    "narrow": example("narrow"),
+    "complex": example("complex"),
+    "wide-no-planner": example("wide"),
+    "narrow-no-planner": example("narrow"),
+    "complex-no-planner": example("complex"),
+    "window": example("window"),
+    "triangle": example("triangle"),
+}
+
+
+def solutions(name: str, count: int | None, first: int, budget: float) -> Iterator[comove.Solution]:
+    """Solve the scenes of a set one after the other, as `comove solve` would."""
+    chosen = SETS[name]
+    for index in range(first, first + (count or chosen.count)):
+        scene, seed = chosen.problem(index)
+        taught = scene.demonstration
+        yield comove.solve(
+            scene,
+            demonstration=None if taught is None else comove.DMP.fit(taught),
+            seed=seed,
+            planner=not name.endswith(NO_PLANNER),
+            budget=budget,
+        )
+
+
+def errors_at_samples(solution: comove.Solution) -> tuple[float, float, float]:
+    """Largest distance error [m], miss of an end [m] and speed at the end [m/s], from the samples alone."""
+    scene, samples = solution.scene, solution.trajectory
+    apart = [
+        np.linalg.norm(samples.position[:, c.first] - samples.position[:, c.second], axis=1) - c.distance
+        for c in scene.constraints
+    ]
+    ends = samples.position[[0, -1]] - np.stack([scene.start, scene.goal])
+    speed = np.linalg.norm(samples.velocity[-1], axis=-1)
+    distance_error = np.abs(apart).max() if apart else 0.0
+    return float(distance_error), float(np.linalg.norm(ends, axis=-1).max()), float(speed.max())
+
+
+def row(name: str, solved: list[comove.Solution]) -> Row:
+    """Figures of one set, in SI units; None where there is none (nothing verified, or endless)."""
+    good = [solution for solution in solved if solution.verified]
+    first = [solution.time_to_first_verified_s if solution.verified else inf for solution in solved]
+    total = [solution.solve_time_s for solution in solved]
+    result: Row = {
+        "set": name,
+        "n": len(solved),
+        "n_verified": len(good),
+        "unverified": ", ".join(f"{s.scene.name} (seed {s.seed})" for s in solved if not s.verified),
+        "first_median_s": median(first),
+        "first_p90_s": quantile(first, 0.9),
+        "first_max_s": max(first),
+        "total_median_s": median(total),
+        "total_max_s": max(total),
+    }
+    if good:
+        distance_errors, end_errors, end_speeds = zip(*map(errors_at_samples, good), strict=True)
+        result |= {
+            "cost_median": median(solution.cost.total for solution in good),
+            "clearance_min": min(solution.report.clearance_min for solution in good),
+            "distance_error_max": max(distance_errors),
+            "end_error_max": max(end_errors),
+            "end_speed_max": max(end_speeds),
+        }
+    return {key: None if value == inf else value for key, value in result.items()}
+
+
+def cell(key: str, row: Row) -> str:
+    """One figure as the table shows it."""
+    if key == "set":
+        return str(row["set"])
+    if key == "verified":
+        return f"{row['n_verified']}/{row['n']}"
+    value = row.get(key)
+    if value is None:
+        return "-"
+    return number(float(value) * (1e3 if key.endswith("_s") or key == "clearance_min" else 1.0))
+
+
+def fit_rows() -> list[Row]:
+    """Errors of the fits to the handwriting set, one row a number of shape weights."""
+    from comove.demonstrations.lasa import lasa_names
+
+    demonstrations = [comove.Demonstration.from_lasa(name, 0) for name in lasa_names()]
+    rows: list[Row] = []
+    for n_basis in N_BASIS:
+        errors = [fit_error(demonstration, n_basis) for demonstration in demonstrations]
+        rows.append(
+            {"n_basis": n_basis, "n": len(errors), "rmse_median": median(errors), "rmse_max": max(errors)}
+        )
+    return rows
+
+
+def fit_error(demonstration: comove.Demonstration, n_basis: int) -> float:
+    """Root of the mean squared distance between a demonstration and its fit, in its units."""
+    dmp = comove.DMP.fit(demonstration, n_basis=n_basis)
+    missed = dmp.at(demonstration.time - demonstration.time[0]).position - demonstration.position
+    return float(np.sqrt((missed**2).sum(axis=1).mean()))
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument(
+        "--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS)
+    )
+    parser.add_argument("--count", type=int, help="scenes or seeds a set")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--budget", type=float, default=30.0, help="seconds a scene")
+    parser.add_argument("--fit", action="store_true", help="measure the fits of the LASA shapes instead")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows, in SI units, too")
+    options = parser.parse_args()
+
+    if options.fit:
+        rows = fit_rows()
+        table = [
+            [str(r["n_basis"]), str(r["n"]), number(r["rmse_median"]), number(r["rmse_max"])] for r in rows
+        ]
+        print_table(["shape weights a dimension", "shapes", "RMSE median", "RMSE max"], table)
+    else:
+        rows = [
+            row(name, list(solutions(name, options.count, options.first_seed, options.budget)))
+            for name in options.sets
+        ]
+        print_table(list(HEADER.values()), [[cell(key, r) for key in HEADER] for r in rows])
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    on_one_thread()
+    main()

@@ -1,0 +1,180 @@
+"""Methods: plan, fit, certify, polish; or, without a planner, grow the load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.planning.configurations import Space, configuration_space
+from comove.planning.objective import N_STEPS
+from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
+from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
+from comove.planning.seeds import fit_path
+from comove.primitives.basis import MotionBasis, motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
+RESTARTS = 25
+TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
+DRAWS, SPREAD = 63, 0.2  # random starts of which a restart takes the best
+HOPELESS = 0.03  # m inside something: another start is better than a stricter search
+
+POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
+GROWING = Schedule(sigma=0.1, generations=200, patience=25, gain=0.01, growth=120)
+REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
+
+
+@dataclass(frozen=True)
+class Comove:
+    """The default: planner, fit, certificate, polishing; growing the load where planning is off or fails.
+
+    Attributes
+    ----------
+    coordinates : in which the search moves
+    n_basis : shape weights a column when polishing
+    n_basis_growing : while the load grows
+    n_plans : plans whose fits are compared before the best is polished
+    n_failures : plans that may fail before the load is grown instead
+    n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
+    """
+
+    name: ClassVar[str] = "comove"
+    coordinates: Callable[[Scene], Coordinates] = load_coordinates
+    n_basis: int = 30
+    n_basis_growing: int = 20
+    n_plans: int = 8
+    n_failures: int = 12
+    n_polishings: int = 5
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Search until nothing is to be gained or time is up (`OutOfTime`)."""
+        if search.taught is not None and search.objective.weights.resemblance > 0:
+            self._grow(search, restarts=1)  # from the demonstration, to stay near it
+        if planner and self._plan(search):
+            return
+        if search.best is not None or self._grow(search, restarts=RESTARTS):
+            return
+        while not self._plan(search):  # last resort
+            search.check_time()
+
+    def _plan(self, search: Search) -> bool:
+        """Plan, fit and certify; then polish the best. False where no plan could be certified."""
+        scene = search.scene
+        planning = load_coordinates(scene)
+        space, ends = configuration_space(scene, planning), planning.boundary()
+        basis = motion_basis(self.n_basis, "velocity")
+        margins = PLANE_MARGINS if scene.n_dims == 2 else SPACE_MARGINS
+        starts: list[tuple[float, CoordinatedDMP]] = []
+        failures = 0
+        while len(starts) < self.n_plans and failures < self.n_failures:
+            search.check_time()
+            search.stage = "planning"
+            path = plan(
+                space,
+                ends[0],
+                ends[2],
+                margins[failures % len(margins)],
+                search.rng,
+                required=scene.clearance,
+                max_nodes=min(MANY_NODES, FEW_NODES * 2 ** (failures // 2)),
+            )
+            start = None if path is None else self._certified_fit(search, space, path, basis)
+            if start is not None:
+                starts.append(start)
+            elif starts:
+                break  # one way is known: others that are hard to find are not worth the time
+            else:
+                failures += 1
+        if starts:
+            self._polish(search, min(starts, key=lambda start: start[0])[1])
+        return bool(starts)
+
+    def _certified_fit(
+        self, search: Search, space: Space, path: Array, basis: MotionBasis
+    ) -> tuple[float, CoordinatedDMP] | None:
+        """The cheapest fit of a path that is verified, and its cost; None where none of the first is."""
+        dmp, weights = fit_path(space, path, search.objective.coordinates, basis, search.scene)
+        value = search.evaluate(search.objective, dmp, weights)
+        rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
+        for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
+            motion = dmp.rollout(weights[i])
+            search.remember(motion, float(rank[i]))
+            if search.judge(motion).verified:
+                return float(value.cost[i]), replace(dmp, weights=weights[i])
+        return None
+
+    def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
+        """Improve a verified motion, more strictly until the result is verified as well."""
+        search.stage = "polishing"
+        objective, schedule = search.objective, POLISHING
+        for _ in range(self.n_polishings):
+            dmp = improve(search, objective, dmp, schedule)
+            verdict = search.judge(dmp.rollout())
+            if verdict.verified or not search.hard:
+                return
+            objective, schedule = stricter(objective, verdict), replace(POLISHING, sigma=0.01)
+
+    def _grow(self, search: Search, restarts: int) -> bool:
+        """Restarts in which the load grows; True once a motion is verified and polished."""
+        basis = motion_basis(self.n_basis_growing, "acceleration")
+        along_path = search.objective.with_penalty(along_path=True)
+        for restart in range(restarts):
+            search.stage = f"growing the load, restart {restart}"
+            dmp = self._first_guess(search, basis, restart)
+            if restart > 0:
+                draws = SPREAD * search.rng.standard_normal(
+                    (DRAWS, dmp.coordinates.search.shape[1], basis.n_basis)
+                )
+                draws = dmp.weights + dmp.coordinates.search @ draws
+                value = search.evaluate(along_path, dmp, draws, SMALLEST_LOAD)
+                dmp = replace(dmp, weights=draws[np.argmin(along_path.search_value(value))])
+            objective = along_path
+            dmp = improve(search, objective, dmp, GROWING)
+            for _ in range(self.n_polishings):
+                search.check_time()
+                motion = dmp.rollout()
+                verdict = search.judge(motion)
+                if verdict.verified or not search.hard:
+                    self._polish(search, self._refined(dmp))
+                    return True
+                value = search.evaluate(objective, dmp, dmp.weights[None])
+                search.remember(motion, float(search.objective.search_value(value)[0]))
+                if value.clearance[0] < -HOPELESS:
+                    break
+                objective = stricter(objective, verdict)
+                dmp = improve(search, objective, dmp, REPAIRING)
+        return False
+
+    def _first_guess(self, search: Search, basis: MotionBasis, restart: int) -> CoordinatedDMP:
+        """The demonstration where there is one (every third restart), else the straight way with some turn."""
+        coordinates = search.objective.coordinates
+        if search.taught is not None and restart % 3 == 0:
+            return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
+        boundary = coordinates.boundary(turn=TURNS[restart % len(TURNS)])
+        return CoordinatedDMP(
+            search.scene, coordinates, basis, boundary, np.zeros((coordinates.n_columns, basis.n_basis))
+        )
+
+    def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
+        """The same movement in the finer basis in which it is polished."""
+        basis = motion_basis(self.n_basis, "velocity")
+        phi, base = np.split(basis.sampled(N_STEPS).T, [basis.n_basis], axis=1)
+        q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
+        weights = np.linalg.lstsq(phi, q - base @ dmp.boundary, rcond=None)[0].T
+        return replace(dmp, basis=basis, weights=weights)
+
+
+@dataclass(frozen=True)
+class Projection(Comove):
+    """Free hands, every rollout projected onto the distance constraints; otherwise as the default."""
+
+    name: ClassVar[str] = "projection"
+    coordinates: Callable[[Scene], Coordinates] = projected_coordinates

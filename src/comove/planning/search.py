@@ -1,0 +1,175 @@
+"""One search on one scene: its clock, its counters, its best, and the inner loop that improves weights."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.optimisers.separable import SeparableCMAES
+from comove.planning.objective import N_STEPS, Evaluation, Objective
+from comove.planning.solution import Progress, ProgressCallback
+from comove.primitives.dmp import DMP
+from comove.scenes.scene import Scene
+from comove.verification.verify import Check, Verdict, verify
+
+Array = NDArray[np.float64]
+
+POPULATION = 16
+MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
+SMALLEST_LOAD = 0.05  # of its size, from which it grows
+
+
+class OutOfTime(Exception):
+    """The budget is spent."""
+
+
+@dataclass
+class Search:
+    """What a method works with.
+
+    Attributes
+    ----------
+    objective : equation (4) on the scene
+    taught : the demonstrated movement, None without one
+    hard : obstacles are constraints, not only costs
+    rng : source of all random numbers
+    started, deadline : on the clock of `time.perf_counter` [s]
+    checks : further checks that a motion must pass
+    progress : called once a generation
+    stage : what is being done, in words
+    evaluations, generations : counted so far
+    first_verified : time from the start to the first verified motion [s]
+    best, best_motion, best_cost : the best motion so far, its verdict and J
+    attempt, attempt_value : the best motion that was not verified
+    """
+
+    objective: Objective
+    taught: DMP | None
+    hard: bool
+    rng: np.random.Generator
+    started: float
+    deadline: float
+    checks: Sequence[Check] = ()
+    progress: ProgressCallback | None = None
+    stage: str = ""
+    evaluations: int = 0
+    generations: int = 0
+    first_verified: float | None = None
+    best: Verdict | None = None
+    best_motion: CoordinatedMotion | None = None
+    best_cost: float = np.inf
+    attempt: CoordinatedMotion | None = None
+    attempt_value: float = np.inf
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return self.objective.scene
+
+    def check_time(self) -> None:
+        """Raise `OutOfTime` once the budget is spent."""
+        if time.perf_counter() > self.deadline:
+            raise OutOfTime
+
+    def evaluate(
+        self, objective: Objective, dmp: CoordinatedDMP, weights: Array, size: float = 1.0
+    ) -> Evaluation:
+        """Evaluate a population of weights, array of shape (n_rollouts, n_columns, n_basis)."""
+        self.evaluations += len(weights)
+        return objective.evaluate(dmp.rollouts(weights, N_STEPS), size)
+
+    def judge(self, motion: CoordinatedMotion) -> Verdict:
+        """Verify a motion; keep it if it is the best."""
+        verdict = verify(motion, self.checks)
+        if verdict.verified is not None and self.first_verified is None:
+            self.first_verified = time.perf_counter() - self.started
+        if verdict.verified is not None or not self.hard:
+            cost = self.objective.cost(motion).total
+            if cost < self.best_cost:
+                self.best, self.best_motion, self.best_cost = verdict, motion, cost
+        return verdict
+
+    def remember(self, motion: CoordinatedMotion, value: float) -> None:
+        """Keep the best attempt, for the case that nothing is verified."""
+        if self.attempt is None or value < self.attempt_value:
+            self.attempt, self.attempt_value = motion, value
+
+    def tell(self, cost: float, violation: float) -> None:
+        """Count a generation and report it."""
+        self.generations += 1
+        if self.progress is not None:
+            best = None if self.best is None else self.best_cost
+            self.progress(Progress(self.stage, self.generations, cost, violation, best))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how widely weights are improved.
+
+    Attributes
+    ----------
+    sigma : first step size
+    generations : at most
+    patience, gain : stop after `patience` generations without a relative gain of `gain`
+    growth : generations over which the load grows to its full size; 0 for the full load at once
+    """
+
+    sigma: float
+    generations: int
+    patience: int
+    gain: float
+    growth: int = 0
+
+    def size(self, generation: int) -> float:
+        """Size of the load in a generation, 1 for the real one."""
+        if generation >= self.growth:
+            return 1.0
+        return SMALLEST_LOAD + (1.0 - SMALLEST_LOAD) * generation / self.growth
+
+
+def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule: Schedule) -> CoordinatedDMP:
+    """Improve the shape weights by separable CMA-ES; the best of the full load is returned."""
+    directions = dmp.coordinates.search
+    shape = (directions.shape[1], dmp.basis.n_basis)
+    optimiser = SeparableCMAES(
+        np.zeros(shape[0] * shape[1]), schedule.sigma, search.rng, population=POPULATION
+    )
+    best, best_value, reference, waited = dmp.weights, np.inf, np.inf, 0
+    for generation in range(schedule.generations):
+        search.check_time()
+        size = schedule.size(generation)
+        optimiser.sigma_floor = 0.0 if size == 1.0 else 0.1 * schedule.sigma
+        samples = dmp.weights + directions @ optimiser.ask().reshape(-1, *shape)
+        value = search.evaluate(objective, dmp, samples, size)
+        fitness = objective.search_value(value)
+        optimiser.tell(fitness)
+        i = int(np.argmin(fitness))
+        search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
+        if size < 1.0:
+            continue
+        if fitness[i] < best_value:
+            best, best_value = samples[i], float(fitness[i])
+        if best_value < reference * (1 - schedule.gain):
+            reference, waited = best_value, 0
+        else:
+            waited += 1
+            if waited >= schedule.patience:
+                break
+    return replace(dmp, weights=best)
+
+
+def stricter(objective: Objective, verdict: Verdict) -> Objective:
+    """The objective with a wider margin, or lower limits, after a motion was rejected for want of them."""
+    scene, penalty, report = objective.scene, objective.penalty, verdict.report
+    changes: dict[str, float] = {}
+    if not report.clearance_min >= scene.clearance:
+        changes["margin"] = penalty.margin + MARGIN_STEP
+    ratio = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+    if ratio > 1:
+        changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)
+    return objective.with_penalty(**changes)
