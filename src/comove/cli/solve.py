@@ -11,6 +11,7 @@ import typer
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb
 from comove.errors import OptionError, near_name
 
+SAVING = 1.5  # s, kept back from the budget for the files and pictures
 METHODS = ("comove", "projection")
 
 
@@ -41,7 +42,7 @@ def solve(
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.planning import CostWeights, solve
+    from comove.planning import CostWeights, load_kernels, solve
     from comove.primitives import DMP
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
@@ -62,6 +63,8 @@ def solve(
             key="--resemblance",
             way_out="add a demonstration to the scene",
         )
+    spent = since_process_start()
+    load_kernels(loaded.n_dims)
     with progress_bar(budget) as progress:
         solution = solve(
             loaded,
@@ -69,7 +72,7 @@ def solve(
             seed=seed,
             method=chosen,
             planner=not no_planner,
-            budget=budget,
+            budget=max(0.5 * budget, budget - spent - SAVING),
             cost=CostWeights(resemblance=resemblance),
             obstacles=obstacles.value,
             progress=progress,

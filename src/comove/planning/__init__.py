@@ -1,5 +1,6 @@
 """Objective, planners, growing the load, and `solve`."""
 
+from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost, CostWeights
 from comove.planning.solution import Progress, Solution
@@ -13,5 +14,6 @@ __all__ = [
     "Projection",
     "Solution",
     "carried_demonstration",
+    "load_kernels",
     "solve",
 ]

@@ -25,6 +25,7 @@ N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the n
 RESTARTS = 25
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 DRAWS, SPREAD = 63, 0.2  # random starts of which a restart takes the best
+ENOUGH_TIME = 3.0  # s, for a plan with many nodes
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -84,7 +85,7 @@ class Comove:
                 margins[failures % len(margins)],
                 search.rng,
                 required=scene.clearance,
-                max_nodes=min(MANY_NODES, FEW_NODES * 2 ** (failures // 2)),
+                max_nodes=self._nodes(search, failures),
             )
             start = None if path is None else self._certified_fit(search, space, path, basis)
             if start is not None:
@@ -96,6 +97,12 @@ class Comove:
         if starts:
             self._polish(search, min(starts, key=lambda start: start[0])[1])
         return bool(starts)
+
+    def _nodes(self, search: Search, failures: int) -> int:
+        """Nodes for the next plan: few at first, more after failures, few again when time runs out."""
+        if search.time_left() < ENOUGH_TIME:
+            return FEW_NODES
+        return min(MANY_NODES, FEW_NODES * 2 ** (failures // 2))
 
     def _certified_fit(
         self, search: Search, space: Space, path: Array, basis: MotionBasis

@@ -71,9 +71,13 @@ class Search:
         """What is solved."""
         return self.objective.scene
 
+    def time_left(self) -> float:
+        """What is left of the budget [s]."""
+        return self.deadline - time.perf_counter()
+
     def check_time(self) -> None:
         """Raise `OutOfTime` once the budget is spent."""
-        if time.perf_counter() > self.deadline:
+        if self.time_left() < 0:
             raise OutOfTime
 
     def evaluate(

@@ -81,10 +81,12 @@ def check_target(folder: str | Path) -> Path:
     parent = folder.parent
     while not parent.exists():
         parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=parent))
+    except OSError as error:
         raise ResultError(
-            f"{parent} is not writable", file=folder, way_out="name a folder that you may write"
-        )
+            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
+        ) from error
     return folder
 
 

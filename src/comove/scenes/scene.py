@@ -462,6 +462,7 @@ def _require_free_ends(scene: Scene, path: object) -> None:
         if clearance < scene.clearance:
             need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""
             where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is {clearance:.3g} m from"
+            where = "touches" if abs(clearance) < 1e-9 else where
             outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
             raise SceneError(
                 f"at the {end} the load or a hand {where} {nearest}{outside}{need}",

@@ -146,7 +146,8 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
                         met, knot, nearest = distance, k, j
                     along = distance - 0.5 * (s1 - s0) * length
                     sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
-                    enough = met - min(LOOSE, max(TIGHT, 0.5 * (met - required)))
+                    spare = 0.5 * (met - required)
+                    enough = met - (LOOSE if spare < 0.0 else min(LOOSE, max(TIGHT, spare)))
                     if along - sweep < enough:
                         x, y, z = _on_surface(a0, b0, a1, b1, t, s0)
                         first = point_distance(obstacles, j, x, y, z) - radii[e]
@@ -166,8 +167,6 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
                     else:
                         stack[top, 3], stack[top + 1, 2] = s, s
                     top += 2
-            if bound < required and met < required - LOOSE:
-                return bound, met, knot, nearest  # contact: no need to know how deep
     return bound, met, knot, nearest
 
 
