@@ -1,0 +1,83 @@
+"""Every command and every Python block of the documents runs; so does every example."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SCENES = ROOT / "src" / "comove" / "examples"
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """Fenced blocks of one language in all pages, with the page's name."""
+    pattern = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
+    return [(page.name, code) for page in PAGES for code in pattern.findall(page.read_text(encoding="utf-8"))]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the commands run: the example scenes lie there."""
+    folder = tmp_path_factory.mktemp("docs")
+    for scene in SCENES.glob("*.yaml"):
+        shutil.copy(scene, folder)
+    return folder
+
+
+def run(arguments: list[str], folder: Path) -> str:
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, f"{arguments}: {done.stderr}"
+    return done.stdout
+
+
+def test_the_documents_hold_commands_and_code():
+    assert len(blocks("sh")) >= 3
+    assert len(blocks("python")) >= 2
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("sh"))
+def test_commands(page, code, folder):
+    for line in code.splitlines():
+        words = shlex.split(line, comments=True)
+        if not words:
+            continue
+        assert words[0] in ("make", "comove"), f"{page}: {line}"
+        if words[0] == "make":  # what make does is run by CI; here only that the chore exists
+            assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+        else:
+            run(words, folder)
+
+
+@pytest.mark.parametrize(("page", "code"), blocks("python"))
+def test_python(page, code, folder):
+    run([sys.executable, "-c", code], folder)
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_examples(example, folder):
+    out = run([sys.executable, str(example)], folder)
+    assert "False" not in out
+
+
+def test_the_scene_of_the_readme_is_the_example():
+    import yaml
+
+    (_, text), *_ = blocks("yaml")
+    shown, example = yaml.safe_load(text), yaml.safe_load((SCENES / "narrow.yaml").read_text(encoding="utf-8"))
+    example.pop("demonstration")
+    assert shown == example
+
+
+def test_pictures_exist_and_are_small():
+    for page in PAGES:
+        for target in re.findall(r"!\[.*?\]\((.*?)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).stat().st_size < 300_000
