@@ -11,7 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 COARSE = 1600  # intervals of a first look
-REFINEMENTS, PARTS, KEPT = 3, 8, 32  # how often, how finely and how many of the lowest cells are looked at again
+REFINEMENTS, PARTS, KEPT = (
+    3,
+    8,
+    32,
+)  # how often, how finely and how many of the lowest cells are looked at again
 
 
 # --- Signed distances ---
@@ -46,7 +50,9 @@ def _cornered(beyond):
 
 
 def _capsule(capsule, p):
-    along, across = (p[..., 0], p[..., 1]) if p.shape[-1] == 2 else (p[..., 2], np.hypot(p[..., 0], p[..., 1]))
+    along, across = (
+        (p[..., 0], p[..., 1]) if p.shape[-1] == 2 else (p[..., 2], np.hypot(p[..., 0], p[..., 1]))
+    )
     return np.hypot(np.maximum(along - 0.5 * capsule.length, 0.0), across) - capsule.radius
 
 
@@ -121,7 +127,9 @@ def hands_of(coordinates, q):
                 c, s = np.cos(q[:, column]), np.sin(q[:, column])
                 column += 1
             else:
-                c, s = (q[:, column : column + 2] / np.linalg.norm(q[:, column : column + 2], axis=1)[:, None]).T
+                c, s = (
+                    q[:, column : column + 2] / np.linalg.norm(q[:, column : column + 2], axis=1)[:, None]
+                ).T
                 column += 2
             turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=1)
             turned = np.einsum("nij,mj->nmi", turn, held[:, :2])
@@ -211,7 +219,9 @@ def least_clearance(motion, scene=None):
         bound = corner - 0.5 * way[:, edges, None] - 0.5 * step * length[edges, None]
         k, e, i = np.unravel_index(np.argpartition(bound.ravel(), KEPT)[:KEPT], bound.shape)
         one = np.ones(len(k))
-        cells.append(np.stack([k / COARSE, one / COARSE, edges[e], i * step, one * step]))  # time, share, steps
+        cells.append(
+            np.stack([k / COARSE, one / COARSE, edges[e], i * step, one * step])
+        )  # time, share, steps
     cells, shares = np.concatenate(cells, axis=1), np.linspace(0.0, 1.0, PARTS + 1)
     for _ in range(REFINEMENTS):
         cells, found, when = _refined(motion, scene, cells, shares)

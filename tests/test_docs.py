@@ -72,7 +72,10 @@ def test_the_scene_of_the_readme_is_the_example():
     import yaml
 
     (_, text), *_ = blocks("yaml")
-    shown, example = yaml.safe_load(text), yaml.safe_load((SCENES / "narrow.yaml").read_text(encoding="utf-8"))
+    shown, example = (
+        yaml.safe_load(text),
+        yaml.safe_load((SCENES / "narrow.yaml").read_text(encoding="utf-8")),
+    )
     example.pop("demonstration")
     assert shown == example
 

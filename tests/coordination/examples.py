@@ -66,7 +66,7 @@ SCENES = {
 def configurations(coordinates, rng, n, spread=1.0):
     """Random q, array of shape (n, n_columns), with directions of any length but none near zero."""
     q = spread * rng.standard_normal((n, coordinates.n_columns))
-    for kind, columns, _ in coordinates._parts():
+    for kind, columns, *_ in coordinates.parts:
         turn = q[:, columns][:, coordinates.n_dims :]
         if kind >= DIRECTION:  # or a quaternion
             short = np.linalg.norm(turn, axis=1) < 0.2 * spread

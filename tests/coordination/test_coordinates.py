@@ -131,7 +131,7 @@ def test_hands_give_the_configuration_back(name, seed, turns):
     coordinates, rng = coordinates_of(name), np.random.default_rng(seed)
     t = np.linspace(0, 1, 200)[:, None]
     q = rng.standard_normal(coordinates.n_columns) + t * rng.standard_normal(coordinates.n_columns)
-    for kind, columns, _ in coordinates._parts():
+    for kind, columns, *_ in coordinates.parts:
         turn, width = columns.start + coordinates.n_dims, columns.stop - columns.start - coordinates.n_dims
         if width == 1:
             q[:, turn] += 2 * np.pi * turns * t[:, 0]
@@ -144,7 +144,7 @@ def test_hands_give_the_configuration_back(name, seed, turns):
     n_hands = hands.shape[1]
     assert np.abs(coordinates.nodes(back.T[None])[0][:, :n_hands] - hands).max() < 1e-12
     assert np.abs(np.diff(back, axis=0)).max() < 0.3
-    for kind, columns, _ in coordinates._parts():
+    for kind, columns, *_ in coordinates.parts:
         if kind == ANGLE:  # it keeps its turns
             own = q[:, columns.stop - 1], back[:, columns.stop - 1]
             assert np.abs(np.subtract(*own) - np.subtract(*own)[0]).max() < 1e-9
@@ -201,7 +201,7 @@ def test_a_turn_winds_an_angle(turn):
     for scene in (PLANAR_BAR, POLYGON, MIXED):
         coordinates = load_coordinates(scene)
         boundary = coordinates.boundary(turn)
-        for kind, columns, _ in coordinates._parts():
+        for kind, columns, *_ in coordinates.parts:
             if kind == ANGLE:
                 way = np.subtract(*boundary[[2, 0], columns.stop - 1])
                 assert abs(way - 2 * np.pi * turn) <= np.pi + 1e-12

@@ -17,7 +17,7 @@ from comove.coordination import (
 )
 from comove.primitives import DMP, LinearPhase, motion_basis
 from comove.primitives.basis import N_INTERVALS
-from comove.verification.bounds import jerk_bound, largest_acceleration, largest_speed
+from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 
 from .examples import (
     MIXED,
@@ -48,7 +48,7 @@ def sampled(motion):
 @given(names, seeds, sizes)
 def test_velocities_and_accelerations_are_those_of_the_curve(name, seed, size):
     motion = random_motion(name, seed, size)
-    if not np.isfinite(motion.coordinates.acceleration_bound(motion.knots)).all():
+    if not np.isfinite(node_bounds(motion).acceleration).all():
         return  # a direction nearly vanishes: differences tell nothing there
     s = np.random.default_rng(seed).uniform(0.01, 0.99, 20)
     _, velocity, acceleration = motion.coordinates.motion(motion.at(s))
@@ -67,7 +67,7 @@ def test_velocities_and_accelerations_are_those_of_the_curve(name, seed, size):
 @given(names, seeds, sizes, metrics)
 def test_the_acceleration_bound_holds_at_every_instant(name, seed, size, metric):
     motion = random_motion(name, seed, size, metric=metric)
-    bound = motion.coordinates.acceleration_bound(motion.knots)
+    bound = node_bounds(motion).acceleration
     actual = np.linalg.norm(sampled(motion), axis=3).max(axis=1)
     assert (actual <= bound * (1 + 1e-9) + 1e-9).all()
 
@@ -79,7 +79,22 @@ def test_the_jerk_bound_holds_at_every_instant(name, seed, size, metric):
     motion = random_motion(name, seed, size, metric=metric)
     change = np.linalg.norm(np.diff(sampled(motion), axis=1), axis=3).max(axis=1)
     actual = change * WITHIN * N_INTERVALS / (1 - 2e-9)
-    assert (actual <= jerk_bound(motion) * (1 + 1e-6) + 1e-5).all()
+    assert (actual <= node_bounds(motion).jerk * (1 + 1e-6) + 1e-5).all()
+
+
+@pytest.mark.parametrize(("rate", "change"), [(5.0, 100.0), (8.0, 60.0), (2.0, 150.0)])
+def test_the_jerk_bound_of_a_quaternion_on_a_parabola(rate, change):
+    """p = (1, 0, 0, x) with x = rate t + change t^2 / 2: p has no third derivative, the body has."""
+    coordinates, basis = load_coordinates(SPATIAL_TRIANGLE), motion_basis(20)
+    s = np.linspace(0, 1, 201)
+    x = np.stack([rate * (s - 0.5) + change * (s - 0.5) ** 2 / 2, rate + change * (s - 0.5)])
+    boundary = np.zeros((4, coordinates.n_columns))
+    boundary[[0, 2], 3], boundary[:, 6] = 1.0, x[:, [0, -1]].T.ravel()
+    dmp = CoordinatedDMP(SPATIAL_TRIANGLE, coordinates, basis, boundary, np.zeros(0))
+    motion = dmp.fitted(s, np.concatenate([np.tile(boundary[:1, :6], (201, 1)), x[:1].T], axis=1)).rollout()
+    change = np.linalg.norm(np.diff(sampled(motion), axis=1), axis=3).max(axis=1) * WITHIN * N_INTERVALS
+    middle = slice(390, 410)
+    assert (change <= node_bounds(motion).jerk * (1 + 1e-6))[middle].all()
 
 
 @settings(max_examples=20)
@@ -87,7 +102,7 @@ def test_the_jerk_bound_holds_at_every_instant(name, seed, size, metric):
 def test_the_acceleration_bound_is_nearly_tight(seed, size):
     """Within a factor 3 of the faster hand of a planar bar in the middle of its movement."""
     motion = random_motion("angle", seed, size)
-    bound = motion.coordinates.acceleration_bound(motion.knots)[200:600].max(axis=1)
+    bound = node_bounds(motion).acceleration[200:600].max(axis=1)
     actual = np.linalg.norm(sampled(motion), axis=3).max(axis=(1, 2))[200:600]
     assert np.median(bound / actual) < 1.5
     assert (bound / actual).max() < 3
@@ -98,7 +113,7 @@ def test_the_acceleration_bound_is_nearly_tight(seed, size):
 def test_largest_speed_and_acceleration(name, seed, size):
     """Upper bounds of what dense samples show, in metres and seconds; tight where the limit is near."""
     motion = random_motion(name, seed, size)
-    jerk, n_hands = jerk_bound(motion), len(motion.scene.manipulators)
+    jerk, n_hands = node_bounds(motion).jerk, len(motion.scene.manipulators)
     if not np.isfinite(jerk).all():
         return
     knots = motion.coordinates.motion(motion.knots)[:, :, :n_hands]
@@ -120,8 +135,8 @@ def test_a_direction_that_vanishes_has_no_bound():
     motion = CoordinatedMotion(
         scene, coordinates, motion_basis(5), coordinates.boundary(), np.zeros((coordinates.n_columns, 5))
     )
-    assert np.isinf(coordinates.acceleration_bound(motion.knots)).any()
-    assert not np.isfinite(jerk_bound(motion)).all()
+    assert np.isinf(node_bounds(motion).acceleration).any()
+    assert not np.isfinite(node_bounds(motion).jerk).all()
 
 
 @settings(max_examples=30)

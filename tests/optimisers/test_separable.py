@@ -22,7 +22,7 @@ def run(f, n_generations, mean=None, sigma=0.5, seed=0, n=20, **options):
     means = []
     for _ in range(n_generations):
         optimiser.tell(f(optimiser.ask()))
-        means.append(optimiser.mean)
+        means.append(optimiser.mean.copy())
     return optimiser, np.array(means)
 
 
@@ -108,7 +108,9 @@ def test_tell_leaves_the_callers_arrays_alone():
     samples = optimiser.ask()
     kept, values = samples.copy(), np.array([3.0, np.nan, 1.0, 2.0, 5.0, 4.0, np.inf, 0.0])
     values.setflags(write=False)
+    before = optimiser.mean
     optimiser.tell(values)
+    assert np.array_equal(before, np.ones(6))
     assert np.array_equal(samples, kept)
     assert np.array_equal(mean, np.ones(6))
     assert np.isnan(values[1])

@@ -43,15 +43,15 @@ def sampled_distances(motion):
     ).reshape(-1, N_STEPS)
 
 
-def crossing(n_dims, wall, *, speed=1.0):
-    """A hand that goes straight through a wall, its centre on the way, its sides the wall's `wall`."""
+def crossing(n_dims, wall, *, speed=1.0, at=0.5):
+    """A hand that goes straight through a box of the sizes `wall`, its centre `at` x on the way."""
     rest = [0.5] * (n_dims - 1)
     scene = Scene.from_dict(
         {
             "name": "crossing",
             "duration": 1.0,
             "workspace": {"lower": [-10.0] * n_dims, "upper": [10.0] * n_dims},
-            "obstacles": [{"shape": "box", "center": [0.5, *rest], "size": wall}],
+            "obstacles": [{"shape": "box", "center": [at, *rest], "size": wall}],
             "manipulators": [
                 {"name": "a", "start": [0.5 - speed / 2, *rest], "goal": [0.5 + speed / 2, *rest]}
             ],
@@ -77,7 +77,9 @@ def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
     cost = Objective(motion.scene, motion.coordinates, weights, Penalty(), taught).cost(motion)
     n = N_STEPS
     assert cost.goal == pytest.approx(c_goal * ((y - y[-1]) ** 2).sum() / n, rel=1e-9)
-    assert cost.velocity == pytest.approx(c_vel * (n - 1) ** 2 / n * (np.diff(y, axis=0) ** 2).sum(), rel=1e-9)
+    assert cost.velocity == pytest.approx(
+        c_vel * (n - 1) ** 2 / n * (np.diff(y, axis=0) ** 2).sum(), rel=1e-9
+    )
     away = ((y - taught[..., : y.shape[2]]) ** 2).sum()
     assert cost.resemblance == pytest.approx(c_res * away / n, rel=1e-9)
     assert cost.total == cost.goal + cost.velocity + cost.obstacle + cost.resemblance
@@ -105,7 +107,10 @@ def test_the_goal_term_of_a_verified_motion_is_that_of_its_scene():
 
 def test_no_demonstration_no_resemblance():
     motion = solved("narrow").attempt
-    assert Objective(motion.scene, motion.coordinates, CostWeights(resemblance=5.0)).cost(motion).resemblance == 0.0
+    assert (
+        Objective(motion.scene, motion.coordinates, CostWeights(resemblance=5.0)).cost(motion).resemblance
+        == 0.0
+    )
     taught = np.zeros((N_STEPS, 2, 3))
     assert Objective(motion.scene, motion.coordinates, demonstration=taught).cost(motion).resemblance == 0.0
 
@@ -149,17 +154,24 @@ def test_no_penalty_above_the_margin_and_some_below(seed, margin):
     value = evaluated(motion, Penalty(margin=margin))
     truth = brute_force.least_clearance(motion)[0]
     at_samples = brute_force.configuration_clearance(motion.scene, brute_force.hands_at(motion, S)).min()
-    if truth > margin + 1e-3:
+    peak = (
+        np.linalg.norm(np.diff(brute_force.hands_at(motion), 2, axis=0), axis=-1).max()
+        * brute_force.COARSE**2
+    )
+    bulge = 2 * peak / 8 / (N_STEPS - 1) ** 2 + TOLERANCE  # of the curve between samples, for hands and load
+    if truth > margin + bulge:
         assert value.penalty[0] == 0.0
     if at_samples < margin - TOLERANCE:
         assert value.penalty[0] > 0.0
         assert value.clearance[0] <= at_samples + TOLERANCE
     if at_samples < -TOLERANCE:
         assert value.penalty[0] >= 10.0 / N_STEPS / 6
-    assert truth - 1e-3 <= value.clearance[0] or value.clearance[0] == margin
+    assert truth - bulge <= value.clearance[0] or value.clearance[0] == margin
 
 
-@pytest.mark.xfail(strict=True, reason="d starts at the margin, 0, and 0 <= 0 counts as contact wherever anything is near")
+@pytest.mark.xfail(
+    strict=True, reason="d starts at the margin, 0, and 0 <= 0 counts as contact wherever anything is near"
+)
 def test_without_a_margin_only_contact_costs():
     """As in the search with `obstacles="cost"`; the motion passes every obstacle by 9 mm or more."""
     motion = solved("narrow").attempt
@@ -168,19 +180,20 @@ def test_without_a_margin_only_contact_costs():
 
 
 def test_the_penalty_grows_with_depth():
-    """A disc that moves into the bar's way: the deeper, the more."""
+    """A disc beside the way that swells into it: the deeper, the more."""
     motion = solved("wide").attempt
     data = scene_data(motion.scene)
     swept = motion.hands(S)[0].mean(axis=1)
-    k = int(np.searchsorted(swept[:, 0], 0.5))
+    center = (swept[int(np.searchsorted(swept[:, 0], 0.5))] + [0, 0.2]).tolist()
     penalties = []
-    for shift in np.linspace(0.25, 0.0, 26):
-        obstacle = {"shape": "circle", "center": (swept[k] + [0, shift]).tolist(), "radius": 0.04}
+    for radius in np.linspace(0.01, 0.25, 25):
+        obstacle = {"shape": "circle", "center": center, "radius": float(radius)}
         penalties.append(evaluated(on_scene(motion, data | {"obstacles": [obstacle]})).penalty[0])
     assert penalties[0] == 0.0
-    assert penalties[-1] > 1.0
-    deepest = [p for p in penalties if p > 0]
-    assert (np.diff(deepest) >= -1e-9).all()
+    assert penalties[-1] > 0.1
+    growth = np.diff(penalties)
+    assert (growth >= 0).all()
+    assert (growth[np.array(penalties[:-1]) > 0] > 0).all()
 
 
 def test_a_wider_margin_is_felt_sooner():
@@ -199,9 +212,10 @@ def test_the_clearance_that_is_asked_for_is_a_contact():
     nearer = on_scene(motion, data | {"limits": {"clearance": min(clearance + 5e-4, 0.09)}})
     objective = Objective(near.scene, near.coordinates)
     assert objective.feasible(evaluated(near))[0]
-    assert not objective.feasible(evaluated(nearer))[0] or not Objective(
-        nearer.scene, nearer.coordinates
-    ).feasible(evaluated(nearer))[0]
+    assert (
+        not objective.feasible(evaluated(nearer))[0]
+        or not Objective(nearer.scene, nearer.coordinates).feasible(evaluated(nearer))[0]
+    )
     assert evaluated(nearer).penalty[0] >= evaluated(near).penalty[0] + 10.0 / N_STEPS / 6
 
 
@@ -225,14 +239,14 @@ def test_growing_the_load():
 @pytest.mark.parametrize("speed", [1.0, 5.0])
 def test_a_thin_wall_between_two_samples_is_not_skipped(n_dims, thickness, speed):
     """Nor by a hand that makes 4 cm between two samples."""
-    motion = crossing(n_dims, [thickness, *[0.3] * (n_dims - 1)], speed=speed)
+    wall = [thickness, *[0.3] * (n_dims - 1)]
+    motion = crossing(n_dims, wall, speed=speed)
     x = motion.hands(S)[0][:, 0, 0]
     assert np.diff(x).max() > 0.007 * speed
     k = int(np.argmax(np.diff(x)))
     for share in (0.5, 0.2, 0.35):
-        data = scene_data(motion.scene)
-        data["obstacles"][0]["center"][0] = x[k] + share * (x[k + 1] - x[k])
-        walled = on_scene(motion, data)
+        at = float(x[k] + share * (x[k + 1] - x[k]))
+        walled = crossing(n_dims, wall, speed=speed, at=at)
         if thickness < 1e-2:
             assert sampled_distances(walled).min() > 0  # no sample touches it
         for along_path in (False, True):
@@ -288,7 +302,9 @@ def test_speed_and_acceleration_are_those_of_the_samples():
     assert value.acceleration[0] == pytest.approx(acceleration, rel=1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="second differences begin at sample 1; the peak of motions without a limit is at 0")
+@pytest.mark.xfail(
+    strict=True, reason="second differences begin at sample 1; the peak of motions without a limit is at 0"
+)
 def test_the_acceleration_at_the_start_is_seen():
     motion = solved("complex").attempt
     start = np.linalg.norm(motion.hands([0.0])[2][0], axis=-1).max() / motion.scene.duration**2

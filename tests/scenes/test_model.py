@@ -3,8 +3,6 @@
 import copy
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -741,11 +739,3 @@ def test_all_public_models_forbid_unknown_keys_and_are_frozen():
     for part in parts:
         assert part.model_config["frozen"]
         assert part.model_config["extra"] == "forbid" or part.__name__.startswith("Unsupported")
-
-
-def test_the_model_imports_little():
-    code = "import sys, comove.scenes.model; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert not {"numpy", "numba", "scipy", "matplotlib"} & set(loaded)

@@ -56,7 +56,11 @@ def near_contact(rng):
         obstacles = [
             obstacle
             for _ in range(rng.integers(1, 4))
-            if (obstacle := sweep.pushed(random_obstacle(rng, motion.scene.n_dims), required + _offset(rng), rng))
+            if (
+                obstacle := sweep.pushed(
+                    random_obstacle(rng, motion.scene.n_dims), required + _offset(rng), rng
+                )
+            )
         ]
         if rng.random() < 0.15:
             obstacles.append(sweep.thin_wall(rng))

@@ -95,7 +95,9 @@ def test_ten_thousand_motions():
     assert outcomes["contact"] > 2000
 
 
-@pytest.mark.xfail(strict=True, reason="certified_clearance returns at the first contact: deeper ones come later")
+@pytest.mark.xfail(
+    strict=True, reason="certified_clearance returns at the first contact: deeper ones come later"
+)
 def test_the_bound_of_a_rejected_motion_is_a_bound_too():
     for seed in range(20):
         clearance, truth, _ = judged(near_contact(np.random.default_rng([seed, 11])))
@@ -152,7 +154,7 @@ def test_the_bulge_holds_the_curve(seed):
     """Nodes accelerate by no more than the bound, so they stay within h^2/8 of it of their chords."""
     rng = np.random.default_rng(seed)
     motion = random_motion(rng)
-    bound = motion.coordinates.acceleration_bound(motion.knots)
+    bound = node_bounds(motion).acceleration
     share = rng.random()
     s = (np.arange(800) + share) / 800
     nodes = motion.coordinates.motion(motion.at(s))

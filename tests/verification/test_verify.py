@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from comove.coordination import load_coordinates
 from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
-from comove.verification.bounds import jerk_bound
+from comove.verification.bounds import node_bounds
 from tests.solved import solved
 from tests.verification.random_motions import on_scene, random_motion, scene_data
 
@@ -81,7 +81,9 @@ def test_nothing_of_a_verified_motion_can_be_deleted(motion):
 @pytest.mark.xfail(strict=True, reason="weights, boundary and knots of a motion are writable arrays")
 @pytest.mark.parametrize("name", ["weights", "boundary", "knots"])
 def test_the_arrays_of_a_verified_motion_cannot_be_changed(motion, name):
-    verified = verify(replace(motion, weights=motion.weights.copy(), boundary=motion.boundary.copy())).verified
+    verified = verify(
+        replace(motion, weights=motion.weights.copy(), boundary=motion.boundary.copy())
+    ).verified
     with pytest.raises(ValueError, match="read-only"):
         getattr(verified.motion, name)[0] = 0.0
 
@@ -177,14 +179,20 @@ def test_a_distance(motion):
     for stretch, verified in ((1.0025, False), (1.0004, True)):
         blocks = motion.coordinates.blocks
         stretched = blocks._replace(point=blocks.point * stretch)
-        hands = motion.scene.start.mean(axis=0) + stretch * (motion.scene.start - motion.scene.start.mean(axis=0))
-        goals = motion.scene.goal.mean(axis=0) + stretch * (motion.scene.goal - motion.scene.goal.mean(axis=0))
+        hands = motion.scene.start.mean(axis=0) + stretch * (
+            motion.scene.start - motion.scene.start.mean(axis=0)
+        )
+        goals = motion.scene.goal.mean(axis=0) + stretch * (
+            motion.scene.goal - motion.scene.goal.mean(axis=0)
+        )
         scene = replace(motion.scene, start=hands, goal=goals)
         off = replace(motion, scene=scene, coordinates=replace(motion.coordinates, blocks=stretched))
         if verified:
             assert verify(off).verified
         else:
-            the_reason(off, "the distance between 'left' and 'right' is off by up to 0.0005 m (tolerance 0.0002 m)")
+            the_reason(
+                off, "the distance between 'left' and 'right' is off by up to 0.0005 m (tolerance 0.0002 m)"
+            )
 
 
 @pytest.mark.xfail(strict=True, reason="verify trusts the motion's coordinates to be those of its scene")
@@ -208,7 +216,9 @@ def test_free_hands_do_not_hold_a_distance(motion):
     coordinates = load_coordinates(free)
     weights = np.zeros((coordinates.n_columns, motion.basis.n_basis))
     weights[0, 0] = 0.3
-    hands = replace(motion, scene=tied, coordinates=coordinates, boundary=coordinates.boundary(), weights=weights)
+    hands = replace(
+        motion, scene=tied, coordinates=coordinates, boundary=coordinates.boundary(), weights=weights
+    )
     assert any("the distance between" in reason for reason in verify(hands).reasons)
 
 
@@ -256,7 +266,9 @@ def test_bounds_of_solutions_are_true_and_tight(name):
     assert acceleration <= solution.report.acceleration_max
 
 
-@pytest.mark.xfail(strict=True, reason="without a limit the acceleration's bound is not refined: 9 to 10 % above")
+@pytest.mark.xfail(
+    strict=True, reason="without a limit the acceleration's bound is not refined: 9 to 10 % above"
+)
 @pytest.mark.parametrize("name", SOLVED)
 def test_accelerations_of_solutions_are_tight(name):
     solution = solved(name)
@@ -284,7 +296,7 @@ def test_the_jerk_is_bounded(seed):
     s = (np.arange(800)[:, None] + np.array([0.25, 0.75])).ravel() / 800
     acceleration = motion.coordinates.motion(motion.at(s))[2].reshape(800, 2, -1, 3)
     change = np.linalg.norm(acceleration[:, 1] - acceleration[:, 0], axis=-1) / (0.5 / 800)
-    bound = jerk_bound(motion)
+    bound = node_bounds(motion).jerk
     assert (change <= bound * (1 + 1e-6) + 1e-6).all()
 
 

@@ -20,6 +20,7 @@ vector between them) is the same thing as direction coordinates driven by ``c = 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import cos, sin, sqrt
 from typing import Literal, NamedTuple
 
@@ -28,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.basis import INTERVAL, OMEGA
 from comove.scenes.groups import (
     Pose,
     RigidGroup,
@@ -63,6 +63,23 @@ class Blocks(NamedTuple):
     node: NDArray[np.int64]
     point: Array
     n_dims: int
+
+
+class Part(NamedTuple):
+    """One block of the coordinates.
+
+    Attributes
+    ----------
+    kind : POINT, ANGLE, DIRECTION or QUATERNION
+    columns : of q
+    nodes : array of int, shape (n,), which nodes belong to it
+    points : array, shape (n, 3), these nodes in the group's frame [m]
+    """
+
+    kind: int
+    columns: slice
+    nodes: NDArray[np.int64]
+    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,37 +133,12 @@ class Coordinates:
         array, shape (3, n_steps, n_nodes, 3)
         """
         result = np.zeros((3, q.shape[1], len(self.blocks.node), 3))
-        for b, (kind, columns, entries) in enumerate(self._parts()):
-            center = q[:, :, columns][:, :, : self.n_dims]
-            turned = _turned(kind, q[:, :, columns][:, :, self.n_dims :], self.blocks.point[entries])
+        for part in self.parts:
+            center, turn = np.split(q[:, :, part.columns], [self.n_dims], axis=2)
+            turned = _turned(part.kind, turn, part.points)
             turned[..., : self.n_dims] += center[:, :, None, :]
-            result[:, :, self.blocks.node[self._entries(b)]] = turned
+            result[:, :, part.nodes] = turned
         return result
-
-    def acceleration_bound(self, q: Array) -> Array:
-        """Upper bound of every node's acceleration on every interval between knots, in unit duration.
-
-        The columns of q follow the transformed system, whose second derivative on an interval is a line
-        times exp(-omega t); its norm is therefore at most exp(omega h) times the larger end value.
-
-        Parameters
-        ----------
-        q : array, shape (3, n_knots, n_columns)
-
-        Returns
-        -------
-        array, shape (n_knots - 1, n_nodes)
-        """
-        bound = np.zeros((q.shape[1] - 1, len(self.blocks.node)))
-        for b, (kind, columns, entries) in enumerate(self._parts()):
-            part = q[:, :, columns]
-            acceleration = _largest_acceleration(part[:, :, : self.n_dims])[:, None]
-            if kind != POINT:
-                spin, twist = turning_bounds(kind, part[:, :, self.n_dims :])
-                reach = np.linalg.norm(self.blocks.point[entries], axis=1)
-                acceleration = acceleration + reach * np.hypot(twist, spin**2)[:, None]
-            bound[:, self.blocks.node[self._entries(b)]] = acceleration
-        return bound
 
     def boundary(self, turn: int = 0) -> Array:
         """Start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest.
@@ -154,7 +146,7 @@ class Coordinates:
         `turn` asks for another way round: whole turns for an angle, the other sign for a quaternion.
         """
         values = np.zeros((4, self.n_columns))
-        for group, (kind, columns, _) in zip(self.groups, self._parts(), strict=True):
+        for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
             start, goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
             if kind == ANGLE:
                 goal[2] += 2 * np.pi * (turn - np.round((goal[2] - start[2]) / (2 * np.pi)))
@@ -176,7 +168,7 @@ class Coordinates:
         """
         hands = np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - self.n_dims))], axis=2)
         q = np.zeros((len(hands), self.n_columns))
-        for group, (kind, columns, _) in zip(self.groups, self._parts(), strict=True):
+        for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
             held = hands[:, list(group.members)]
             center, turn = held.mean(axis=1), np.zeros((len(hands), 0))
             offset = group.grasps.mean(axis=0)
@@ -199,7 +191,7 @@ class Coordinates:
     def from_load(self, q: Array) -> Array:
         """Rewrite configurations of `load_coordinates` in these; arrays, shape (..., n_columns)."""
         parts, column = [], 0
-        for group, (kind, _, _) in zip(self.groups, self._parts(), strict=True):
+        for group, (kind, *_) in zip(self.groups, self.parts, strict=True):
             turned = kind == DIRECTION and group.orientation == "plane"
             width = self.n_dims + (1 if turned else {POINT: 0, ANGLE: 1, DIRECTION: 3, QUATERNION: 4}[kind])
             part = q[..., column : column + width]
@@ -209,18 +201,19 @@ class Coordinates:
             column += width
         return np.concatenate(parts, axis=-1)
 
-    def _entries(self, b: int) -> slice:
-        return slice(int(self.blocks.first[b]), int(self.blocks.first[b + 1]))
-
-    def _parts(self) -> list[tuple[int, slice, slice]]:
-        """Kind, columns and entries of every block."""
-        ends = [*self.blocks.column[1:], self.n_columns]
-        return [
-            (int(kind), slice(int(column), int(end)), self._entries(b))
-            for b, (kind, column, end) in enumerate(
-                zip(self.blocks.kind, self.blocks.column, ends, strict=True)
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """The blocks one by one."""
+        columns, first = [*self.blocks.column, self.n_columns], self.blocks.first
+        return tuple(
+            Part(
+                int(kind),
+                slice(int(columns[b]), int(columns[b + 1])),
+                self.blocks.node[first[b] : first[b + 1]],
+                self.blocks.point[first[b] : first[b + 1]],
             )
-        ]
+            for b, kind in enumerate(self.blocks.kind)
+        )
 
 
 def load_coordinates(scene: Scene) -> Coordinates:
@@ -249,7 +242,7 @@ def projected_coordinates(scene: Scene) -> Coordinates:
     coordinates = _coordinates(scene, "projected", kinds)
     n_dims, n_hands = scene.n_dims, len(scene.manipulators)
     matrix = np.zeros((coordinates.n_columns, n_hands, n_dims))
-    for group, (kind, columns, _) in zip(scene.groups, coordinates._parts(), strict=True):
+    for group, (kind, columns, *_) in zip(scene.groups, coordinates.parts, strict=True):
         members, row = list(group.members), columns.start
         if kind == POINT:
             matrix[row : row + n_dims, members[0]] = np.eye(n_dims)
@@ -350,42 +343,6 @@ def write_pose(kind: int, pose: Pose, n_dims: int) -> Array:
     if kind == DIRECTION:
         return np.concatenate([center, rotation[:n_dims, 0]])
     return np.concatenate([center, quaternion_of_rotation(rotation)])
-
-
-def turning_bounds(kind: int, part: Array) -> tuple[Array, Array]:
-    """Bounds of angular speed and of angular acceleration on every interval between knots.
-
-    For a unit vector u = v/|v|: |u'| <= |v'|/n and the part of u'' across u is at most
-    |v''|/n + |v'|^2/n^2, n the least |v| on the interval; a quaternion turns twice as fast.
-
-    Parameters
-    ----------
-    part : array, shape (3, n_knots, width), the orientation's columns of q and two derivatives
-
-    Returns
-    -------
-    spin, twist : arrays, shape (n_knots - 1,); infinite where v may vanish
-    """
-    acceleration = _largest_acceleration(part)
-    speeds = np.linalg.norm(part[1], axis=1)
-    speed = np.maximum(speeds[1:], speeds[:-1]) + 0.5 * INTERVAL * acceleration
-    if kind == ANGLE:
-        return speed, acceleration
-    here, step = part[0, :-1], np.diff(part[0], axis=0)
-    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
-    least = nearest - INTERVAL**2 / 8 * acceleration
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spin = np.where(least > 0, speed / least, np.inf)
-        twist = np.where(least > 0, acceleration / least + spin**2, np.inf)
-    factor = 2.0 if kind == QUATERNION else 1.0
-    return factor * spin, factor * twist
-
-
-def _largest_acceleration(part: Array) -> Array:
-    """Bound of |x''| on every interval, part (3, n_knots, width) -> (n_knots - 1,)."""
-    ends = np.linalg.norm(part[2], axis=1)
-    return np.exp(OMEGA * INTERVAL) * np.maximum(ends[1:], ends[:-1])
 
 
 def _turned(kind: int, part: Array, points: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.coordination.coordinates import Coordinates
 from comove.primitives.basis import MotionBasis
 from comove.primitives.dmp import DMP
+from comove.scenes.groups import rotation_between
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 
@@ -193,14 +194,8 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
 
 
 def _rotation(a: Array, b: Array) -> Array:
-    """The least rotation that turns the unit vector `a` into `b`, in any dimension."""
-    if a @ b < -1 + 1e-9 and len(a) > 2:  # opposite: half a turn in a plane across the least axis
-        across = np.eye(len(a))[np.argmin(np.abs(a))]
-        across = across - (across @ a) * a
-        across /= np.linalg.norm(across)
-        return np.eye(len(a)) - 2 * np.outer(a, a) - 2 * np.outer(across, across)
-    if len(a) == 2:
-        c, s = a @ b, a[0] * b[1] - a[1] * b[0]
-        return np.array([[c, -s], [s, c]])
-    skew = np.outer(b, a) - np.outer(a, b)
-    return np.eye(len(a)) + skew + skew @ skew / (1.0 + a @ b)
+    """The least rotation that turns the unit vector `a` into `b`, in the plane or in space."""
+    if len(a) == 3:
+        return rotation_between(a, b)
+    c, s = a @ b, a[0] * b[1] - a[1] * b[0]
+    return np.array([[c, -s], [s, c]])

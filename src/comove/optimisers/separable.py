@@ -27,7 +27,7 @@ class SeparableCMAES:
     population : int
         Samples a generation.
     sigma_floor : float
-        The step size never falls below it.
+        The root mean square step along an axis never falls below it.
 
     Raises
     ------
@@ -89,9 +89,7 @@ class SeparableCMAES:
             step / np.sqrt(self._variance)
         )
         length = np.linalg.norm(self._path_sigma)
-        self.sigma = max(
-            self.sigma_floor, self.sigma * np.exp(c / self._d_sigma * (length / self._expected - 1))
-        )
+        self.sigma *= np.exp(c / self._d_sigma * (length / self._expected - 1))
 
         n, c = len(self.mean), self._c_c
         stalled = (
@@ -105,3 +103,5 @@ class SeparableCMAES:
             + self._c_1 * self._path_c**2
             + self._c_mu * (self._weights @ best**2)
         )
+        step_size = self.sigma * np.sqrt(self._variance.mean())
+        self.sigma *= max(1.0, self.sigma_floor / step_size)

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
 RESTARTS = 25
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
-DRAWS, SPREAD = 63, 0.2  # random starts of which a restart takes the best
+DRAWS, SPREAD = 1023, 0.3  # random starts of which a restart takes the best
 ENOUGH_TIME = 3.0  # s, for a plan with many nodes
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 

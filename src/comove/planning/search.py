@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 POPULATION = 16
 MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
+EASY_PROGRESS = 3  # generations that one counts for while most samples are free
 SMALLEST_LOAD = 0.05  # of its size, from which it grows
 
 
@@ -120,7 +121,8 @@ class Schedule:
     sigma : first step size
     generations : at most
     patience, gain : stop after `patience` generations without a relative gain of `gain`
-    growth : generations over which the load grows to its full size; 0 for the full load at once
+    growth : generations over which the load grows to its full size, fewer where most samples are free; 0 for
+        the full load at once. A search that grows ends with the first free sample of the full load.
     """
 
     sigma: float
@@ -129,11 +131,11 @@ class Schedule:
     gain: float
     growth: int = 0
 
-    def size(self, generation: int) -> float:
-        """Size of the load in a generation, 1 for the real one."""
-        if generation >= self.growth:
+    def size(self, progress: int) -> float:
+        """Size of the load after some progress, counted in generations; 1 for the real one."""
+        if progress >= self.growth:
             return 1.0
-        return SMALLEST_LOAD + (1.0 - SMALLEST_LOAD) * generation / self.growth
+        return SMALLEST_LOAD + (1.0 - SMALLEST_LOAD) * progress / self.growth
 
 
 def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule: Schedule) -> CoordinatedDMP:
@@ -144,9 +146,10 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         np.zeros(shape[0] * shape[1]), schedule.sigma, search.rng, population=POPULATION
     )
     best, best_value, reference, waited = dmp.weights, np.inf, np.inf, 0
-    for generation in range(schedule.generations):
+    progress = 0
+    for _ in range(schedule.generations):
         search.check_time()
-        size = schedule.size(generation)
+        size = schedule.size(progress)
         optimiser.sigma_floor = 0.0 if size == 1.0 else 0.1 * schedule.sigma
         samples = dmp.weights + directions @ optimiser.ask().reshape(-1, *shape)
         value = search.evaluate(objective, dmp, samples, size)
@@ -154,10 +157,14 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         optimiser.tell(fitness)
         i = int(np.argmin(fitness))
         search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
+        free = value.penalty == 0.0
+        progress += EASY_PROGRESS if free.mean() > 0.5 else 1
         if size < 1.0:
             continue
         if fitness[i] < best_value:
             best, best_value = samples[i], float(fitness[i])
+        if schedule.growth and free[i] and objective.feasible(value)[i]:
+            break
         if best_value < reference * (1 - schedule.gain):
             reference, waited = best_value, 0
         else:

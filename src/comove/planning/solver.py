@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion, modulate
+from comove.errors import OptionError
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
@@ -111,6 +112,12 @@ def solve(
 
 def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
     """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
+    if len(dmp.start) != scene.n_dims:
+        raise OptionError(
+            f"the demonstration has {len(dmp.start)} dimensions, the scene {scene.n_dims}",
+            key="demonstration",
+            way_out="give one of the scene's dimension",
+        )
     s = np.linspace(0.0, 1.0, N_STEPS)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
     for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):

@@ -136,9 +136,9 @@ class DMP:
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
         """
-        new_duration = self.duration if duration is None else float(duration)
+        new_duration = self.duration if duration is None else _number(duration)
         if not (np.isfinite(new_duration) and new_duration > 0):
-            raise OptionError(f"duration = {duration}", way_out="give a positive number of seconds")
+            raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
         ratio = self.duration / new_duration
         return replace(
             self,
@@ -171,8 +171,8 @@ class DMP:
         OptionError
             If an argument is out of range.
         """
-        if n_steps < 2:
-            raise OptionError(f"n_steps = {n_steps}", way_out="give two samples or more")
+        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
+            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
         dmp = self.towards(
             start=start,
             goal=goal,
@@ -201,9 +201,19 @@ class DMP:
         """Advance by `dt` [s] online, with the forcing term held first order over the step.
 
         Agrees with `rollout` to second order in `dt`, and to rounding where the steps meet the knots.
+
+        Raises
+        ------
+        OptionError
+            If `dt` is not positive.
         """
-        ds = dt / state.duration
-        now, then = (_force_at(state.force, (state.time + step) / state.duration) for step in (0.0, dt))
+        if not dt > 0:
+            raise OptionError(f"dt = {dt}", way_out="give a positive number of seconds")
+        ds, s = dt / state.duration, state.time / state.duration
+        if s >= 1.0 - 1e-9:  # the forcing is cut off at the end
+            now = then = np.zeros_like(state.position)
+        else:
+            now, then = _force_at(state.force, s), _force_at(state.force, s + ds)
         error, velocity = hold_step(
             ds, state.position - state.goal, state.velocity * state.duration, now, then
         )
@@ -217,16 +227,24 @@ class DMP:
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         if value is None:
             return default
-        vector = np.asarray(value, dtype=float)
+        try:
+            vector = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            vector = np.full(1, np.nan)
         if vector.shape != self.start.shape or not np.isfinite(vector).all():
-            raise OptionError(f"{name} = {value}", way_out=f"give {len(self.start)} finite numbers")
+            raise OptionError(f"{name} = {value!r}", way_out=f"give {len(self.start)} finite numbers")
         return vector
 
 
+def _number(value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return float("nan")
+
+
 def _force_at(force: Array, s: float) -> Array:
-    """The forcing term at normalised time `s`, linear between the knots, silent after the end."""
-    if s >= 1.0 + 1e-12:
-        return np.zeros_like(force[0])
+    """The forcing term at normalised time `s`, linear between the knots."""
     position = min(s, 1.0) * N_INTERVALS
     k = min(int(position), N_INTERVALS - 1)
     return force[k] + (position - k) * (force[k + 1] - force[k])

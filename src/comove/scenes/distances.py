@@ -60,16 +60,18 @@ def _ellipsoid_normal(a, b, c, u, v, w):
     p_i / (t + r_i^2), and its length; the signed distance is t times the length.
     """
     u, v, w = max(u, TINY * a), max(v, TINY * b), max(w, TINY * c)
-    t = max(a * u - a * a, b * v - b * b, c * w - c * c)
-    for _ in range(60):
-        pa, pb, pc = 1.0 / (t + a * a), 1.0 / (t + b * b), 1.0 / (t + c * c)
+    least = min(a, b, c) ** 2
+    da, db, dc = a * a - least, b * b - least, c * c - least
+    t = max(a * u - da, b * v - db, c * w - dc)  # plus least, so that nothing cancels deep inside
+    for _ in range(100):
+        pa, pb, pc = 1.0 / (t + da), 1.0 / (t + db), 1.0 / (t + dc)
         ga, gb, gc = (a * u * pa) ** 2, (b * v * pb) ** 2, (c * w * pc) ** 2
         step = 0.5 * (ga + gb + gc - 1.0) / (ga * pa + gb * pb + gc * pc)
         t += step
-        if not step > 1e-15 * (abs(t) + a * a):
+        if not step > 1e-15 * t:
             break
-    nu, nv, nw = u / (t + a * a), v / (t + b * b), w / (t + c * c)
-    return t, nu, nv, nw, sqrt(nu * nu + nv * nv + nw * nw)
+    nu, nv, nw = u / (t + da), v / (t + db), w / (t + dc)
+    return t - least, nu, nv, nw, sqrt(nu * nu + nv * nv + nw * nw)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -129,15 +129,22 @@ def rotation_in_plane(angle: float) -> Array:
 
 
 def rotation_between(a: Array, b: Array) -> Array:
-    """The least rotation that turns the unit vector `a` into the unit vector `b`; array, shape (3, 3)."""
-    cosine = float(a @ b)
-    if cosine < -1.0 + 1e-12:  # opposite: half a turn about any axis across
+    """The least rotation that turns the unit vector `a` into the unit vector `b`; array, shape (3, 3).
+
+    It carries a right-handed frame on `a` to one on `b` that shares the axis across both, and so stays a
+    rotation to rounding where the two are nearly opposite; for opposite ones any axis across serves.
+    """
+    across = np.cross(a, b)
+    if not np.linalg.norm(across) > 1e-15:
         across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        across /= np.linalg.norm(across)
-        return 2.0 * np.outer(across, across) - np.eye(3)
-    cross = np.cross(a, b)
-    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
-    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    frames = []
+    for x in (a, b):
+        axis = across
+        for _ in range(2):  # twice is enough (Kahan), once is not where `across` is tiny
+            axis = axis - (axis @ x) * x
+            axis = axis / np.linalg.norm(axis)
+        frames.append(np.stack([x, axis, np.cross(x, axis)], axis=1))
+    return frames[1] @ frames[0].T
 
 
 def rotation_of_quaternion(wxyz: Array) -> Array:

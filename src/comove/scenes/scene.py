@@ -322,10 +322,15 @@ def _group(
                     way_out="move one of them or correct the distance",
                 )
     poses = [fit_pose(grasps, hands, orientation) for hands in (at_start, at_goal)]
-    slack = max([c.tolerance for c in (*stated.values(), *implied)], default=0.0)
+    slack = max(
+        [c.tolerance for c in (*stated.values(), *implied) if c.first in members and c.second in members],
+        default=0.0,
+    )
     for end, pose, hands in zip(("start", "goal"), poses, (at_start, at_goal), strict=True):
         miss = float(np.abs(pose.place(grasps) - hands).max())
-        if miss > slack + 1e-12:  # all distances agree and still no rotation fits: a mirror image
+        mirrored = grasps * ([1, -1, 1] if n_dims == 2 else [1, 1, -1])
+        miss_mirrored = float(np.abs(fit_pose(mirrored, hands, orientation).place(mirrored) - hands).max())
+        if miss > slack + 1e-12 and miss_mirrored < miss / 2:  # all distances agree and no rotation fits
             raise SceneError(
                 f"the hands at the {end} are the mirror image of the load's grasps",
                 file=path,

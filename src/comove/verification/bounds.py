@@ -1,16 +1,20 @@
-"""Upper bounds of hand speeds and accelerations over continuous time.
+"""Upper bounds of speeds, accelerations and third derivatives over continuous time.
 
-Both are known exactly at the knots. Between two knots the velocity stays within ``h^2/8 max|y'''|`` of its chord
-and the acceleration changes by at most ``h/2 max|y'''|``; the third derivative is bounded from the transformed
-system, whose second derivative on an interval is ``(P + Q t) exp(-omega t)``, fixed by its values at both ends.
+On an interval between two knots the second derivative of q is ``(P + Q t) exp(-omega t)``, fixed by its values at
+both ends: a line times a decay. Its norm is therefore at most ``exp(omega h)`` times the larger end value, and its
+derivative is bounded likewise. Through the coordinates this bounds the derivatives of every node. Then, between two
+knots, a node stays within ``h^2/8 max|y''|`` of its chord, its velocity within ``h^2/8 max|y'''|`` of its chord, and
+its acceleration changes by at most ``h/2 max|y'''|`` from the nearer knot. Nothing is taken from differences.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import ANGLE, POINT, QUATERNION, turning_bounds
+from comove.coordination.coordinates import ANGLE, POINT, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.basis import INTERVAL, N_INTERVALS, OMEGA
 
@@ -19,13 +23,43 @@ Array = NDArray[np.float64]
 SUBDIVISIONS = (1, 8, 64)  # of an interval, tried in turn where a bound alone breaks the limit
 
 
+class NodeBounds(NamedTuple):
+    """Upper bounds on every interval, in unit duration.
+
+    Attributes
+    ----------
+    acceleration, jerk : arrays, shape (n_intervals, n_nodes), of the second and third derivative
+    """
+
+    acceleration: Array
+    jerk: Array
+
+
+def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
+    """Bounds of every node's derivatives; infinite where an orientation is not defined."""
+    coordinates, knots = motion.coordinates, motion.knots
+    shape = (N_INTERVALS, len(coordinates.blocks.node))
+    acceleration, jerk = np.zeros(shape), np.zeros(shape)
+    for part in coordinates.parts:
+        center, turn = np.split(knots[:, :, part.columns], [coordinates.n_dims], axis=2)
+        _, second, third = _column_bounds(center)
+        swing, twist = np.zeros(N_INTERVALS), np.zeros(N_INTERVALS)
+        if part.kind != POINT:
+            swing, twist = _turning_bounds(part.kind, turn)
+        reach = np.linalg.norm(part.points, axis=1)
+        with np.errstate(invalid="ignore"):
+            acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
+            jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
+    return NodeBounds(acceleration, jerk)
+
+
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
     """Upper bound of the speed of every hand at every instant [m/s].
 
     Parameters
     ----------
     velocity : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
-    jerk : as `jerk_bound` gives it
+    jerk : as `node_bounds` gives it
     """
     speed = np.linalg.norm(velocity, axis=2)
     bound = np.maximum(speed[1:], speed[:-1]) + INTERVAL**2 / 8 * jerk[:, : speed.shape[1]]
@@ -38,73 +72,77 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
     Parameters
     ----------
     acceleration : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
-    jerk : as `jerk_bound` gives it
+    jerk : as `node_bounds` gives it
     limit : [m/s^2]
     """
     scale, n_hands = motion.scene.duration**2, acceleration.shape[1]
-    jerk = jerk[:, :n_hands]
-    bound = np.inf
+    jerk, last, bound = jerk[:, :n_hands], acceleration[-1], np.inf
     for parts in SUBDIVISIONS:
         if parts > 1:
-            s = np.linspace(0.0, 1.0, N_INTERVALS * parts + 1)
-            s[-1] = 1.0
+            s = np.linspace(0.0, 1.0, N_INTERVALS * parts + 1)[:-1]
             acceleration = motion.coordinates.motion(motion.at(s))[2, :, :n_hands]
-            acceleration[-1] = motion.coordinates.motion(motion.knots[:, -1:])[2, 0, :n_hands]
+            acceleration = np.concatenate(
+                [acceleration, last[None]]
+            )  # the end, before the forcing is cut off
         size = np.linalg.norm(acceleration, axis=2)
-        ends = np.maximum(size[1:], size[:-1])
         change = np.repeat(jerk, parts, axis=0) * (0.5 * INTERVAL / parts)
-        bound = float((ends + change).max()) / scale
+        bound = float((np.maximum(size[1:], size[:-1]) + change).max()) / scale
         if bound <= limit or size.max() / scale > limit:
             break
     return bound
 
 
-def jerk_bound(motion: CoordinatedMotion) -> Array:
-    """Upper bound of every node's third derivative on every interval; array, shape (n_intervals, n_nodes).
+def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
+    """Bounds of the first three derivatives of a vector x on every interval.
 
-    With a1, a2, a3 the derivatives of v over the least |v|, a unit vector u = v/|v| has
-    ``|u'''| <= a3 + 3 (2/sqrt 3) a1 a2 + 3 a1^3``: the norms of the derivatives of v -> v/|v| are 1/|v|,
-    (2/sqrt 3)/|v|^2 and 3/|v|^3.
+    Parameters
+    ----------
+    columns : array, shape (3, n_knots, width), x and its first two derivatives
+
+    Returns
+    -------
+    first, second, third : arrays, shape (n_intervals,)
     """
-    knots, coordinates = motion.knots, motion.coordinates
-    bound = np.zeros((N_INTERVALS, len(coordinates.blocks.node)))
-    for b, (kind, columns, entries) in enumerate(coordinates._parts()):
-        part = knots[:, :, columns]
-        n_dims = coordinates.n_dims
-        change = _third(part[2, :, :n_dims])[:, None]
-        if kind != POINT:
-            turn = part[:, :, n_dims:]
-            spin, twist = turning_bounds(kind, turn)
-            third = _third(turn[2])
-            reach = np.linalg.norm(coordinates.blocks.point[entries], axis=1)
-            if kind == ANGLE:
-                swing = third + 3 * spin * twist + spin**3
-            else:
-                factor = 2.0 if kind == QUATERNION else 1.0
-                a1 = spin / factor
-                a2 = twist / factor  # bounds |v''|/|v| from above
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    least = _least_length(turn, a1)
-                    swing = third / least + 2 * np.sqrt(3.0) * a1 * a2 + 3 * a1**3
-                if kind == QUATERNION:  # x = p r conj(p)
-                    swing = 2 * swing + 6 * a1 * np.hypot(a2, a1**2)
-            change = change + reach * swing[:, None]
-        bound[:, coordinates.blocks.node[coordinates._entries(b)]] = change
-    return bound
-
-
-def _third(second: Array) -> Array:
-    """Bound of |x'''| on every interval from x'' at the knots, (n_knots, width) -> (n_intervals,)."""
-    p = second[:-1]
-    q = (second[1:] * np.exp(OMEGA * INTERVAL) - p) / INTERVAL
+    ends = np.linalg.norm(columns[2], axis=1)
+    second = np.exp(OMEGA * INTERVAL) * np.maximum(ends[1:], ends[:-1])
+    speeds = np.linalg.norm(columns[1], axis=1)
+    first = np.maximum(speeds[1:], speeds[:-1]) + 0.5 * INTERVAL * second
+    p = columns[2, :-1]
+    q = (columns[2, 1:] * np.exp(OMEGA * INTERVAL) - p) / INTERVAL
     begin, end = q - OMEGA * p, q - OMEGA * p - OMEGA * INTERVAL * q
-    return np.maximum(np.linalg.norm(begin, axis=1), np.linalg.norm(end, axis=1))
+    third = np.maximum(np.linalg.norm(begin, axis=1), np.linalg.norm(end, axis=1))
+    return first, second, third
 
 
-def _least_length(turn: Array, spin: Array) -> Array:
-    """Least |v| on every interval, such that |v'|/|v| <= spin was derived from it."""
-    ends = np.linalg.norm(turn[2], axis=1)
-    acceleration = np.exp(OMEGA * INTERVAL) * np.maximum(ends[1:], ends[:-1])
-    speeds = np.linalg.norm(turn[1], axis=1)
-    speed = np.maximum(speeds[1:], speeds[:-1]) + 0.5 * INTERVAL * acceleration
-    return np.where(spin > 0, speed / np.where(spin > 0, spin, 1.0), 1.0)
+def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
+    """Bounds of the second and third derivative of a turning point at unit distance from the centre.
+
+    With a1, a2, a3 the bounds of the derivatives of v over the least |v|, a unit vector u = v/|v| has
+
+        |u'| <= a1,   |u''| <= sqrt((a2 + a1^2)^2 + a1^4),   |u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3:
+
+    across u, u'' is the part of v'' there less 2 |v|' u', along u it is -|u'|^2; and the derivatives of
+    v -> v/|v| have the norms 1/|v|, (2/sqrt 3)/|v|^2 and 3/|v|^3. A quaternion p turns a point r to p r conj(p).
+
+    Parameters
+    ----------
+    turn : array, shape (3, n_knots, width), the orientation's columns of q and two derivatives
+
+    Returns
+    -------
+    second, third : arrays, shape (n_intervals,)
+    """
+    first, second, third = _column_bounds(turn)
+    if kind == ANGLE:
+        return np.hypot(second, first**2), third + 3 * first * second + first**3
+    here, step = turn[0, :-1], np.diff(turn[0], axis=0)
+    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    least = nearest - INTERVAL**2 / 8 * second
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a1, a2, a3 = (np.where(least > 0, x / least, np.inf) for x in (first, second, third))
+    across = a2 + a1**2
+    bend, swing = np.hypot(across, a1**2), a3 + 2 * np.sqrt(3.0) * a1 * a2 + 3 * a1**3
+    if kind == QUATERNION:
+        return np.hypot(2 * across, 4 * a1**2), 2 * swing + 6 * a1 * bend
+    return bend, swing

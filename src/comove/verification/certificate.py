@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.basis import INTERVAL
 from comove.scenes.distances import point_distance
+from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
 
@@ -51,11 +52,16 @@ class Clearance(NamedTuple):
     nearest: int
 
 
-def certify(motion: CoordinatedMotion) -> Clearance:
-    """Bound the clearance of the whole load and all hands over continuous time."""
+def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clearance:
+    """Bound the clearance of the whole load and all hands over continuous time.
+
+    Parameters
+    ----------
+    bounds : those of `motion`, where the caller has them already
+    """
     scene, coordinates = motion.scene, motion.coordinates
     knots = motion.knots
-    bulge = INTERVAL**2 / 8 * coordinates.acceleration_bound(knots)
+    bulge = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
     nodes = coordinates.nodes(np.ascontiguousarray(knots[0].T[None]))[0]
     if not (np.isfinite(nodes).all() and np.isfinite(bulge).all()):
         return Clearance(-np.inf, -np.inf, 0.0, -1)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import DistanceConstraint
 from comove.trajectory import Trajectory
-from comove.verification.bounds import jerk_bound, largest_acceleration, largest_speed
-from comove.verification.certificate import certify
+from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
+from comove.verification.certificate import Clearance, certify
 
 Array = NDArray[np.float64]
 
@@ -120,14 +120,15 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         :, :, : len(scene.manipulators)
     ]
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
-    clearance, jerk = certify(motion), jerk_bound(motion)
+    bounds = node_bounds(motion)
+    clearance = certify(motion, bounds)
     report = Report(
         clearance_min=clearance.lower,
         distance_error_max=max((_distance_error(c, position) for c in scene.constraints), default=0.0),
         end_error=float(ends.max()),
         end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
-        speed_max=largest_speed(motion, velocity, jerk),
-        acceleration_max=largest_acceleration(motion, acceleration, jerk, scene.acceleration_limit),
+        speed_max=largest_speed(motion, velocity, bounds.jerk),
+        acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
     )
     names, reasons = scene.manipulators, []
     if not np.isfinite(motion.knots).all():
@@ -177,7 +178,7 @@ def _error_between_knots(motion: CoordinatedMotion, constraint: DistanceConstrai
     raise ValueError(f"constraint {constraint} ties two groups together")
 
 
-def _contact(motion: CoordinatedMotion, clearance) -> str:
+def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:
     scene = motion.scene
     if clearance.nearest < 0:
         what = "the border of the workspace"
