@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
+from comove.verification.bounds import node_bounds
 from comove.verification.certificate import certify
 from tests import brute_force
 from tests.solved import solved

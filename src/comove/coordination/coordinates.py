@@ -188,6 +188,10 @@ class Coordinates:
             q[:, columns] = np.concatenate([center[:, : self.n_dims], turn], axis=1)
         return q
 
+    def same_as(self, other: Coordinates) -> bool:
+        """Whether both write configurations of the same groups in the same way."""
+        return all(np.array_equal(a, b) for a, b in zip(self.blocks, other.blocks, strict=True))
+
     def from_load(self, q: Array) -> Array:
         """Rewrite configurations of `load_coordinates` in these; arrays, shape (..., n_columns)."""
         parts, column = [], 0
@@ -260,6 +264,11 @@ def projected_coordinates(scene: Scene) -> Coordinates:
                 way_out="use the method 'comove'",
             )
     return replace(coordinates, search=matrix.reshape(coordinates.n_columns, -1))
+
+
+def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:
+    """The coordinates of a scene by their kind."""
+    return {"load": load_coordinates, "projected": projected_coordinates}[kind](scene)
 
 
 def _coordinates(scene: Scene, name: Kind, kinds: list[int]) -> Coordinates:

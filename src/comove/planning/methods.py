@@ -25,11 +25,11 @@ N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the n
 RESTARTS = 25
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 DRAWS, SPREAD = 1023, 0.3  # random starts of which a restart takes the best
-ENOUGH_TIME = 3.0  # s, for a plan with many nodes
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
 GROWING = Schedule(sigma=0.1, generations=200, patience=25, gain=0.01, growth=120)
+MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
 REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
 
@@ -74,10 +74,11 @@ class Comove:
         basis = motion_basis(self.n_basis, "velocity")
         margins = PLANE_MARGINS if scene.n_dims == 2 else SPACE_MARGINS
         starts: list[tuple[float, CoordinatedDMP]] = []
-        failures = 0
+        failures, pace = 0, 0.0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
+            begun, nodes = search.time_left(), self._nodes(search.time_left(), failures, pace)
             path = plan(
                 space,
                 ends[0],
@@ -85,8 +86,9 @@ class Comove:
                 margins[failures % len(margins)],
                 search.rng,
                 required=scene.clearance,
-                max_nodes=self._nodes(search, failures),
+                max_nodes=nodes,
             )
+            pace = max(pace, (begun - search.time_left()) / nodes**2)
             start = None if path is None else self._certified_fit(search, space, path, basis)
             if start is not None:
                 starts.append(start)
@@ -98,11 +100,13 @@ class Comove:
             self._polish(search, min(starts, key=lambda start: start[0])[1])
         return bool(starts)
 
-    def _nodes(self, search: Search, failures: int) -> int:
-        """Nodes for the next plan: few at first, more after failures, few again when time runs out."""
-        if search.time_left() < ENOUGH_TIME:
-            return FEW_NODES
-        return min(MANY_NODES, FEW_NODES * 2 ** (failures // 2))
+    def _nodes(self, time_left: float, failures: int, pace: float) -> int:
+        """Nodes for the next plan: few at first, more after failures, but no more than there is time for.
+
+        The time of a plan grows with the square of its nodes, `pace` the factor seen so far [s].
+        """
+        affordable = int(np.sqrt(0.5 * max(time_left, 0.0) / max(pace, 1e-12)))
+        return max(FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // 2), affordable))
 
     def _certified_fit(
         self, search: Search, space: Space, path: Array, basis: MotionBasis
@@ -112,10 +116,24 @@ class Comove:
         value = search.evaluate(search.objective, dmp, weights)
         rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
         for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
-            motion = dmp.rollout(weights[i])
-            search.remember(motion, float(rank[i]))
-            if search.judge(motion).verified:
+            if search.judge(dmp.rollout(weights[i])).verified:
                 return float(value.cost[i]), replace(dmp, weights=weights[i])
+        free = value.clearance > search.scene.clearance
+        if search.best is None and free.any():  # only too fast or too sudden: that can be mended
+            nearest = np.where(free, rank, np.inf).argmin()
+            return self._mended(search, replace(dmp, weights=weights[nearest]))
+        return None
+
+    def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
+        """A motion near a rejected one that is verified, and its cost; None where none was found."""
+        search.stage = "mending"
+        objective = search.objective
+        for _ in range(self.n_polishings):
+            dmp = improve(search, objective, dmp, MENDING)
+            verdict = search.judge(dmp.rollout())
+            if verdict.verified:
+                return search.objective.cost(dmp.rollout()).total, dmp
+            objective = stricter(objective, verdict)
         return None
 
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
@@ -153,7 +171,6 @@ class Comove:
                     self._polish(search, self._refined(dmp))
                     return True
                 value = search.evaluate(objective, dmp, dmp.weights[None])
-                search.remember(motion, float(search.objective.search_value(value)[0]))
                 if value.clearance[0] < -HOPELESS:
                     break
                 objective = stricter(objective, verdict)

@@ -91,7 +91,7 @@ class Evaluation(NamedTuple):
     ----------
     cost : J without its obstacle term
     penalty : of obstacles
-    clearance : least one seen [m], at most the margin
+    clearance : least one seen [m], at most the margin (or a millimetre, where there is none)
     hits : mean number of obstacles touched over the samples, the indicator term of (4)
     speed : largest of a hand [m/s]
     acceleration : largest of a hand [m/s^2]
@@ -212,6 +212,8 @@ def _evaluate(
                         moved += (x[t + 1, i, axis] - x[t, i, axis]) ** 2
                     if 0 < t < n_steps - 1:
                         bent += (x[t + 1, i, axis] - 2 * x[t, i, axis] + x[t - 1, i, axis]) ** 2
+                    elif t == 0:  # at rest: as if mirrored in time
+                        bent += (2 * (x[1, i, axis] - x[0, i, axis])) ** 2
                 terms[k, 1] += moved
                 fastest, hardest = max(fastest, moved), max(hardest, bent)
         terms[k, 0] *= c_goal / n_steps
@@ -233,7 +235,8 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
     touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
-    total, least, hits = 0.0, margin, 0
+    cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
+    total, least, hits = 0.0, cap, 0
     thickest = 0.0
     for e in range(radii.shape[0]):
         thickest = max(thickest, radii[e])
@@ -249,13 +252,13 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
                 return np.inf, -np.inf, float(n_obstacles)
         longest = sqrt(longest)
         parts = min(1 + int(longest / SUB_STEP), MAX_SUB_STEPS)
-        n_near, at_border = _near_obstacles(x, t, margin + thickest + longest, obstacles, lower, upper, near)
+        n_near, at_border = _near_obstacles(x, t, cap + thickest + longest, obstacles, lower, upper, near)
         if n_near == 0 and not at_border:
             continue
         weight = (longest if along_path else 1.0 / n_steps) / parts
         for part in range(parts):
             f = part / parts
-            d = margin
+            d = cap
             for e in range(edges.shape[0]):
                 m, n, r = edges[e, 0], edges[e, 1], radii[e]
                 px = x[t, m, 0] + f * (x[after, m, 0] - x[t, m, 0])
@@ -270,8 +273,7 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
                     d = min(d, low - r, high - r)
                 for i in range(n_near):
                     distance = (
-                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, margin + r, TOLERANCE)
-                        - r
+                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, cap + r, TOLERANCE) - r
                     )
                     d = min(d, distance)
                     if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:

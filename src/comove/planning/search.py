@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 POPULATION = 16
 MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
+CONTACT_SCALE = 0.01  # m
 EASY_PROGRESS = 3  # generations that one counts for while most samples are free
 SMALLEST_LOAD = 0.05  # of its size, from which it grows
 
@@ -46,7 +47,7 @@ class Search:
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
     best, best_motion, best_cost : the best motion so far, its verdict and J
-    attempt, attempt_value : the best motion that was not verified
+    attempt, attempt_violation : the motion nearest to being verified among the rejected
     """
 
     objective: Objective
@@ -65,7 +66,7 @@ class Search:
     best_motion: CoordinatedMotion | None = None
     best_cost: float = np.inf
     attempt: CoordinatedMotion | None = None
-    attempt_value: float = np.inf
+    attempt_violation: float = np.inf
 
     @property
     def scene(self) -> Scene:
@@ -91,7 +92,11 @@ class Search:
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best."""
         verdict = verify(motion, self.checks)
-        if verdict.verified is not None and self.first_verified is None:
+        if verdict.verified is None:
+            violation = self._violation(verdict)
+            if self.attempt is None or violation < self.attempt_violation:
+                self.attempt, self.attempt_violation = motion, violation
+        elif self.first_verified is None:
             self.first_verified = time.perf_counter() - self.started
         if verdict.verified is not None or not self.hard:
             cost = self.objective.cost(motion).total
@@ -99,10 +104,12 @@ class Search:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
         return verdict
 
-    def remember(self, motion: CoordinatedMotion, value: float) -> None:
-        """Keep the best attempt, for the case that nothing is verified."""
-        if self.attempt is None or value < self.attempt_value:
-            self.attempt, self.attempt_value = motion, value
+    def _violation(self, verdict: Verdict) -> float:
+        """How far a rejected motion is from being verified: contact counts before limits."""
+        report, scene = verdict.report, self.scene
+        depth = max(0.0, scene.clearance - report.clearance_min)
+        excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+        return (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + excess / (1.0 + excess)
 
     def tell(self, cost: float, violation: float) -> None:
         """Count a generation and report it."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
-from comove.coordination.coordinates import load_coordinates, projected_coordinates
+from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError
@@ -35,6 +35,7 @@ from comove.verification.verify import Report, Verdict, verify
 Array = NDArray[np.float64]
 
 ARRAYS, SUMMARY = "solution.npz", "solution.json"
+FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
@@ -71,13 +72,21 @@ def check_target(folder: str | Path) -> Path:
     ResultError
         If it is a file, a folder with something else in it, or not writable.
     """
-    folder = Path(folder).absolute()
+    folder = Path(folder).resolve()
     if folder.exists() and not folder.is_dir():
         raise ResultError("it is a file", file=folder, way_out="name a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / SUMMARY).is_file():
-        raise ResultError(
-            "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
-        )
+    if folder.is_dir():
+        names = {entry.name for entry in folder.iterdir()}
+        if names and SUMMARY not in names:
+            raise ResultError(
+                "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
+            )
+        if names - FILES:
+            raise ResultError(
+                f"besides a result the folder holds '{min(names - FILES)}'",
+                file=folder,
+                way_out="name another folder or move that away",
+            )
     parent = folder.parent
     while not parent.exists():
         parent = parent.parent
@@ -125,6 +134,7 @@ def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> dict
     with open(folder / ARRAYS, "wb") as file:
         np.savez(file, **arrays)
     summary = summary_of(solution, arrays, wall_time_s)
+    summary["summary_sha256"] = _summary_checksum(summary)
     text = json.dumps(summary, indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
     return summary
@@ -229,14 +239,11 @@ def rebuild(arrays: Mapping[str, NDArray], scene: Scene) -> CoordinatedMotion:
     ResultError
         If the arrays do not describe a motion on this scene.
     """
-    kinds = {"load": load_coordinates, "projected": projected_coordinates}
     name = str(arrays["coordinates"])
-    if name not in kinds:
-        raise ResultError(
-            f"unknown coordinates '{name}'", key="coordinates", way_out=f"known: {', '.join(kinds)}"
-        )
+    if name not in ("load", "projected"):
+        raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out="solve the scene again")
     try:
-        coordinates = kinds[name](scene)
+        coordinates = coordinates_for(scene, name)
     except OptionError as error:
         raise ResultError(error.message, key="coordinates", way_out="verify it on its own scene") from error
     basis = _basis(arrays)
@@ -273,6 +280,8 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
     reasons += _edited_samples(stored, motion)
     if stored.summary.get("motion_sha256") != checksum(stored.arrays):
         reasons.append(f"{ARRAYS} was edited: its checksum is not the one in {SUMMARY}")
+    if stored.summary.get("summary_sha256") != _summary_checksum(stored.summary):
+        reasons.append(f"{SUMMARY} was edited: its own checksum does not fit")
     if stored.summary.get("scene_sha256") != scene.sha256:
         reasons.append("the scene is not the one that was solved: its checksum differs")
     if verdict.verified is not None and stored.summary.get("verified") is True:
@@ -333,6 +342,12 @@ def _phase(text: str) -> Phase:
     if name == "exponential":
         return ExponentialPhase(float(alpha))
     raise ValueError(f"unknown phase '{text}'")
+
+
+def _summary_checksum(summary: Mapping[str, Any]) -> str:
+    """SHA-256 of all entries but the checksum itself."""
+    entries = {key: value for key, value in summary.items() if key != "summary_sha256"}
+    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def _finite(value: float) -> float | None:

@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.scene import DistanceConstraint
+from comove.scenes.scene import DistanceConstraint, Scene
 from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 from comove.verification.certificate import Clearance, certify
@@ -72,6 +73,9 @@ class VerifiedMotion:
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError("a VerifiedMotion does not change")
 
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError("a VerifiedMotion does not change")
+
     @property
     def clearance_min(self) -> float:
         """Certified lower bound of the clearance [m]."""
@@ -131,6 +135,8 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
     )
     names, reasons = scene.manipulators, []
+    if not motion.coordinates.same_as(coordinates_for(scene, motion.coordinates.kind)):
+        reasons.append("the motion's coordinates are not those of the scene")
     if not np.isfinite(motion.knots).all():
         reasons.append("the motion is not finite")
     if not report.end_error <= END_ERROR:
@@ -138,7 +144,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     if not report.end_speed <= END_SPEED:
         reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
     for c in scene.constraints:
-        error = max(_distance_error(c, position), _error_between_knots(motion, c))
+        error = max(_distance_error(c, position), _error_between_knots(scene, c))
         if not error <= max(c.tolerance, ROUNDING):
             reasons.append(
                 f"the distance between '{names[c.first]}' and '{names[c.second]}' is off by up to {error:.3g} m "
@@ -165,13 +171,13 @@ def _distance_error(constraint: DistanceConstraint, position: Array) -> float:
     return float(np.abs(apart - constraint.distance).max())
 
 
-def _error_between_knots(motion: CoordinatedMotion, constraint: DistanceConstraint) -> float:
+def _error_between_knots(scene: Scene, constraint: DistanceConstraint) -> float:
     """Bound of a distance's error between the knots, above what the knots show.
 
     Two hands in one block of the coordinates are images of two fixed points under one rigid motion: their
     distance is that of their grasps at every instant.
     """
-    for group in motion.coordinates.groups:
+    for group in scene.groups:
         if {constraint.first, constraint.second} <= set(group.members):
             i, j = (group.members.index(m) for m in (constraint.first, constraint.second))
             return abs(float(np.linalg.norm(group.grasps[i] - group.grasps[j])) - constraint.distance)
