@@ -11,11 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 COARSE = 1600  # intervals of a first look
-REFINEMENTS, PARTS, KEPT = (
-    3,
-    8,
-    32,
-)  # how often, how finely and how many of the lowest cells are looked at again
+REFINEMENTS, PARTS = 3, 8  # how often and how finely the lowest cells are looked at again
+KEPT_OF_AN_EDGE, KEPT = 6, 16  # cells, of the lowest values and as many of the lowest bounds
 
 
 # --- Signed distances ---
@@ -202,26 +199,21 @@ def least_clearance(motion, scene=None):
     scene = scene or motion.scene
     a, b, radii = body_of(scene, hands_at(motion))
     way = np.maximum(*(_norm(np.diff(x, axis=0)) for x in (a, b)))
-    length = np.linalg.norm(b[0] - a[0], axis=-1)
+    length = _norm(b[0] - a[0])
     least, time, cells = np.inf, 0.0, []
-    for edges, parts in ((np.flatnonzero(length > 0), PARTS), (np.flatnonzero(length == 0), 0)):
-        if not len(edges):
-            continue
-        shares = np.linspace(0.0, 1.0, parts + 1)[:, None]
-        points = a[:, edges, None] + shares * (b - a)[:, edges, None]
-        clearance = point_clearance(scene, points) - radii[edges, None]
-        at = np.unravel_index(clearance.argmin(), clearance.shape)
-        if clearance[at] < least:
-            least, time = float(clearance[at]), at[0] / COARSE
-        corner = np.minimum(clearance[1:], clearance[:-1])
-        corner = np.minimum(corner[..., 1:], corner[..., :-1]) if parts else corner
+    for edge in range(len(radii)):
+        parts = PARTS if length[edge] > 0 else 0
+        shares = np.linspace(0.0, 1.0, parts + 1)
+        points = a[:, edge, None] + shares[:, None] * (b - a)[:, edge, None]
+        clearance = point_clearance(scene, points) - radii[edge]
+        corner, (k, i) = _least(clearance)
+        if clearance[k, i] < least:
+            least, time = float(clearance[k, i]), float(k / COARSE)
         step = 1.0 / parts if parts else 0.0
-        bound = corner - 0.5 * way[:, edges, None] - 0.5 * step * length[edges, None]
-        k, e, i = np.unravel_index(np.argpartition(bound.ravel(), KEPT)[:KEPT], bound.shape)
+        bound = corner - 0.5 * way[:, edge, None] - 0.5 * step * length[edge]
+        k, i = _lowest(corner, bound, KEPT_OF_AN_EDGE)
         one = np.ones(len(k))
-        cells.append(
-            np.stack([k / COARSE, one / COARSE, edges[e], i * step, one * step])
-        )  # time, share, steps
+        cells.append(np.stack([k / COARSE, one / COARSE, one * edge, i * step, one * step]))
     cells, shares = np.concatenate(cells, axis=1), np.linspace(0.0, 1.0, PARTS + 1)
     for _ in range(REFINEMENTS):
         cells, found, when = _refined(motion, scene, cells, shares)
@@ -230,8 +222,22 @@ def least_clearance(motion, scene=None):
     return least, time
 
 
+def _least(clearance):
+    """Least corner of every cell of a grid over time and share, the last two axes, and where the least is."""
+    corner = np.minimum(clearance[..., 1:, :], clearance[..., :-1, :])
+    if clearance.shape[-1] > 1:
+        corner = np.minimum(corner[..., 1:], corner[..., :-1])
+    return corner, np.unravel_index(clearance.argmin(), clearance.shape)
+
+
+def _lowest(corner, bound, count):
+    """Indices of the cells that are lowest, and of those that may be."""
+    kept = {int(i) for x in (corner, bound) for i in np.argpartition(x.ravel(), count)[:count]}
+    return np.unravel_index(sorted(kept), corner.shape)
+
+
 def _refined(motion, scene, cells, shares):
-    """The lowest parts of `cells`, an array of shape (5, n_cells), and the least clearance met in them."""
+    """The lowest parts of `cells` (time, its step, edge, share, its step), the least clearance in them, when."""
     t0, dt, e, s0, ds = cells
     e = e.astype(int)
     times = np.minimum(t0[:, None] + shares * dt[:, None], 1.0)
@@ -242,16 +248,12 @@ def _refined(motion, scene, cells, shares):
     along = s0[:, None] + shares * ds[:, None]
     points = a[:, :, None] + along[:, None, :, None] * (b - a)[:, :, None]
     clearance = point_clearance(scene, points) - radii[e, None, None]
-    at = np.unravel_index(clearance.argmin(), clearance.shape)
-    corner = np.minimum(clearance[:, 1:], clearance[:, :-1])
-    corner = np.minimum(corner[:, :, 1:], corner[:, :, :-1])
+    corner, at = _least(clearance)
     way = np.maximum(*(_norm(np.diff(x, axis=1)) for x in (a, b)))
-    length = np.linalg.norm(b[:, 0] - a[:, 0], axis=-1) * ds / (len(shares) - 1)
+    length = _norm(b[:, 0] - a[:, 0]) * ds / PARTS
     bound = corner - 0.5 * way[:, :, None] - 0.5 * length[:, None, None]
-    lowest = np.argpartition(bound.ravel(), KEPT - 1)[:KEPT]
-    c, k, i = np.unravel_index(lowest, bound.shape)
-    parts = len(shares) - 1
-    finer = np.stack([times[c, k], dt[c] / parts, e[c], along[c, i], ds[c] / parts])
+    c, k, i = _lowest(corner, bound, KEPT)
+    finer = np.stack([times[c, k], dt[c] / PARTS, e[c], along[c, i], ds[c] / PARTS])
     return finer, float(clearance[at]), float(times[at[0], at[1]])
 
 

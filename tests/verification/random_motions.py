@@ -4,6 +4,7 @@ Obstacles drawn first are hardly ever near a motion drawn later. So the motion c
 then pushed towards what it sweeps until it is a chosen offset away, or as deep inside.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,15 +12,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from comove.coordination import CoordinatedMotion, load_coordinates, projected_coordinates
-from comove.errors import SceneError
+from comove.errors import OptionError, SceneError
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
 
 TRIANGLE = np.array([[-0.08, -0.05, 0.0], [0.08, -0.05, 0.0], [0.0, 0.1, 0.0]])
 BAR = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0]])
+RAIL = np.array([[-0.1, 0.0, 0.0], [0.04, 0.0, 0.0], [0.12, 0.0, 0.0]])  # three hands in one line
 LOADS = {2: ("bar", "bar", "hands", "frame", "polygon", "pairs", "bar and hand")}
-LOADS[3] = ("bar", "bar", "hands", "frame", "frame", "pairs", "bar and hand")
+LOADS[3] = ("bar", "bar", "hands", "frame", "frame", "pairs", "bar and hand", "rail")
 WIDE = [-3.0, 4.0]  # m, a workspace that is in nobody's way
 
 
@@ -31,10 +33,11 @@ def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None):
     if projected is None:
         projected = rng.random() < 0.3
     coordinates = load_coordinates(scene)
-    if projected and all(group.orientation != "space" for group in scene.groups):
-        coordinates = projected_coordinates(scene)
+    if projected:
+        with suppress(OptionError):  # grasps off the middle, or three hands in space
+            coordinates = projected_coordinates(scene)
     basis = motion_basis(*[(30, "velocity"), (20, "velocity"), (20, "acceleration")][rng.integers(3)])
-    sigma = sigma or rng.choice([0.005, 0.02, 0.06])
+    sigma = sigma or rng.choice([0.005, 0.02, 0.06, 0.2], p=[0.3, 0.3, 0.3, 0.1])
     z = sigma * rng.standard_normal((coordinates.search.shape[1], basis.n_basis))
     boundary = coordinates.boundary(turn=int(rng.choice([0, 0, 0, 1, -1])))
     return CoordinatedMotion(scene, coordinates, basis, boundary, coordinates.search @ z)
@@ -185,7 +188,7 @@ def _offset(rng):
 
 
 def _empty_scene(rng, n_dims, load):
-    held = {"bar": [BAR], "pairs": [BAR, 0.8 * BAR], "frame": [TRIANGLE], "polygon": [BAR]}
+    held = {"bar": [BAR], "pairs": [BAR, 0.8 * BAR], "frame": [TRIANGLE], "polygon": [BAR], "rail": [RAIL]}
     held |= {"hands": [np.zeros((1, 3))] * int(rng.integers(1, 4)), "bar and hand": [BAR, np.zeros((1, 3))]}
     ends = []
     for middle in (0.2, 0.8):
@@ -207,12 +210,15 @@ def _empty_scene(rng, n_dims, load):
     }
     thick = {"radius": float(rng.choice([0.0, 0.012]))}
     if load.startswith("bar"):
-        overhang = float(rng.choice([0.0, 0.04]))
-        scene["load"] = {"shape": "bar", "length": 0.2, "overhang": overhang, "held_by": ["a", "b"], **thick}
+        overhang, held_by = float(rng.choice([0.0, 0.04])), [["a", "b"], ["b", "a"]][rng.integers(2)]
+        scene["load"] = {"shape": "bar", "length": 0.2, "overhang": overhang, "held_by": held_by, **thick}
+    elif load == "rail":
+        scene["load"] = {"shape": "frame", "edges": [["a", "c"]], **thick}
     elif load == "frame":
         scene["load"] = {"shape": "frame", "edges": [["a", "b"], ["b", "c"], ["c", "a"]], **thick}
     elif load == "polygon":
-        grasps = {"a": [-0.1, 0.0], "b": [0.1, 0.0]}
+        low = float(rng.choice([0.0, -0.02]))  # grasps about the frame's origin, or not
+        grasps = {"a": [-0.1, low], "b": [0.1, low]}
         vertices = [[-0.12, -0.04], [0.12, -0.04], [0.06, 0.07], [-0.06, 0.05]]
         scene["load"] = {"shape": "polygon", "vertices": vertices, "grasps": grasps, **thick}
     elif load == "pairs":

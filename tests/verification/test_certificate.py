@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
@@ -96,9 +97,6 @@ def test_ten_thousand_motions():
     assert outcomes["contact"] > 2000
 
 
-@pytest.mark.xfail(
-    strict=True, reason="certified_clearance returns at the first contact: deeper ones come later"
-)
 def test_the_bound_of_a_rejected_motion_is_a_bound_too():
     for seed in range(20):
         clearance, truth, _ = judged(near_contact(np.random.default_rng([seed, 11])))
@@ -129,6 +127,37 @@ def test_a_thin_wall_between_two_samples_is_seen(n_dims, thickness):
         assert certify(on_scene(free, data | {"obstacles": [wall]})).lower < 0
         wall["center"] = [at, across[0] + 0.101, *across[1:]]  # beside the way
         assert 0.9e-3 < certify(on_scene(free, data | {"obstacles": [wall]})).lower <= 1e-3
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([2, 3]))
+def test_a_contact_between_two_knots_is_seen(seed, n_dims):
+    """A plate on the outer side of a bend: the curve dips into it between two knots, their chord does not."""
+    motion = random_motion(np.random.default_rng(seed), n_dims=n_dims, load="hands", sigma=0.06)
+    at_knots, at_middles = (
+        motion.hands(s)[0][:, 0] for s in (np.linspace(0, 1, 801), (np.arange(800) + 0.5) / 800)
+    )
+    middles = 0.5 * (at_knots[1:] + at_knots[:-1])
+    bulge = np.linalg.norm(at_middles - middles, axis=1)
+    k = 50 + int(np.argmax(bulge[50:700]))
+    outward = (at_middles[k] - middles[k]) / bulge[k]
+    forward = (at_knots[k + 1] - at_knots[k]) / np.linalg.norm(at_knots[k + 1] - at_knots[k])
+    forward -= (forward @ outward) * outward
+    axes = [outward, forward / np.linalg.norm(forward)]
+    if n_dims == 3:
+        axes.append(np.cross(*axes))
+    half = 0.1 * np.linalg.norm(at_knots[k + 1] - at_knots[k])
+    center = middles[k] + (0.5 * bulge[k] + half) * outward
+    plate = {"shape": "box", "center": center.tolist(), "size": [2 * half] * n_dims}
+    if n_dims == 2:
+        plate["rotation_deg"] = float(np.rad2deg(np.arctan2(outward[1], outward[0])))
+    else:
+        x, y, z, w = Rotation.from_matrix(np.array(axes).T).as_quat()
+        plate["quaternion_wxyz"] = [w, x, y, z]
+    touching = on_scene(motion, scene_data(motion.scene) | {"obstacles": [plate]})
+    clearance, truth, outcome = judged(touching)
+    assert truth < -0.4 * bulge[k] < -1e-7
+    assert outcome == "contact", (clearance, truth)
 
 
 @settings(max_examples=40)

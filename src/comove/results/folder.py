@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 ARRAYS, SUMMARY = "solution.npz", "solution.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
+UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
@@ -345,8 +346,8 @@ def _phase(text: str) -> Phase:
 
 
 def _summary_checksum(summary: Mapping[str, Any]) -> str:
-    """SHA-256 of all entries but the checksum itself."""
-    entries = {key: value for key, value in summary.items() if key != "summary_sha256"}
+    """SHA-256 of all entries but the checksum itself and the times, which no two runs share."""
+    entries = {key: value for key, value in summary.items() if key not in UNSUMMED}
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 

@@ -1,0 +1,139 @@
+"""The house is built as its plan says: the room table in docs/architecture.md rules every import."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import comove
+
+SOURCE = Path(comove.__file__).parent
+PLAN = Path(__file__).parents[1] / "docs" / "architecture.md"
+OUTSIDE = {"__init__.py", "__main__.py", "_version.py", "py.typed"}  # the doors and the name plate
+
+pytestmark = pytest.mark.skipif(not PLAN.is_file(), reason="docs/architecture.md is not there")
+
+
+def rooms():
+    """Names of the rooms in the order of the table, without slash and suffix."""
+    cells = re.findall(r"^\|\s*`([\w./]+)`\s*\|", PLAN.read_text(encoding="utf-8"), re.MULTILINE)
+    return [cell.rstrip("/").removesuffix(".py") for cell in cells]
+
+
+def modules():
+    """Every module of the package as (path, room, parsed source)."""
+    for path in sorted(SOURCE.rglob("*.py")):
+        inside = path.relative_to(SOURCE)
+        room = inside.parts[0].removesuffix(".py")
+        yield inside, room, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imported(tree):
+    """Names of all modules that a module imports, wherever in it the import stands, as dotted paths."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            yield node.module
+            if node.module == "comove":
+                yield from (f"comove.{alias.name}" for alias in node.names)
+
+
+def rooms_entered(tree):
+    """Rooms of this package that a module imports from."""
+    return {
+        name.split(".")[1]
+        for name in imported(tree)
+        if name.startswith("comove.") and name != "comove._version"
+    }
+
+
+def test_every_room_is_on_the_plan_and_every_room_of_the_plan_exists():
+    built = {
+        path.name.removesuffix(".py")
+        for path in SOURCE.iterdir()
+        if path.name not in OUTSIDE and (path.suffix == ".py" or (path / "__init__.py").is_file())
+    }
+    assert built == set(rooms())
+    assert len(rooms()) == len(set(rooms()))
+
+
+def test_the_order_is_that_of_the_design():
+    """Data flows down; what a room may know lies above it."""
+    order = [
+        *("errors", "trajectory", "demonstrations", "primitives", "scenes", "coordination", "verification"),
+        *("optimisers", "planning", "results", "reaction", "execution", "robots", "simulators", "export"),
+        *("views", "experiments", "cli"),
+    ]
+    assert [room for room in order if room in rooms()] == rooms()
+
+
+@pytest.mark.parametrize(("inside", "room", "tree"), [pytest.param(*m, id=str(m[0])) for m in modules()])
+def test_imports_go_up(inside, room, tree):
+    if str(inside) in OUTSIDE:
+        return
+    order = rooms()
+    for other in rooms_entered(tree):
+        assert other in order, f"{inside} imports comove.{other}, which is no room"
+        assert order.index(other) <= order.index(room), (
+            f"{inside} imports from {other}, which lies below {room}"
+        )
+
+
+def test_the_judge_knows_no_maker():
+    for inside, room, tree in modules():
+        if room == "verification":
+            assert not rooms_entered(tree) & {"optimisers", "planning"}, inside
+
+
+def test_optimisers_know_no_robot():
+    for inside, room, tree in modules():
+        if room == "optimisers":
+            assert rooms_entered(tree) <= {"errors", "optimisers"}, inside
+
+
+def test_only_the_judge_makes_verified_motions():
+    """`VerifiedMotion(...)` is called nowhere else, and its seal is nobody's business."""
+    for inside, room, tree in modules():
+        names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+        if room != "verification":
+            assert not {"_SEAL", "_MAKER"} & names, inside
+            assert not any(call.split(".")[-1] == "VerifiedMotion" for call in calls), inside
+
+
+def test_pictures_are_drawn_in_views_only():
+    for inside, room, tree in modules():
+        if room != "views":
+            assert not [n for n in imported(tree) if n.split(".")[0] in ("matplotlib", "viser")], inside
+
+
+def test_nothing_draws_from_the_global_random_state():
+    for inside, _, tree in modules():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and ast.unparse(node).startswith(
+                ("np.random.", "numpy.random.")
+            ):
+                assert node.attr in ("default_rng", "Generator", "random"), f"{inside}: {ast.unparse(node)}"
+        assert "random" not in set(imported(tree)), inside
+
+
+def test_everything_that_is_offered_exists():
+    for name in comove.__all__:
+        assert getattr(comove, name) is not None
+    assert set(comove.__all__) <= set(dir(comove))
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        comove.no_such_thing  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "room", [room for room in (rooms() if PLAN.is_file() else []) if room not in ("errors", "trajectory")]
+)
+def test_every_room_offers_what_exists(room):
+    module = __import__(f"comove.{room}", fromlist=["*"])
+    for name in getattr(module, "__all__", ()):
+        assert getattr(module, name) is not None
+    assert module.__doc__ or not module.__file__ or (SOURCE / room / "__init__.py").stat().st_size == 0
