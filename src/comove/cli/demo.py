@@ -29,6 +29,7 @@ def demo(
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
     )
+    print("kernels are compiled on first use: up to half a minute, once after installation")
     jobs = [(name, name, CostWeights()) for name in EXAMPLES]
     jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
     for folder, _, _ in jobs:

@@ -31,6 +31,7 @@ from comove.scenes.taught import read_demonstration
 
 Array = NDArray[np.float64]
 
+LOADS = ("bar", "frame", "polygon")
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
@@ -207,6 +208,13 @@ class Scene:
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
+    if file.load is not None and file.load.shape not in LOADS:
+        raise SceneError(
+            f"loads of shape '{file.load.shape}' are not supported",
+            file=path,
+            key="load.shape",
+            way_out=f"use one of {', '.join(LOADS)}, a polygon in the plane only",
+        )
     names = [m.name for m in file.manipulators]
     start = _spatial(np.array([m.start for m in file.manipulators]))
     goal = _spatial(np.array([m.goal for m in file.manipulators]))
@@ -402,7 +410,7 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
     if load is not None:
-        radius = getattr(load, "radius", 0.0)
+        radius = load.radius
         if load.shape == "bar":
             holders = [names.index(name) for name in (load.held_by or names)]
             edges = [tuple(corners or holders)]
