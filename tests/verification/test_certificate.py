@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
+from comove.verification import verify
 from comove.verification.bounds import node_bounds
 from comove.verification.certificate import certify
 from tests import brute_force
@@ -147,7 +148,7 @@ def test_a_contact_between_two_knots_is_seen(seed, n_dims):
     if n_dims == 3:
         axes.append(np.cross(*axes))
     half = 0.1 * np.linalg.norm(at_knots[k + 1] - at_knots[k])
-    center = middles[k] + (0.5 * bulge[k] + half) * outward
+    center = middles[k] + (0.8 * bulge[k] + half) * outward
     plate = {"shape": "box", "center": center.tolist(), "size": [2 * half] * n_dims}
     if n_dims == 2:
         plate["rotation_deg"] = float(np.rad2deg(np.arctan2(outward[1], outward[0])))
@@ -156,8 +157,9 @@ def test_a_contact_between_two_knots_is_seen(seed, n_dims):
         plate["quaternion_wxyz"] = [w, x, y, z]
     touching = on_scene(motion, scene_data(motion.scene) | {"obstacles": [plate]})
     clearance, truth, outcome = judged(touching)
-    assert truth < -0.4 * bulge[k] < -1e-7
+    assert truth < -0.15 * bulge[k] < -1e-7
     assert outcome == "contact", (clearance, truth)
+    assert verify(touching).verified is None
 
 
 @settings(max_examples=40)
