@@ -441,3 +441,23 @@ def test_a_demonstration_is_carried_to_every_hand():
         scale = np.linalg.norm(scene.goal[i] - scene.start[i]) / np.linalg.norm(dmp.goal - dmp.start)
         lengths = np.linalg.norm(carried[:, i, :2] - carried[0, i, :2], axis=1)
         assert np.abs(lengths - scale * np.linalg.norm(own - own[0], axis=1)).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"obstacles": "constraints"}, "did you mean 'constraint'"),
+        ({"seed": -1}, "seed = -1"),
+        ({"seed": 1.5}, "whole number"),
+        ({"method": "projection"}, "method object"),
+        ({"budget": float("nan")}, "positive number of seconds"),
+    ],
+)
+def test_arguments_out_of_range(arguments, words):
+    with pytest.raises(OptionError, match=words):
+        comove.solve(example("wide"), **arguments)
+
+
+def test_cost_weights_out_of_range():
+    with pytest.raises(OptionError, match="goal"):
+        CostWeights(goal=float("nan"))

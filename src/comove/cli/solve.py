@@ -24,7 +24,7 @@ class ObstacleMode(StrEnum):
 
 @verb
 def solve(
-    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
     out: Annotated[Path, typer.Option(help="Folder for the result.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",

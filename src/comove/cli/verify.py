@@ -13,7 +13,7 @@ from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
 
 @verb
 def verify(
-    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
 ) -> int:
     """Judge a saved result anew, from the files alone."""

@@ -29,7 +29,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-CAP = 0.12  # m, clearances above it are not told apart
+CAP = 0.12  # m, on top of what is asked for
 TOLERANCE = 2e-4  # m, of clearances
 
 
@@ -43,6 +43,7 @@ class Space(NamedTuple):
     edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
     obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     lower, upper : arrays, shape (3,), the workspace [m]
+    cap : clearances above it are not told apart [m]
     """
 
     blocks: Blocks
@@ -52,13 +53,22 @@ class Space(NamedTuple):
     obstacles: Array
     lower: Array
     upper: Array
+    cap: float
 
 
 def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
     """The space of `scene` in its load coordinates."""
     reach = np.array([group.reach for group in coordinates.groups])
     body = scene.body
-    return Space(coordinates.blocks, reach, body.edges, body.radii, scene.obstacles, *scene.workspace)
+    return Space(
+        coordinates.blocks,
+        reach,
+        body.edges,
+        body.radii,
+        scene.obstacles,
+        *scene.workspace,
+        CAP + scene.clearance,
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -70,12 +80,12 @@ def copy_to(source, target):
 
 @numba.njit(cache=True, error_model="numpy")
 def clearance_of(space, q, nodes, floor=0.0):
-    """Clearance [m] of configuration q, at most CAP; what is below `floor` need not be exact.
+    """Clearance [m] of configuration q, at most the cap; what is below `floor` need not be exact.
 
     `nodes` is scratch, array of shape (n_nodes, 3).
     """
     place_one(space.blocks, q, 1.0, nodes)
-    clearance = CAP
+    clearance = space.cap
     for e in range(space.edges.shape[0]):
         a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
         for axis in range(3):

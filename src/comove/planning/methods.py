@@ -28,7 +28,7 @@ DRAWS, SPREAD = 1023, 0.3  # random starts of which a restart takes the best
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
-GROWING = Schedule(sigma=0.1, generations=200, patience=25, gain=0.01, growth=120)
+GROWING = Schedule(sigma=0.1, generations=160, patience=25, gain=0.01, growth=80)
 MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
 REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
+from comove.errors import OptionError
 from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
 
@@ -47,6 +48,11 @@ class CostWeights:
     velocity: float = 0.01
     obstacle: float = 10.0
     resemblance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < np.inf:
+                raise OptionError(f"the cost weight {name} = {value!r}", way_out="give a number, 0 or more")
 
 
 @dataclass(frozen=True)

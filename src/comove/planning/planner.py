@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.planning.configurations import (
-    CAP,
     Space,
     clearance_of,
     copy_to,
@@ -213,7 +212,7 @@ def _forest(space, start, goal, margin, rng, max_nodes):
     copy_to(start, tree[0])
     copy_to(goal, tree[1])
     member[0], member[1] = 0, 1
-    room = np.full(max_nodes, CAP)
+    room = np.full(max_nodes, space.cap)
     new, scratch = np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
     if edge_is_free(space, start, goal, margin, scratch, nodes):
@@ -319,7 +318,7 @@ def _retract(space, q, margin, n_trials, rng, scratch, nodes):
 
     Hardly any random pose is free in a narrow passage, but many are near a free one.
     """
-    clearance, size = clearance_of(space, q, nodes, -CAP), 1.0
+    clearance, size = clearance_of(space, q, nodes, -np.inf), 1.0
     for _ in range(n_trials):
         if clearance > margin:
             return True

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion, modulate
-from comove.errors import OptionError
+from comove.errors import OptionError, near_name
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
@@ -22,6 +22,8 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
+
+OBSTACLES = ("constraint", "cost")
 
 
 def solve(
@@ -47,8 +49,8 @@ def solve(
         A movement of a single manipulator, of the scene's dimension: a start for the search, and what
         the result shall resemble where `cost.resemblance` is positive.
     seed
-        Of all random numbers: the same inputs, seed and version give the same motion as long as the
-        budget is not what ends the search.
+        Of all random numbers: the same inputs, seed and version give the same motion unless time runs
+        short, which makes the planner modest before it ends the search.
     method
         `Comove()` unless given.
     planner
@@ -64,7 +66,13 @@ def solve(
         Further checks that a motion must pass to be verified.
     progress
         Called once a generation.
+
+    Raises
+    ------
+    OptionError
+        If an argument is out of range.
     """
+    _check_options(seed, method, budget, obstacles)
     load_kernels(scene.n_dims)
     started = time.perf_counter()
     method = method or Comove()
@@ -108,6 +116,17 @@ def solve(
         solve_time_s=time.perf_counter() - started,
         interrupted=interrupted,
     )
+
+
+def _check_options(seed: object, method: object, budget: float, obstacles: str) -> None:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
+    if method is not None and not isinstance(method, Comove):
+        raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
+    if not 0 < budget < np.inf:
+        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    if obstacles not in OBSTACLES:
+        raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
 
 
 def carried_demonstration(dmp: DMP, scene: Scene) -> Array:

@@ -306,7 +306,7 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
             at = np.unravel_index(np.nanargmax(np.abs(np.nan_to_num(found, nan=np.inf) - right)), right.shape)
             where = ", ".join(str(int(i)) for i in at)
             reasons.append(
-                f"'{name}[{where}]' was edited: it is {found[at]!r}, the motion's is {right[at]!r}"
+                f"'{name}[{where}]' was edited: it is {float(found[at])!r}, the motion's is {float(right[at])!r}"
             )
     return reasons
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,15 @@ class VerifiedMotion:
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError("a VerifiedMotion does not change")
+
+    def __copy__(self) -> VerifiedMotion:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, object]) -> VerifiedMotion:
+        return self
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a VerifiedMotion is not pickled: send its `motion` and verify that anew")
 
     def __delattr__(self, name: str) -> None:
         raise AttributeError("a VerifiedMotion does not change")
