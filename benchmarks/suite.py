@@ -22,6 +22,7 @@ import argparse
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from math import inf
 from pathlib import Path
@@ -83,6 +84,8 @@ def example(name: str) -> SceneSet:
 SETS = {
     "planar": drawn(planar_scene, 100),
     "planar-no-planner": drawn(planar_scene, 100),
+    "central": drawn(partial(planar_scene, central=True), 100),
+    "central-no-planner": drawn(partial(planar_scene, central=True), 100),
     "bars": drawn(spatial_bar_scene, 50),
     "triangles": drawn(spatial_triangle_scene, 20),
     "wide": example("wide"),

@@ -21,9 +21,12 @@ TRIANGLE = 0.16  # m, its sides
 TRIES = 12  # plans before a scene is given up
 
 
-def planar_scene(seed: int) -> Scene:
-    """A planar bar through one to three walls (gap 0.45 to 1.4 bar lengths) past up to two discs."""
-    return _first_passable(np.random.default_rng([seed, 2]), lambda rng: _planar(rng, seed))
+def planar_scene(seed: int, *, central: bool = False) -> Scene:
+    """A planar bar through one to three walls (gap 0.45 to 1.4 bar lengths) past up to two discs.
+
+    Gaps and ends lie anywhere across the workspace, or nearer to its middle if `central`: the ways are shorter.
+    """
+    return _first_passable(np.random.default_rng([seed, 2]), lambda rng: _planar(rng, seed, central))
 
 
 def spatial_bar_scene(seed: int) -> Scene:
@@ -51,13 +54,13 @@ def _first_passable(rng: np.random.Generator, draw) -> Scene:
             return scene
 
 
-def _planar(rng: np.random.Generator, seed: int) -> dict[str, Any]:
+def _planar(rng: np.random.Generator, seed: int, central: bool) -> dict[str, Any]:
     walls = int(rng.integers(1, 4))
     obstacles: list[dict[str, Any]] = []
     for wall in range(walls):
         x = 0.5 + (wall - (walls - 1) / 2) * 0.2 + rng.uniform(-0.02, 0.02)
         gap, thickness = BAR * rng.uniform(0.45, 1.4), rng.uniform(0.02, 0.08)
-        middle = rng.uniform(gap / 2 + 0.05, 0.95 - gap / 2)
+        middle = rng.uniform(0.25, 0.75) if central else rng.uniform(gap / 2 + 0.05, 0.95 - gap / 2)
         for low, high in ((-0.1, middle - gap / 2), (middle + gap / 2, 1.1)):
             obstacles.append(
                 {"shape": "box", "center": [x, (low + high) / 2], "size": [thickness, high - low]}
@@ -67,13 +70,14 @@ def _planar(rng: np.random.Generator, seed: int) -> dict[str, Any]:
         obstacles.append(
             {"shape": "circle", "center": center.tolist(), "radius": float(rng.uniform(0.02, 0.06))}
         )
-    hands = [_planar_hands(rng, 0.14), _planar_hands(rng, 0.86)]
+    aside = 0.2 if central else 0.35
+    hands = [_planar_hands(rng, 0.14, aside), _planar_hands(rng, 0.86, aside)]
     return _scene(f"planar-{seed}", [0, 0], [1, 1], obstacles, hands, {"shape": "bar", "length": BAR})
 
 
-def _planar_hands(rng: np.random.Generator, x: float) -> Array:
+def _planar_hands(rng: np.random.Generator, x: float, aside: float) -> Array:
     angle = rng.uniform(-np.pi, np.pi)
-    center = np.array([x, rng.uniform(0.15, 0.85)])
+    center = np.array([x, 0.5 + rng.uniform(-aside, aside)])
     along = BAR / 2 * np.array([np.cos(angle), np.sin(angle)])
     return np.stack([center - along, center + along])
 
