@@ -461,3 +461,14 @@ def test_arguments_out_of_range(arguments, words):
 def test_cost_weights_out_of_range():
     with pytest.raises(OptionError, match="goal"):
         CostWeights(goal=float("nan"))
+
+
+def test_without_the_planner_nothing_is_planned(monkeypatch):
+    """Not even as a last resort: on a scene without solution the restarts go on until time is up."""
+
+    def plan(*_, **__):
+        pytest.fail("the planner ran")
+
+    monkeypatch.setattr("comove.planning.methods.plan", plan)
+    monkeypatch.setattr("comove.planning.methods.RESTARTS", 1)
+    assert not comove.solve(closed(), planner=False, budget=3.0).verified

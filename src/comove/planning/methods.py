@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +23,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
-RESTARTS = 25
+RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 DRAWS, SPREAD = 1023, 0.3  # random starts of which a restart takes the best
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
@@ -58,12 +59,12 @@ class Comove:
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
         if search.taught is not None and search.objective.weights.resemblance > 0:
-            self._grow(search, restarts=1)  # from the demonstration, to stay near it
-        if planner and self._plan(search):
+            self._grow(search, range(1))  # from the demonstration, to stay near it
+        if (planner and self._plan(search)) or search.best is not None:
             return
-        if search.best is not None or self._grow(search, restarts=RESTARTS):
+        if self._grow(search, range(RESTARTS) if planner else count()):
             return
-        while not self._plan(search):  # last resort
+        while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
 
     def _plan(self, search: Search) -> bool:
@@ -147,11 +148,11 @@ class Comove:
                 return
             objective, schedule = stricter(objective, verdict), replace(POLISHING, sigma=0.01)
 
-    def _grow(self, search: Search, restarts: int) -> bool:
+    def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Restarts in which the load grows; True once a motion is verified and polished."""
         basis = motion_basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
-        for restart in range(restarts):
+        for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
             dmp = self._first_guess(search, basis, restart)
             if restart > 0:

@@ -109,7 +109,8 @@ class Search:
         report, scene = verdict.report, self.scene
         depth = max(0.0, scene.clearance - report.clearance_min)
         excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
-        return (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + excess / (1.0 + excess)
+        violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
+        return np.inf if np.isnan(violation) else violation
 
     def tell(self, cost: float, violation: float) -> None:
         """Count a generation and report it."""
