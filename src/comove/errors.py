@@ -55,14 +55,6 @@ class OptionError(InputError):
     """An option or argument outside its range."""
 
 
-class MissingExtra(ComoveError):
-    """An optional dependency is not installed."""
-
-    def __init__(self, package: str, extra: str):
-        super().__init__(f"{package} is not installed; run: pip install 'comove[{extra}]'")
-        self.package, self.extra = package, extra
-
-
 class ComoveWarning(UserWarning):
     """Something was changed or looks wrong, and the user should know."""
 

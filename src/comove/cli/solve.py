@@ -31,7 +31,12 @@ def solve(
     no_planner: Annotated[
         bool, typer.Option("--no-planner", help="Do not start from a planned path.")
     ] = False,
-    budget: Annotated[float, typer.Option(help="Seconds after which the best so far is taken.")] = 30.0,
+    budget: Annotated[
+        float,
+        typer.Option(
+            help="Seconds after which the best so far is taken; compiling, once after installation, is apart."
+        ),
+    ] = 30.0,
     obstacles: Annotated[
         ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")
     ] = ObstacleMode.constraint,

@@ -72,11 +72,13 @@ class Cost:
 
 @dataclass(frozen=True)
 class Penalty:
-    """How a search feels obstacles: ``slope * max(0, margin - d) + step * (d <= 0)``, d the clearance.
+    """How a search feels obstacles: ``slope * max(0, margin - d) + step * (d <= 0)``.
+
+    Here d is the clearance less what the scene asks for (`limits.clearance`).
 
     Attributes
     ----------
-    margin : clearance from which on nothing is felt [m], on top of the scene's own
+    margin : d from which on nothing is felt [m]
     slope : [1/m]
     step : cost of contact
     along_path : weigh by path length instead of time, so that rushing through an obstacle does not pay

@@ -126,7 +126,6 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
     sample, target, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
     nodes = np.empty((space.blocks.node.shape[0], 3))
     if edge_is_free(space, start, goal, margin, scratch, nodes):
-        copy_to(start, trees[0, 0])
         copy_to(goal, trees[0, 1])
         return trees[0, :2].copy()
     this = 0

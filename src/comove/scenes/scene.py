@@ -354,10 +354,8 @@ def _load_shape(file: SceneFile, members: tuple[int, ...]) -> tuple[Array | None
     if load.shape == "bar":
         half, first = load.length / 2, names.index((load.held_by or names)[0])
         ends = np.array([[-half if i == first else half, 0.0, 0.0] for i in members])
-        beyond = half + load.overhang
-        return ends, np.array([[-beyond, 0.0, 0.0], [beyond, 0.0, 0.0]]) if load.overhang else np.zeros(
-            (0, 3)
-        )
+        beyond = [half + load.overhang] if load.overhang else []
+        return ends, np.array([[side * x, 0.0, 0.0] for x in beyond for side in (-1, 1)]).reshape(-1, 3)
     grasps = None
     if getattr(load, "grasps", None):
         grasps = _spatial(np.array([load.grasps[names[i]] for i in members], dtype=float))

@@ -69,10 +69,9 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clea
     lower, upper, k, nearest = certified_clearance(
         nodes, bulge, body.edges, body.radii, scene.obstacles, *scene.workspace, scene.clearance
     )
-    if body.filled and scene.clearance_at(nodes[0])[0] < lower:
-        lower = upper = scene.clearance_at(nodes[0])[
-            0
-        ]  # an obstacle inside the plate: no edge needs to touch it
+    if body.filled:  # an obstacle inside the plate at the start need not touch its border
+        at_start, _ = scene.clearance_at(nodes[0])
+        lower, upper = min(lower, at_start), min(upper, at_start)
     return Clearance(lower, upper, k * INTERVAL, nearest)
 
 
