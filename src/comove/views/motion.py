@@ -121,7 +121,7 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
     effort = 0.01 * (velocity**2).sum(axis=(1, 2))
     figure = new_figure(7.2, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(time, to_goal + effort, color=COLOURS[1], label="objective")
+    upper.plot(time, to_goal + effort, color=COLOURS[1], label="objective, terms of goal and velocity")
     upper.plot(time, to_goal, "--", color="0.4", linewidth=1, label="distance to the goal, squared [m²]")
     upper.set(title=f"{scene.name}: objective and constraint along the movement", ylabel="objective")
     upper.legend(frameon=False)
@@ -135,7 +135,7 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
         reach = max(tolerance, *(abs(limit) for limit in lower.get_ylim()))
         lower.set_ylim(-1.2 * reach, 1.2 * reach)
         lower.axhspan(-tolerance, tolerance, color="0.9", zorder=0, label="tolerance")
-        lower.legend(frameon=False)
+        lower.legend(framealpha=1.0, edgecolor="none")  # the tolerance is grey on grey without a ground
     lower.set(xlabel="time [s]", ylabel="constraint violation [m]")
     return figure
 
