@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +33,36 @@ class OutOfTime(Exception):
     """The budget is spent."""
 
 
+class Interruption:
+    """Whether Ctrl-C, or a callback that raises `KeyboardInterrupt`, has asked the search to end."""
+
+    def __init__(self) -> None:
+        self.wished = False
+
+    @contextmanager
+    def noticed(self) -> Iterator[None]:
+        """Hold Ctrl-C, where Python's own handler would take it, until the next check of the clock.
+
+        A `KeyboardInterrupt` raised inside a compiled kernel would reach Python as a `SystemError`.
+        """
+        before = signal.getsignal(signal.SIGINT)
+        held = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+        if held:
+            signal.signal(signal.SIGINT, self._wish)
+        try:
+            yield
+        except KeyboardInterrupt:
+            self.wished = True
+        finally:
+            if held:
+                signal.signal(signal.SIGINT, before)
+
+    def _wish(self, *_: object) -> None:
+        """The first Ctrl-C is a wish, the next one an order."""
+        self.wished = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @dataclass
 class Search:
     """What a method works with.
@@ -43,6 +76,7 @@ class Search:
     started, deadline : on the clock of `time.perf_counter` [s]
     checks : further checks that a motion must pass
     progress : called once a generation
+    interruption : the user's wish to end
     stage : what is being done, in words
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
@@ -58,6 +92,7 @@ class Search:
     deadline: float
     checks: Sequence[Check] = ()
     progress: ProgressCallback | None = None
+    interruption: Interruption = field(default_factory=Interruption)
     stage: str = ""
     evaluations: int = 0
     generations: int = 0
@@ -78,8 +113,8 @@ class Search:
         return self.deadline - time.perf_counter()
 
     def check_time(self) -> None:
-        """Raise `OutOfTime` once the budget is spent."""
-        if self.time_left() < 0:
+        """Raise `OutOfTime` once the budget is spent, or the user wishes to end."""
+        if self.interruption.wished or self.time_left() < 0:
             raise OutOfTime
 
     def evaluate(

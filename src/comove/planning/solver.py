@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
@@ -89,13 +90,8 @@ def solve(
         checks=checks,
         progress=progress,
     )
-    interrupted = False
-    try:
+    with suppress(OutOfTime), search.interruption.noticed():
         method.run(search, planner=planner)
-    except OutOfTime:
-        pass
-    except KeyboardInterrupt:
-        interrupted = True
     if search.best is not None:
         motion, verdict = search.best_motion, search.best
     else:
@@ -114,7 +110,7 @@ def solve(
         generations=search.generations,
         time_to_first_verified_s=search.first_verified,
         solve_time_s=time.perf_counter() - started,
-        interrupted=interrupted,
+        interrupted=search.interruption.wished,
     )
 
 
