@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space, configuration_space
-from comove.planning.objective import N_STEPS
+from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
-from comove.planning.seeds import fit_path
+from comove.planning.seeds import bumps, fit_path
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
 
@@ -25,11 +25,12 @@ Array = NDArray[np.float64]
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
-DRAWS, SPREAD = 1023, 0.3  # random starts of which a restart takes the best
+ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
-GROWING = Schedule(sigma=0.1, generations=160, patience=25, gain=0.01, growth=80)
+GROWING = Schedule(sigma=0.1, generations=600, patience=30, gain=0.01, growth=80)
+THREADED = replace(GROWING, sigma=0.05)  # from a way that the smallest load has found
 MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
 REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
@@ -154,16 +155,12 @@ class Comove:
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
-            dmp = self._first_guess(search, basis, restart)
-            if restart > 0:
-                draws = SPREAD * search.rng.standard_normal(
-                    (DRAWS, dmp.coordinates.search.shape[1], basis.n_basis)
-                )
-                draws = dmp.weights + dmp.coordinates.search @ draws
-                value = search.evaluate(along_path, dmp, draws, SMALLEST_LOAD)
-                dmp = replace(dmp, weights=draws[np.argmin(along_path.search_value(value))])
+            guess = self._first_guess(search, basis, restart)
+            dmp = self._threaded(search, along_path, guess) if restart > 0 else guess
+            if dmp is None:
+                continue
             objective = along_path
-            dmp = improve(search, objective, dmp, GROWING)
+            dmp = improve(search, objective, dmp, THREADED if restart > 0 else GROWING)
             for _ in range(self.n_polishings):
                 search.check_time()
                 motion = dmp.rollout()
@@ -177,6 +174,22 @@ class Comove:
                 objective = stricter(objective, verdict)
                 dmp = improve(search, objective, dmp, REPAIRING)
         return False
+
+    def _threaded(self, search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
+        """Add one bump a round, the best of many drawn, until the smallest load is free; None where it never is."""
+        directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
+        for _ in range(ROUNDS):
+            search.check_time()
+            value = search.evaluate(objective, dmp, weights, SMALLEST_LOAD)
+            fitness = objective.search_value(value)
+            i = int(np.argmin(fitness))
+            if fitness[i] < least:
+                dmp, least = replace(dmp, weights=weights[i]), fitness[i]
+            if value.clearance[i] > search.scene.clearance:
+                return replace(dmp, weights=weights[i])
+            heights = SPREAD * search.rng.standard_normal((DRAWS, directions.shape[1], 1))
+            weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, DRAWS)[:, None])
+        return None
 
     def _first_guess(self, search: Search, basis: MotionBasis, restart: int) -> CoordinatedDMP:
         """The demonstration where there is one (every third restart), else the straight way with some turn."""

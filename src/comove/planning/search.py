@@ -164,8 +164,9 @@ class Schedule:
     sigma : first step size
     generations : at most
     patience, gain : stop after `patience` generations without a relative gain of `gain`
-    growth : generations over which the load grows to its full size, fewer where most samples are free; 0 for
-        the full load at once. A search that grows ends with the first free sample of the full load.
+    growth : generations over which the load grows to its full size, fewer where most samples are free; only
+        those count whose best sample touches nothing (if it must not). 0 for the full load at once. A search
+        that grows ends with the first free sample of the full load, or `patience` generations without growth.
     """
 
     sigma: float
@@ -201,19 +202,20 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         i = int(np.argmin(fitness))
         search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
         free = value.penalty == 0.0
-        progress += EASY_PROGRESS if free.mean() > 0.5 else 1
         if size < 1.0:
-            continue
-        if fitness[i] < best_value:
-            best, best_value = samples[i], float(fitness[i])
-        if schedule.growth and free[i] and objective.feasible(value)[i]:
-            break
-        if best_value < reference * (1 - schedule.gain):
-            reference, waited = best_value, 0
+            passing = value.clearance[i] > search.scene.clearance or not search.hard
+            grown = EASY_PROGRESS if free.mean() > 0.5 else int(passing)
+            progress, waited = progress + grown, 0 if grown else waited + 1
         else:
-            waited += 1
-            if waited >= schedule.patience:
+            if fitness[i] < best_value:
+                best, best_value = samples[i], float(fitness[i])
+            if schedule.growth and free[i] and objective.feasible(value)[i]:
                 break
+            waited += 1
+            if best_value < reference * (1 - schedule.gain):
+                reference, waited = best_value, 0
+        if waited >= schedule.patience:
+            break
     return replace(dmp, weights=best)
 
 

@@ -1,4 +1,4 @@
-"""From a path in configuration space to weights: time profiles, ridge fits, all at once."""
+"""Weights to begin with: fits of a path in configuration space under many time profiles, and random bumps."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 # brakes least, so several are fitted and the best that verifies is kept.
 PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.7), (6.0, 1.0))
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+NARROWEST, WIDEST = 0.025, 0.15  # of a bump, in durations
 
 
 def minimum_jerk(t: Array) -> Array:
@@ -61,6 +62,18 @@ def fit_path(
     weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_profiles, n_ridges, n_basis, n_columns)
     weights = np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1))
     return CoordinatedDMP(scene, coordinates, basis, boundary, weights[0]), weights
+
+
+def bumps(basis: MotionBasis, rng: np.random.Generator, count: int) -> Array:
+    """Weights of bumps of unit height, flat on top, at random times and of random widths.
+
+    Returns
+    -------
+    array, shape (count, n_basis)
+    """
+    width = NARROWEST * (WIDEST / NARROWEST) ** rng.uniform(size=(count, 1))
+    away = (np.linspace(0.0, 1.0, N_STEPS) - rng.uniform(size=(count, 1))) / width
+    return np.exp(-0.5 * away**4) @ _ridge_solvers(basis)[0].T
 
 
 @lru_cache(maxsize=8)
