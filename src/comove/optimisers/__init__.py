@@ -1,5 +1,39 @@
 """Black-box optimisers; they know no robot."""
 
-from comove.optimisers.separable import SeparableCMAES
+from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
+from comove.optimisers.ccmaes import CCMAES, FactorForm, MatrixForm, PrintedForm, Reduction
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.covariance import DiagonalCovariance, FullCovariance, TransformationMatrix
+from comove.optimisers.epsilon_level import EpsilonLevel
+from comove.optimisers.minimise import minimise
+from comove.optimisers.minimiser import Minimiser, Result
+from comove.optimisers.parameters import Parameters
+from comove.optimisers.reasons import Reason
+from comove.optimisers.restarts import BIPOP, IPOP, NoRestarts
+from comove.optimisers.simple import Affine, Penalty, Plain, Projection
 
-__all__ = ["SeparableCMAES"]
+__all__ = [
+    "BIPOP",
+    "CCMAES",
+    "CMAES",
+    "IPOP",
+    "Affine",
+    "AugmentedLagrangian",
+    "DiagonalCovariance",
+    "EpsilonLevel",
+    "FactorForm",
+    "FullCovariance",
+    "MatrixForm",
+    "PrintedForm",
+    "Reduction",
+    "Minimiser",
+    "NoRestarts",
+    "Parameters",
+    "Penalty",
+    "Plain",
+    "Projection",
+    "Reason",
+    "Result",
+    "TransformationMatrix",
+    "minimise",
+]

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.optimisers.separable import SeparableCMAES
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.covariance import DiagonalCovariance
+from comove.optimisers.parameters import Parameters
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
@@ -26,6 +28,7 @@ POPULATION = 16
 MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
 CONTACT_SCALE = 0.01  # m
 EASY_PROGRESS = 3  # generations that one counts for while most samples are free
+SMALLEST_STEP = 0.1  # of the first, while the load grows
 SMALLEST_LOAD = 0.05  # of its size, from which it grows
 
 
@@ -186,19 +189,26 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
     """Improve the shape weights by separable CMA-ES; the best of the full load is returned."""
     directions = dmp.coordinates.search
     shape = (directions.shape[1], dmp.basis.n_basis)
-    optimiser = SeparableCMAES(
-        np.zeros(shape[0] * shape[1]), schedule.sigma, search.rng, population=POPULATION
+    n = shape[0] * shape[1]
+    optimiser = CMAES(
+        np.zeros(n),
+        schedule.sigma,
+        search.rng,
+        parameters=Parameters.default(n, POPULATION, separable=True),
+        covariance=DiagonalCovariance(n),
     )
     best, best_value, reference, waited = dmp.weights, np.inf, np.inf, 0
     progress = 0
     for _ in range(schedule.generations):
         search.check_time()
         size = schedule.size(progress)
-        optimiser.sigma_floor = 0.0 if size == 1.0 else 0.1 * schedule.sigma
         samples = dmp.weights + directions @ optimiser.ask().reshape(-1, *shape)
         value = search.evaluate(objective, dmp, samples, size)
         fitness = objective.search_value(value)
         optimiser.tell(fitness)
+        if size < 1.0:  # the step must be able to follow the growing load
+            spread = np.sqrt((optimiser.standard_deviations() ** 2).mean())
+            optimiser.sigma *= max(1.0, SMALLEST_STEP * schedule.sigma / spread)
         i = int(np.argmin(fitness))
         search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
         free = value.penalty == 0.0

@@ -1,0 +1,260 @@
+"""CMA-ES on the augmented Lagrangian, with multipliers from linear models of the population.
+
+Samples are ranked by
+
+    L(x) = f(x) + sum_j mu_j h_j(x) + rho_j/2 h_j(x)^2
+
+(inequalities that are inactive, mu_j + rho_j h_j <= 0, count -mu_j^2 / (2 rho_j); Hestenes, 1969; Powell, 1969;
+Rockafellar, 1973; with CMA-ES: Arnold and Porter, 2015; Atamna, Auger and Hansen, 2017). There the multipliers
+follow mu += rho h(mean) slowly. Here they are those of the quadratic programme
+
+    min_z  g z + kappa/2 |z|^2   subject to   c + G z <= 0,
+
+in the units z of the search distribution, whose g, c and G are linear models learned from the samples; kappa is
+the Lagrangian's curvature as the models' residuals show it, and sets the penalties rho_j as well. The step of that
+programme, repaired to be feasible by the same models, joins the samples (injection: Hansen, 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
+from comove.optimisers.parameters import Parameters
+from comove.optimisers.reasons import Reason
+
+Array = NDArray[np.float64]
+
+TINY = 1e-300
+DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
+LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
+FAR = 100.0  # squared distance a dimension beyond which models are not trusted
+INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
+
+
+@dataclass(frozen=True)
+class AugmentedLagrangian:
+    """The augmented Lagrangian with modelled multipliers: the method for smooth constraints.
+
+    Objective and constraints are evaluated on both sides of the constraints' boundaries.
+
+    Attributes
+    ----------
+    penalty : rho_j in units of the curvature; times `growth` for every run that diverged before
+    growth : see there
+    learning : how far multipliers go towards the programme's in a generation
+    integral : how far they follow rho h(mean), as in the classical rule
+    adaptation : how far penalties go towards their target, in logarithm
+    repairs : evaluations of the constraints at most, to make the programme's step feasible
+    """
+
+    penalty: float = 0.5
+    growth: float = 4.0
+    learning: float = 0.1
+    integral: float = 0.1
+    adaptation: float = 0.1
+    repairs: int = 8
+
+    def start(self, start: Start) -> AugmentedLagrangianRun:
+        """Begin a run."""
+        return AugmentedLagrangianRun(self, start)
+
+
+class AugmentedLagrangianRun:
+    """One run; see `AugmentedLagrangian`. Each generation: samples, then the repaired step of the programme."""
+
+    def __init__(self, settings: AugmentedLagrangian, start: Start) -> None:
+        n = len(start.x)
+        self.settings, self._start = settings, start
+        self.reason: Reason | None = None
+        parameters = Parameters.default(n, start.population, active=True)
+        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
+        self._model = LinearModel(n, max(3 * n + 2, parameters.population))
+        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._penalty = settings.penalty * settings.growth ** (start.failures % 3)
+        self._memory = 5 + 3 * n // parameters.population
+        self._curvatures: list[float] = []
+        self._least_curvature = np.inf
+        self._sample()
+
+    def ask(self) -> Request:
+        """What to evaluate next."""
+        return self._request
+
+    def tell(self, objective: Array | None, constraints: Array | None) -> None:
+        """Values at the points of the last request."""
+        self._then(objective, constraints)
+
+    def _wait(self, request: Request, then: Callable) -> None:
+        self._request, self._then = request, then
+
+    # --- Samples ---
+
+    def _sample(self) -> None:
+        self._sampled = self._es.ask()
+        self._inside = np.clip(self._sampled, self._start.lower, self._start.upper)
+        self._wait(Request(self._inside, objective=True, constraints=True), self._samples_told)
+
+    def _samples_told(self, objective: Array, constraints: Array) -> None:
+        if self._es.generation == 0:
+            self._multipliers = np.zeros(constraints.shape[1])
+            self._penalties = np.zeros(constraints.shape[1])
+        self._model.add(self._inside, np.column_stack([constraints, objective]))
+        if len(self._model) < 3:
+            self.reason = Reason.NOT_FINITE
+            return
+        covariance, sigma = self._es.covariance, self._es.sigma
+        local = self._model.around(
+            self._es.whitened(self._model.points), sigma * covariance.root, covariance.inverse_root / sigma
+        )
+        self._update(local)
+        values = self._lagrangian(objective, constraints)
+        outside = (self._sampled - self._inside) / self._es.standard_deviations()
+        self._values = values + 0.5 * self._curvature * (outside**2).sum(axis=1)
+        self._propose()
+
+    def _update(self, local: Local) -> None:
+        """Multipliers and penalties from the models around the mean."""
+        start, settings = self._start, self.settings
+        gradient = local.slope[-1]
+        self._shift = np.where(
+            start.equality, np.sign(self._multipliers) * start.tolerance * (1 - INSIDE), 0.0
+        )  # an optimum uses the tolerance of an equality
+        length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
+        self._length = np.where(length > UNKNOWN, length, np.inf)
+        rows = local.slope[:-1] / self._length[:, None]
+        missed = (local.value[:-1] - self._shift) / self._length
+        m = len(missed)
+        self._rows, self._missed, self._free = self._with_bounds(rows, missed)
+        self._gram = self._rows @ self._rows.T
+        if not self._curvatures:
+            self._remember_curvature(local, np.zeros(m), gradient)
+            self._penalties = (
+                np.full(m, TINY)
+                + self._penalty
+                * self._curvature
+                / np.where(np.isfinite(self._length), self._length, 1e150) ** 2
+            )
+        curvature = self._curvature
+        forces = curvature * nearest_feasible(
+            self._gram, self._missed - self._rows @ gradient / curvature, self._free
+        )
+        stationary = gradient + forces @ self._rows
+        self._step = -stationary / curvature
+        wanted = forces[:m] / self._length
+        self._remember_curvature(local, wanted, stationary)
+        known = np.where(np.isfinite(self._length), self._length, 0.0)
+        surprise = np.abs(wanted - self._multipliers) * known / (10 * self._curvature)
+        self._multipliers += np.clip(surprise, settings.learning, 1.0) * (wanted - self._multipliers)
+        self._multipliers += settings.integral * self._penalties * missed * known
+        self._multipliers = np.where(start.equality, self._multipliers, np.maximum(self._multipliers, 0.0))
+        away = np.where(start.equality, np.abs(missed), np.maximum(missed, 0.0))
+        target = self._penalty * self._curvature * (1 + away**2) / np.where(known > 0, known, 1.0) ** 2
+        self._penalties *= (target / self._penalties + TINY) ** settings.adaptation
+
+    def _with_bounds(self, rows: Array, missed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """The programme's constraints and which are equalities: the models', and the bounds."""
+        start, es = self._start, self._es
+        if not start.bounded:
+            return rows, missed, start.equality
+        walls, distances = bound_rows(es.sigma * es.covariance.root, es.mean, start.lower, start.upper)
+        rows, missed = np.vstack([rows, walls]), np.concatenate([missed, distances])
+        free = np.zeros(len(missed), dtype=bool)
+        free[: len(start.equality)] = start.equality
+        return rows, missed, free
+
+    def _remember_curvature(self, local: Local, multipliers: Array, stationary: Array) -> None:
+        """The Lagrangian's curvature: of its models' residuals, and at least half of its slope."""
+        n = len(stationary)
+        residual = np.abs(local.residual[:, -1] + local.residual[:, :-1] @ multipliers)
+        bent = 1.4826 * local.inflation * np.median(residual) / np.sqrt(n / 2)
+        slope = np.sqrt(stationary @ stationary)
+        floor = 1e-6 * np.sqrt(local.slope[-1] @ local.slope[-1])
+        self._curvatures.append(max(bent, 0.5 * slope, floor) + TINY)
+        del self._curvatures[: -self._memory]
+
+    @property
+    def _curvature(self) -> float:
+        return float(np.median(self._curvatures))
+
+    def _lagrangian(self, objective: Array, constraints: Array) -> Array:
+        """L at points; arrays, shapes (n_points,), (n_points, m) -> (n_points,); infinite where not finite."""
+        mu, rho = self._multipliers, self._penalties
+        h = constraints - self._shift
+        active = self._start.equality | (mu + rho * h > 0)
+        terms = np.where(active, mu * h + 0.5 * rho * h**2, -(mu**2) / (2 * rho))
+        values = objective + terms.sum(axis=1)
+        return np.where(np.isfinite(values), values, np.inf)
+
+    # --- The programme's step, repaired ---
+
+    def _propose(self) -> None:
+        """The step of the programme, or in every other generation the best sample, made feasible."""
+        if self._es.generation % 2:
+            self._origin = self._es.z[np.argmin(self._values)]
+        else:
+            longest = LONGEST_STEP * np.sqrt(len(self._step))
+            self._origin = self._step * min(1.0, longest / (np.linalg.norm(self._step) + TINY))
+        self._offset, self._margin, self._tries = self._missed.copy(), 1e-9, 0
+        self._repair()
+
+    def _repair(self) -> None:
+        """Ask for the constraints at the models' feasible point nearest to the origin."""
+        start, es = self._start, self._es
+        m = len(start.equality)
+        margin = np.zeros(len(self._offset))
+        margin[:m] = np.where(start.equality, 0.0, self._margin)
+        change = self._rows.T @ nearest_feasible(
+            self._gram, self._rows @ self._origin + self._offset + margin, self._free
+        )
+        self._tries += 1
+        if self._tries > self.settings.repairs or not change @ change <= FAR * len(change):
+            self._finish()
+            return
+        step = es.covariance.scaled((self._origin - change)[None])[0]
+        self._candidate = np.clip(es.mean + es.sigma * step, start.lower, start.upper)[None]
+        self._wait(Request(self._candidate, constraints=True), self._repair_told)
+
+    def _repair_told(self, _: Array | None, constraints: Array) -> None:
+        violation = self._start.violation(constraints[0])
+        if not violation.any():
+            self._found = constraints
+            self._wait(Request(self._candidate, objective=True, known=constraints), self._candidate_told)
+            return
+        if not np.isfinite(constraints).all():
+            self._finish()
+            return
+        m = len(violation)
+        here = self._es.whitened(self._candidate)[0]
+        self._offset[:m] = (constraints[0] - self._shift) / self._length - self._rows[:m] @ here
+        self._margin = 0.3 * float((violation / self._length).max())
+        self._repair()
+
+    def _candidate_told(self, objective: Array, _: Array | None) -> None:
+        self._model.add(self._candidate, np.column_stack([self._found, objective]))
+        value = self._lagrangian(objective, self._found)[0]
+        worst = int(np.argmax(self._values))
+        if value < self._values[worst]:
+            self._es.inject(worst, self._candidate[0])
+            self._values[worst] = value
+        self._finish()
+
+    def _finish(self) -> None:
+        """End the generation."""
+        es = self._es
+        es.tell(self._values)
+        self.reason = self._patience.reason(
+            es.standard_deviations(), es.covariance.axis_ratio(), self._values
+        )
+        if es.generation > 60 and self._curvature > DIVERGENCE * self._least_curvature:
+            self.reason = Reason.DIVERGED
+        if es.generation > 30:
+            self._least_curvature = min(self._least_curvature, self._curvature)
+        if self.reason is None:
+            self._sample()

@@ -1,0 +1,303 @@
+"""Constrained CMA-ES: fading records of violated constraints shorten the steps towards them.
+
+The paper, section III-A, equations (5) and (6), after Arnold and Hansen, "A (1+1)-CMA-ES for constrained
+optimisation" (2012), carried to (mu/mu, lambda) selection. Samples that violate constraints are drawn again, from a
+distribution that each of them has shortened, until all are feasible; only then is the objective asked for.
+
+Three forms of the reduction, for a sample x = m + sigma A z that violates a_0 constraints j:
+
+- `PrintedForm`: equation (6), C <- C - beta/a_0 sum_j v_j v_j^T / |v_j|^2, with records v_j of steps A z,
+  equation (5). Not invariant under scaling, and C soon stops being positive definite; the run then says so.
+- `FactorForm`: A <- A - beta/a_0 sum_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j (Arnold and Hansen, 2012), which
+  keeps the bracket's eigenvalues at 1 - beta or more.
+- `MatrixForm`: the same with records u_j of z itself, M <- M - beta/a_0 sum_j (M u_j) u_j^T / |u_j|^2: neither
+  inverse nor decomposition, as M is learned by MA-ES.
+
+A start that violates constraints moves viability boundaries b_j >= 0 from the samples' violations to zero
+(Arampatzis et al., 2019), and then begins cleanly. Equalities are bands |h_j| <= b_j that shrink to the tolerance.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.covariance import FullCovariance, TransformationMatrix
+from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.parameters import Parameters
+from comove.optimisers.reasons import Reason
+
+Array = NDArray[np.float64]
+
+
+FOLLOWED = 0.3  # of the samples' spread in |h|, by which a band may leave half of them outside
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How steps towards violated constraints are shortened: learning rate c_v and size beta, both over n + 2."""
+
+    fading: float = 1.0
+    size: float = 0.1
+
+
+class PrintedForm(FullCovariance):
+    """Equation (6) as it is printed, on the covariance matrix."""
+
+    def reduce(self, records: Array, shares: Array) -> None:
+        """C <- C - sum_j share_j v_j v_j^T / |v_j|^2; raises LinAlgError once C is not positive definite."""
+        lengths = (records**2).sum(axis=1)
+        self.matrix -= (records.T * (shares / lengths)) @ records
+        variances = np.linalg.eigvalsh(self.matrix)
+        if variances[0] <= 0:
+            raise np.linalg.LinAlgError("not positive definite")
+        self._decompose()
+
+    def record(self, z: Array, y: Array) -> Array:
+        """What records are made of: the steps."""
+        return y
+
+
+class FactorForm(FullCovariance):
+    """The reduction of a factor A of the covariance, and of its inverse (Arnold and Hansen, 2012)."""
+
+    def reduce(self, records: Array, shares: Array) -> None:
+        """A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j."""
+        whitened = self.whitened(records)
+        lengths = (whitened**2).sum(axis=1)
+        self.root = self.root - (whitened.T * (shares / lengths)) @ records
+        self.matrix = self.root.T @ self.root
+        self._decompose()
+
+    def record(self, z: Array, y: Array) -> Array:
+        """What records are made of: the steps."""
+        return y
+
+
+class MatrixForm(TransformationMatrix):
+    """The reduction of the transformation matrix, with records in the space of z."""
+
+    def reduce(self, records: Array, shares: Array) -> None:
+        """M <- M - sum_j share_j (M u_j) u_j^T / |u_j|^2."""
+        lengths = np.sqrt((records**2).sum(axis=1, keepdims=True))
+        directions = records / lengths
+        self.matrix = self.matrix - (self.scaled(directions).T * shares) @ directions
+
+    def record(self, z: Array, y: Array) -> Array:
+        """What records are made of: the samples before scaling."""
+        return z
+
+
+@dataclass(frozen=True)
+class CCMAES:
+    """Constrained CMA-ES, for constraints of which little more is known than whether they are met.
+
+    Attributes
+    ----------
+    form : of the reduction: `MatrixForm`, `FactorForm` or `PrintedForm`
+    reduction : its rates
+    passes : times at most that the infeasible samples of a generation are drawn again
+    stalls : generations in a row without enough feasible samples, after which the run has stalled
+    shrinkage : of the bands of equalities in a generation, at most; not faster than the mean can follow
+    """
+
+    form: Callable[[int], MatrixForm | FactorForm | PrintedForm] = MatrixForm
+    reduction: Reduction = Reduction()
+    passes: int = 100
+    stalls: int = 10
+    shrinkage: float = 0.9
+
+    def start(self, start: Start) -> CCMAESRun:
+        """Begin a run."""
+        return CCMAESRun(self, start)
+
+
+class CCMAESRun:
+    """One run; see `CCMAES`. Each generation: samples, drawn again until feasible; then their objective.
+
+    Attributes
+    ----------
+    bands : half widths of the equalities' bands, zero for inequalities; array, shape (m,)
+    boundaries : viability boundaries of inequalities; array, shape (m,)
+    """
+
+    def __init__(self, settings: CCMAES, start: Start) -> None:
+        self.settings, self._start = settings, start
+        self.reason: Reason | None = None
+        n = len(start.x)
+        self._parameters = Parameters.default(n, start.population)
+        self._patience = Patience(start.sigma, window=int(100 + 50 * n / self._parameters.population))
+        self.bands: Array | None = None
+        self.boundaries: Array | None = None
+        self._stalled = 0
+        self._reset(start.x)
+        self._sample()
+
+    def ask(self) -> Request:
+        """What to evaluate next."""
+        return self._request
+
+    def tell(self, objective: Array | None, constraints: Array | None) -> None:
+        """Values at the points of the last request."""
+        if constraints is not None:
+            self._constraints_told(constraints)
+        else:
+            self._objective_told(objective)
+
+    def _reset(self, mean: Array) -> None:
+        """Begin with a round distribution and empty records."""
+        n = len(mean)
+        form = self.settings.form(n)
+        self._es = CMAES(
+            mean, self._start.sigma, self._start.rng, parameters=self._parameters, covariance=form
+        )
+        self._records: Array | None = None
+
+    # --- Samples ---
+
+    def _sample(self) -> None:
+        self._es.ask()
+        self._before = copy.deepcopy((self._es.covariance, self._records))
+        self._x = self._es.mean + self._es.sigma * self._es.y
+        self._values: Array | None = None
+        self._open = np.arange(len(self._x))
+        self._pass = 0
+        self._ask_open()
+
+    def _ask_open(self) -> None:
+        start = self._start
+        self._request = Request(np.clip(self._x[self._open], start.lower, start.upper), constraints=True)
+
+    def _constraints_told(self, constraints: Array) -> None:
+        start = self._start
+        if self._values is None:
+            self._first_told(constraints)
+            self._values = np.full((len(self._x), constraints.shape[1]), np.nan)
+        self._values[self._open] = constraints
+        missed = self._missed(constraints)
+        beyond = np.maximum(
+            np.maximum(self._x[self._open] - start.upper, start.lower - self._x[self._open]), 0.0
+        )
+        if start.bounded:  # bounds are constraints that cost nothing
+            missed = np.column_stack([missed, beyond > 0])
+        violated = missed > 0
+        bad = violated.any(axis=1)
+        if self._pass == 0:
+            low, middle, high = np.quantile(np.abs(constraints), [0.25, 0.5, 0.75], axis=0)
+            self._inner = middle - FOLLOWED * (high - low)
+        if bad.any():
+            try:
+                self._learn(self._open[bad], violated[bad])
+            except np.linalg.LinAlgError:
+                self.reason = Reason.NOT_POSITIVE_DEFINITE
+                return
+        self._open = self._open[bad]
+        self._pass += 1
+        feasible = len(self._x) - len(self._open)
+        if not len(self._open) or (self._pass > self.settings.passes and feasible >= self._parameters.mu):
+            self._stalled = 0
+            self._evaluate()
+        elif self._pass > self.settings.passes:
+            self._stall()
+        else:
+            self._resample()
+
+    def _stall(self) -> None:
+        """Take back what a generation without enough feasible samples has learned; try wider and nearer."""
+        self._stalled += 1
+        if self._stalled >= self.settings.stalls:
+            self.reason = Reason.STALLED
+            return
+        self._es.covariance, self._records = self._before
+        self.bands = self.bands / self.settings.shrinkage**2
+        self._es.sigma *= 0.5
+        self._sample()
+
+    def _resample(self) -> None:
+        """Draw the violators again, from the shortened distribution."""
+        es = self._es
+        z = es.rng.standard_normal((len(self._open), len(es.mean)))
+        es.z[self._open] = z
+        es.y[self._open] = es.covariance.scaled(z)
+        self._x[self._open] = es.mean + es.sigma * es.y[self._open]
+        self._ask_open()
+
+    def _first_told(self, constraints: Array) -> None:
+        """Bands and boundaries: at first where half of the samples lie inside; then shrunk."""
+        equality, tolerance = self._start.equality, self._start.tolerance
+        finite = np.where(np.isfinite(constraints), constraints, np.inf)
+        if self.bands is None:
+            self.bands = np.where(equality, np.maximum(np.median(np.abs(finite), axis=0), tolerance), 0.0)
+            self.boundaries = np.where(equality, 0.0, np.maximum(np.median(finite, axis=0), 0.0))
+            self.bands[~np.isfinite(self.bands)] = np.finfo(float).max
+            self.boundaries[~np.isfinite(self.boundaries)] = np.finfo(float).max
+            self._viable = not self.boundaries.any()
+
+    def _missed(self, constraints: Array) -> Array:
+        """How far bands and boundaries are missed; NaN is far; array, shape (n_points, m)."""
+        signed = np.where(self._start.equality, np.abs(constraints), constraints)
+        missed = signed - self.bands - self.boundaries
+        return np.where(np.isnan(missed), np.inf, missed)
+
+    def _learn(self, samples: Array, violated: NDArray[np.bool_]) -> None:
+        """Equations (5) and (6) for all violating samples at once, in their order."""
+        es, n = self._es, len(self._es.mean)
+        settings = self.settings.reduction
+        fading, size = settings.fading / (n + 2), settings.size / (n + 2)
+        told = es.covariance.record(es.z[samples], es.y[samples])
+        if self._records is None:
+            self._records = np.zeros((violated.shape[1], n))
+        # v_j after a sequence of updates is a weighted sum: the k-th of K samples weighs c (1 - c)^(K - k).
+        later = violated[::-1].cumsum(axis=0)[::-1] - violated
+        weights = violated * fading * (1 - fading) ** later
+        self._records *= (1 - fading) ** violated.sum(axis=0)[:, None]
+        self._records += weights.T @ told
+        shares = (violated / violated.sum(axis=1, keepdims=True)).sum(axis=0)
+        hit = (shares > 0) & ((self._records**2).sum(axis=1) > 0)
+        shares = size * shares[hit]
+        shares *= min(1.0, 0.5 / shares.sum())  # one batch must not shorten by more than half
+        es.covariance.reduce(self._records[hit], shares)
+
+    # --- Values ---
+
+    def _evaluate(self) -> None:
+        points = np.clip(self._x, self._start.lower, self._start.upper)
+        if self._viable:
+            self._kept = np.setdiff1d(np.arange(len(points)), self._open)
+            self._request = Request(points[self._kept], objective=True, known=self._values[self._kept])
+        else:  # on the way to viability the violation is the objective
+            self._kept = np.arange(len(points))
+            signed = np.where(self._start.equality, 0.0, self._values)
+            self._objective_told(np.where(np.isnan(signed), np.inf, np.maximum(signed, 0.0)).sum(axis=1))
+
+    def _objective_told(self, objective: Array) -> None:
+        es = self._es
+        values = np.full(len(self._x), np.inf)
+        values[self._kept] = np.where(np.isnan(objective), np.inf, objective)
+        order = np.argsort(values, kind="stable")
+        es.tell(values)
+        self._shrink(order[: self._parameters.mu])
+        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
+        if self.reason is None:
+            self._sample()
+
+    def _shrink(self, best: Array) -> None:
+        """Move boundaries to zero with the best samples, and bands to the tolerance while samples lie inside."""
+        if not self._viable:
+            signed = np.where(self._start.equality, 0.0, np.maximum(self._values[best], 0.0)).max(axis=0)
+            halfway = np.maximum(0.0, np.minimum(self.boundaries, (signed + self.boundaries) / 2))
+            self.boundaries = np.where(halfway < 1e-9 * self.boundaries.max(), 0.0, halfway)
+            if not np.nan_to_num(signed).any():
+                self.boundaries = np.zeros_like(self.boundaries)
+            if not self.boundaries.any():
+                self._viable = True
+                self._reset(self._es.mean)
+        else:
+            narrower = np.fmax(self._inner, self.settings.shrinkage * self.bands)
+            narrower = np.clip(narrower, self._start.tolerance, self.bands)
+            self.bands = np.where(self._start.equality, narrower, 0.0)

@@ -1,0 +1,147 @@
+"""CMA-ES with epsilon-level ranking and repair by the constraints' Jacobian.
+
+Two points whose violation is at most epsilon are compared by their objective, all others by their violation, and
+epsilon falls to zero (Takahama and Sakai, 2006). Some infeasible samples are repaired by Gauss-Newton steps
+x <- x - J^+ v of the violations v (Chootinan and Chen, 2006; with matrix adaptation: Hellwig and Beyer, 2018). The
+Jacobian J is not differenced but learned from the samples that were evaluated anyway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.models import LinearModel
+from comove.optimisers.parameters import Parameters
+from comove.optimisers.reasons import Reason
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EpsilonLevel:
+    """Epsilon-level ranking with repair: robust where constraints are rough, slower than the Lagrangian elsewhere.
+
+    Attributes
+    ----------
+    quantile : of the first generation's violations, where epsilon begins
+    horizon : generations after which epsilon is zero
+    repaired : share of the infeasible samples that are repaired, in every generation
+    repeats : Gauss-Newton steps of a repair
+    """
+
+    quantile: float = 0.2
+    horizon: int = 200
+    repaired: float = 0.2
+    repeats: int = 3
+
+    def start(self, start: Start) -> EpsilonLevelRun:
+        """Begin a run."""
+        return EpsilonLevelRun(self, start)
+
+
+class EpsilonLevelRun:
+    """One run; see `EpsilonLevel`. Each generation: constraints, repairs, then the objective.
+
+    Attributes
+    ----------
+    epsilon : violation that counts as none
+    """
+
+    def __init__(self, settings: EpsilonLevel, start: Start) -> None:
+        n = len(start.x)
+        self.settings, self._start = settings, start
+        self.reason: Reason | None = None
+        parameters = Parameters.default(n, start.population, active=True)
+        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
+        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._model = LinearModel(n, max(3 * n + 2, parameters.population))
+        self.epsilon = np.inf
+        self._sample()
+
+    def ask(self) -> Request:
+        """What to evaluate next."""
+        return self._request
+
+    def tell(self, objective: Array | None, constraints: Array | None) -> None:
+        """Values at the points of the last request."""
+        if constraints is None:
+            self._objective_told(objective)
+        else:
+            self._constraints_told(constraints)
+
+    def _sample(self) -> None:
+        self._x = np.clip(self._es.ask(), self._start.lower, self._start.upper)
+        self._values = np.full((len(self._x), len(self._start.equality)), np.nan)
+        self._open, self._repeat = np.arange(len(self._x)), 0
+        self._request = Request(self._x, constraints=True)
+
+    def _constraints_told(self, constraints: Array) -> None:
+        self._model.add(self._request.x, constraints)
+        better = self._repeat == 0 or self._total(constraints) < self._total(self._values[self._open])
+        accepted = np.flatnonzero(np.broadcast_to(better, len(self._open)))
+        self._x[self._open[accepted]] = self._request.x[accepted]
+        self._values[self._open[accepted]] = constraints[accepted]
+        if self._repeat == 0:
+            self._slope = self._jacobian()
+            if not np.isfinite(self.epsilon):
+                totals = self._total(self._values)
+                finite = totals[np.isfinite(totals)]
+                self._first = float(np.quantile(finite, self.settings.quantile)) if len(finite) else np.inf
+                self.epsilon = self._first
+            infeasible = np.flatnonzero(self._total(self._values) > 0)
+            chosen = self._es.rng.random(len(infeasible)) < self.settings.repaired
+            self._open = infeasible[chosen]
+        else:
+            self._open = self._open[self._total(self._values[self._open]) > 0]
+        self._open = self._open[np.isfinite(self._values[self._open]).all(axis=1)]
+        if self._repeat < self.settings.repeats and len(self._open) and self._slope is not None:
+            self._repeat += 1
+            missed = self._start.violation(self._values[self._open])
+            signed = np.where(self._start.equality, np.sign(self._values[self._open]) * missed, missed)
+            steps = self._corrections(signed)
+            points = np.clip(self._x[self._open] - steps, self._start.lower, self._start.upper)
+            self._request = Request(points, constraints=True)
+        else:
+            self._request = Request(self._x, objective=True, known=self._values)
+
+    def _jacobian(self) -> Array | None:
+        """Slopes of the constraints in the space of x; array, shape (m, n)."""
+        if len(self._model) < 3:
+            return None
+        covariance, sigma = self._es.covariance, self._es.sigma
+        local = self._model.around(
+            self._es.whitened(self._model.points), sigma * covariance.root, covariance.inverse_root / sigma
+        )
+        return local.slope @ covariance.inverse_root / sigma
+
+    def _corrections(self, missed: Array) -> Array:
+        """J^+ v of every row of violations, over the rows' violated constraints; array, shape (n_points, n)."""
+        masked = self._slope[None] * (missed != 0)[:, :, None]
+        return (np.linalg.pinv(masked, rcond=1e-8) @ missed[:, :, None])[:, :, 0]
+
+    def _total(self, constraints: Array) -> Array:
+        """Sum of violations of every point; array, shape (n_points,)."""
+        return self._start.violation(constraints).sum(axis=1)
+
+    def _objective_told(self, objective: Array) -> None:
+        es = self._es
+        violation = self._total(self._values)
+        objective = np.where(np.isnan(objective), np.inf, objective)
+        allowed = (violation <= self.epsilon) & np.isfinite(objective)
+        order = np.lexsort((objective, np.where(allowed, 0.0, violation), ~allowed))
+        for i in np.flatnonzero((self._x != es.mean + es.sigma * es.y).any(axis=1)):
+            es.inject(i, self._x[i])
+        ranks = np.empty(len(order))
+        ranks[order] = np.arange(len(order))
+        es.tell(ranks)
+        left = max(0.0, 1.0 - es.generation / self.settings.horizon)
+        self.epsilon = self._first * left**3 if left > 0 else 0.0
+        shown = np.where(allowed, objective, np.inf)
+        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), shown)
+        if self.reason is None:
+            self._sample()

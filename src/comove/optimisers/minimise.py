@@ -1,0 +1,168 @@
+"""The one door: `minimise`."""
+
+from __future__ import annotations
+
+import builtins
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.optimisers.method import Method
+from comove.optimisers.minimiser import SIGN, Minimiser, Result
+from comove.optimisers.reasons import Reason
+from comove.optimisers.restarts import Restarts
+
+Array = NDArray[np.float64]
+
+EVALUATIONS = 10_000  # a dimension, unless the user says otherwise
+
+
+def minimise(
+    f: Callable,
+    x0: Array,
+    sigma0: float,
+    *,
+    constraints: Callable | None = None,
+    equality: object = None,
+    tolerance: float = 1e-4,
+    bounds: tuple[object, object] | None = None,
+    method: Method | None = None,
+    restarts: Restarts | None = None,
+    population: int | None = None,
+    seed: int = 0,
+    target: float = -np.inf,
+    max_evaluations: int | None = None,
+    max_seconds: float = np.inf,
+    callback: Callable[[Minimiser], bool | None] | None = None,
+    vectorized: bool = True,
+    map: Callable = builtins.map,
+) -> Result:
+    """Minimise f(x) subject to h(x) <= 0, by CMA-ES.
+
+    Parameters
+    ----------
+    f
+        Objective: array, shape (n_points, n) -> array, shape (n_points,). NaN counts as infeasible.
+    x0, sigma0
+        Where to begin, array of shape (n,), and the first step size: the optimum should lie within a few steps.
+    constraints
+        h: array, shape (n_points, n) -> array, shape (n_points, m); h <= 0 is feasible, NaN is not.
+    equality
+        Which constraints are equalities, h = 0; array of bool, shape (m,).
+    tolerance
+        By which an equality may be missed.
+    bounds
+        Lowest and highest x, a pair of numbers or arrays of shape (n,); nothing outside is evaluated.
+    method, restarts, population, seed
+        As in `Minimiser`.
+    target
+        End as soon as a feasible point is at least as good.
+    max_evaluations
+        Of the objective and of the constraints, each; 10000 n unless given. Restarts go on until they are used.
+    max_seconds
+        Of wall time.
+    callback
+        Called with the `Minimiser` after every batch of evaluations; ends the search where it returns True.
+    vectorized
+        Where False, f is (n,) -> float and h is (n,) -> (m,), called by `map`.
+    map
+        For functions that are not vectorized: a map such as a process pool's; results do not depend on it.
+
+    Returns
+    -------
+    Result
+        The best point with every h <= 0 ever seen, otherwise the least violated.
+
+    Raises
+    ------
+    OptionError
+        If arguments or returned values have the wrong shape or range, or no constraint value is ever finite.
+    Exception
+        Whatever f or h raise comes through; its attribute `search` is the `Minimiser`, to be saved or continued.
+    """
+    begun = time.perf_counter()
+    objective, h = (f, constraints) if vectorized else (_one_by_one(f, map), _one_by_one(constraints, map))
+    x0 = np.array(x0, dtype=float) if not isinstance(x0, np.ndarray) else x0
+    n_constraints = 0 if h is None else _count(h, x0)
+    search = Minimiser(
+        x0,
+        sigma0,
+        n_constraints=n_constraints,
+        equality=equality,
+        tolerance=tolerance,
+        bounds=bounds,
+        method=method,
+        restarts=restarts,
+        population=population,
+        seed=seed,
+    )
+    search.n_constraint += n_constraints > 0
+    limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
+    if not limit >= 1 or not max_seconds > 0:
+        raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
+    while True:
+        if search.reason is not None:
+            return search.result()
+        if time.perf_counter() - begun >= max_seconds:
+            return _ended(search, Reason.SECONDS)
+        request = search.ask()
+        n_points = len(request.x)
+        if (
+            max(
+                search.n_objective + n_points * request.objective,
+                search.n_constraint + n_points * request.constraints,
+            )
+            > limit
+        ):
+            return _ended(search, Reason.EVALUATIONS)
+        try:
+            values = objective(request.x.copy()) if request.objective else None
+            missed = h(request.x.copy()) if request.constraints else None
+        except Exception as error:
+            error.add_note(
+                f"raised after {search.n_objective} evaluations of the objective and {search.n_constraint} of "
+                "the constraints; this exception's attribute `search` holds the search and can be pickled"
+            )
+            error.search = search  # type: ignore[attr-defined]
+            raise
+        search.tell(values, missed)
+        so_far = search.result()
+        if so_far.feasible and so_far.fun <= target:
+            return search.result(Reason.TARGET)
+        if callback is not None and callback(search):
+            return search.result(Reason.CALLBACK)
+
+
+def _ended(search: Minimiser, reason: Reason) -> Result:
+    search.check_finite()
+    return search.result(reason)
+
+
+def _one_by_one(function: Callable | None, map: Callable) -> Callable | None:
+    """A function of many points from a function of one."""
+    if function is None:
+        return None
+    return _OneByOne(function, map)
+
+
+class _OneByOne:
+    def __init__(self, function: Callable, map: Callable) -> None:
+        self._function, self._map = function, map
+
+    def __call__(self, x: Array) -> Array:
+        return np.array(list(self._map(self._function, x)), dtype=float)
+
+
+def _count(h: Callable, x0: Array) -> int:
+    """How many constraints there are, from their values at x0."""
+    values = np.asarray(h(x0[None].copy()), dtype=float)
+    if values.ndim != 2 or len(values) != 1:
+        raise OptionError(
+            f"one point gives values of shape {values.shape}, (1, m) are needed ({SIGN})",
+            key="constraints",
+            way_out="return one row a point, one column a constraint, or say vectorized=False",
+        )
+    return values.shape[1]

@@ -1,0 +1,156 @@
+"""Linear models of objective and constraints, learned from points that were evaluated anyway."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NEAR = 4.0  # squared distance a dimension, in units of the distribution, at which a point counts half
+RANK = 1e-3  # singular values below this part of the largest carry no slope
+UNKNOWN = 1e-200  # slopes below are no slopes
+
+
+@dataclass(frozen=True)
+class Local:
+    """Linear models around the mean of a distribution, in its own units z: value + slope z.
+
+    Attributes
+    ----------
+    value : array, shape (n_outputs,)
+    slope : array, shape (n_outputs, n)
+    residual : of the points that taught the model; array, shape (n_points, n_outputs)
+    inflation : by which residuals understate errors, as slopes were fitted to the same points
+    """
+
+    value: Array
+    slope: Array
+    residual: Array
+    inflation: float
+
+
+class LinearModel:
+    """Slopes that are corrected, as little as explains the newest points, from generation to generation.
+
+    A block form of Broyden's update (1965) in the metric of the search distribution: directions that the newest
+    points do not show keep their slope. Picklable.
+    """
+
+    def __init__(self, n: int, capacity: int) -> None:
+        self.capacity = capacity
+        self._x = np.zeros((0, n))
+        self._values: Array | None = None
+        self._slope: Array | None = None
+
+    def add(self, x: Array, values: Array) -> None:
+        """Remember evaluated points; arrays, shapes (n_points, n), (n_points, n_outputs). Non-finite are left out."""
+        finite = np.isfinite(values).all(axis=1)
+        x, values = x[finite], values[finite]
+        if self._values is None:
+            self._values = np.zeros((0, values.shape[1]))
+            self._slope = np.zeros((values.shape[1], x.shape[1]))
+        self._x = np.vstack([self._x, x])[-self.capacity :]
+        self._values = np.vstack([self._values, values])[-self.capacity :]
+
+    def __len__(self) -> int:
+        return len(self._x)
+
+    def around(self, whitened: Array, unwhiten: Array, whiten: Array) -> Local:
+        """Learn from the remembered points.
+
+        Parameters
+        ----------
+        whitened
+            The remembered points in units of the distribution; array, shape (n_points, n).
+        unwhiten, whiten
+            Matrices from its units to the space of x and back; arrays, shape (n, n).
+        """
+        z, values = whitened, self._values
+        n = z.shape[1]
+        weight = 1.0 / (1.0 + (z**2).sum(axis=1) / (NEAR * n))
+        share = weight / weight.sum()
+        root = np.sqrt(weight)[:, None]
+        slope = self._slope @ unwhiten
+        residual = values - z @ slope.T
+        mean, center = share @ residual, share @ z
+        correction = np.linalg.lstsq(root * (z - center), root * (residual - mean), rcond=RANK)[0]
+        residual = residual - mean - (z - center) @ correction
+        slope = slope + correction.T
+        self._slope = slope @ whiten
+        freedom = len(z) - n - 1
+        inflation = np.sqrt(len(z) / freedom) if freedom > 0 else 3.0
+        return Local(mean - center @ correction, slope, residual, inflation)
+
+    @property
+    def points(self) -> Array:
+        """The remembered points; array, shape (n_points, n)."""
+        return self._x
+
+
+def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Bounds as rows of unit length G and misses c of c + G z <= 0, for x = mean + root z; finite bounds only."""
+    length = np.sqrt((root**2).sum(axis=1))
+    unit = root / length[:, None]
+    above, below = np.isfinite(upper), np.isfinite(lower)
+    rows = np.vstack([unit[above], -unit[below]])
+    return rows, np.concatenate([((mean - upper) / length)[above], ((lower - mean) / length)[below]])
+
+
+@nb.njit(cache=True)
+def nearest_feasible(gram: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
+    """Multipliers of the shortest step d = -G^T l onto {z : missed + G z <= 0}.
+
+    The dual of a least-distance programme, by the active-set method of Lawson and Hanson (1974), slightly
+    regularised so that contradicting constraints give a compromise.
+
+    Parameters
+    ----------
+    gram
+        G G^T of rows of unit length (or zero); array, shape (m, m).
+    missed
+        By how much each constraint is missed at the start; array, shape (m,).
+    free
+        Which constraints are equalities, with multipliers of either sign; array, shape (m,).
+    """
+    m = len(missed)
+    multipliers = np.zeros(m)
+    active = free.copy()
+    for _ in range(3 * m + 10):
+        while True:
+            chosen = np.nonzero(active)[0]
+            p = len(chosen)
+            if p == 0:
+                break
+            system, right = np.empty((p, p)), np.empty(p)
+            for i in range(p):
+                right[i] = missed[chosen[i]]
+                for j in range(p):
+                    system[i, j] = gram[chosen[i], chosen[j]]
+                system[i, i] += 1e-10
+            wanted = np.linalg.solve(system, right)
+            step = 1.0
+            for i in range(p):
+                old = multipliers[chosen[i]]
+                if not free[chosen[i]] and wanted[i] <= 0.0:
+                    step = min(step, old / (old - wanted[i]) if old > wanted[i] else 0.0)
+            for i in range(p):
+                j = chosen[i]
+                multipliers[j] += step * (wanted[i] - multipliers[j])
+                if step < 1.0 and not free[j] and multipliers[j] <= 1e-15:
+                    multipliers[j] = 0.0
+                    active[j] = False
+            if step >= 1.0:
+                break
+        left = missed - gram @ multipliers
+        worst, worst_left = -1, 1e-10
+        for j in range(m):
+            if not active[j] and left[j] > worst_left:
+                worst, worst_left = j, left[j]
+        if worst < 0:
+            break
+        active[worst] = True
+    return multipliers

@@ -1,0 +1,94 @@
+"""From an infeasible point to a feasible one near it, by Gauss-Newton steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.optimisers.method import Request, Start
+from comove.optimisers.models import UNKNOWN, bound_rows, nearest_feasible
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-4  # of the step size, for slopes
+SHARES = np.array([1.0, 0.3, 0.1, 0.03])  # of a step that are tried
+STEPS = 15
+LONGEST = 10.0  # step sizes that one step may take
+
+
+class Restoration:
+    """Steps d of least length with h(x) + J d <= 0, slopes by finite differences; asks and is told like a run.
+
+    Attributes
+    ----------
+    x : the least violated point so far; array, shape (n,)
+    done : whether it is feasible or nothing better is found
+    """
+
+    def __init__(self, start: Start) -> None:
+        self._start, self.x, self.done = start, start.x, False
+        self._steps = 0
+        self._values: Array | None = None
+        self._request = Request(start.x[None], constraints=True)
+        self._then = self._here_told
+
+    def ask(self) -> Request:
+        """What to evaluate next."""
+        return self._request
+
+    def tell(self, objective: Array | None, constraints: Array | None) -> None:
+        """Values at the points of the last request."""
+        if constraints is None:
+            self.done = True
+        else:
+            self._then(constraints)
+
+    def _end(self) -> None:
+        """What was found is evaluated once, so that the best point has an objective."""
+        self._request = Request(self.x[None], objective=True, known=self._values[None])
+
+    def _here_told(self, constraints: Array) -> None:
+        self._values = constraints[0]
+        missed = self._start.violation(self._values)
+        self._steps += 1
+        if not missed.any() or not np.isfinite(missed).all() or self._steps > STEPS:
+            self._end()
+            return
+        start = self._start
+        width = DIFFERENCE * start.sigma
+        self._widths = np.where(self.x + width <= start.upper, width, -width)
+        self._request = Request(self.x + np.diag(self._widths), constraints=True)
+        self._then = self._slopes_told
+
+    def _slopes_told(self, constraints: Array) -> None:
+        start = self._start
+        slope = (constraints - self._values).T / self._widths * start.sigma
+        length = np.sqrt((slope**2).sum(axis=1))
+        known = np.isfinite(length) & (length > UNKNOWN)
+        if not known.any():
+            self._end()
+            return
+        rows, missed = slope[known] / length[known, None], self._values[known] / length[known]
+        free = start.equality[known]
+        if start.bounded:
+            root = start.sigma * np.eye(len(self.x))
+            walls, distances = bound_rows(root, self.x, start.lower, start.upper)
+            rows, missed = np.vstack([rows, walls]), np.concatenate([missed, distances])
+            free = np.concatenate([free, np.zeros(len(distances), dtype=bool)])
+        self._lengths = np.where(known, length, 1.0)
+        inside = np.where(free, 0.0, 1e-6)
+        step = -rows.T @ nearest_feasible(rows @ rows.T, missed + inside, free)
+        step *= start.sigma * min(1.0, LONGEST / (np.linalg.norm(step) + 1e-300))
+        points = np.clip(self.x + SHARES[:, None] * step, start.lower, start.upper)
+        self._request = Request(points, constraints=True)
+        self._then = self._steps_told
+
+    def _steps_told(self, constraints: Array) -> None:
+        missed = np.vstack([self._values, constraints])
+        missed = (self._start.violation(missed) / self._lengths) ** 2
+        best = int(np.argmin(missed.sum(axis=1)))
+        if best == 0:
+            self._end()
+            return
+        self.x = self._request.x[best - 1]
+        self._here_told(constraints[best - 1 : best])

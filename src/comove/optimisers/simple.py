@@ -1,0 +1,150 @@
+"""The plain methods: no constraints, a projection that the user supplies, a static penalty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.optimisers.cmaes import CMAES
+from comove.optimisers.covariance import DiagonalCovariance, FullCovariance
+from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.parameters import Parameters
+from comove.optimisers.reasons import Reason
+
+Array = NDArray[np.float64]
+
+
+OUT = 1e6  # weight of violations that a projection leaves
+
+
+@dataclass(frozen=True)
+class Plain:
+    """CMA-ES without constraints; bounds are kept by a penalty on the distance to the nearest point inside.
+
+    Attributes
+    ----------
+    active : bad samples count with negative weights
+    separable : learn variances along the axes only
+    """
+
+    active: bool = True
+    separable: bool = False
+
+    def start(self, start: Start) -> PlainRun:
+        """Begin a run."""
+        return PlainRun(start, self, None, 0.0)
+
+
+@dataclass(frozen=True)
+class Penalty:
+    """CMA-ES on f + weight * sum of squared violations: simple, inexact, and scale-dependent.
+
+    Attributes
+    ----------
+    weight : of the squared violations
+    """
+
+    weight: float = 1e3
+
+    def start(self, start: Start) -> PlainRun:
+        """Begin a run."""
+        if not 0 < self.weight < np.inf:
+            raise OptionError(f"weight = {self.weight}", way_out="give a positive weight of the penalty")
+        return PlainRun(start, Plain(), None, self.weight)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """CMA-ES whose samples are projected onto the feasible set by a function of the user.
+
+    Attributes
+    ----------
+    project : array, shape (n_points, n) -> array of the same shape, feasible points near the given ones
+    """
+
+    project: Callable[[Array], Array]
+
+    def start(self, start: Start) -> PlainRun:
+        """Begin a run."""
+        return PlainRun(start, Plain(), self.project, OUT)
+
+
+@dataclass(frozen=True)
+class Affine:
+    """The projection onto {x : A x = b} along the shortest way; raises `OptionError` if that set is empty.
+
+    Attributes
+    ----------
+    matrix, right : A and b; arrays, shapes (m, n) and (m,)
+    """
+
+    matrix: Array
+    right: Array
+
+    def __post_init__(self) -> None:
+        inverse = np.linalg.pinv(self.matrix)
+        if not np.allclose(self.matrix @ (inverse @ self.right), self.right):
+            raise OptionError("the linear equalities contradict each other", way_out="give consistent ones")
+        object.__setattr__(self, "_inverse", inverse)
+
+    def __call__(self, x: Array) -> Array:
+        """The nearest points that meet the equalities; arrays, shape (n_points, n)."""
+        return x - (x @ self.matrix.T - self.right) @ self._inverse.T
+
+
+class PlainRun:
+    """One run of CMA-ES on values that are known once the samples are evaluated."""
+
+    def __init__(
+        self, start: Start, settings: Plain, project: Callable[[Array], Array] | None, weight: float
+    ) -> None:
+        n = len(start.x)
+        self.reason: Reason | None = None
+        self._start, self._project, self._weight = start, project, weight
+        parameters = Parameters.default(
+            n,
+            start.population,
+            active=settings.active and not settings.separable,
+            separable=settings.separable,
+        )
+        covariance = DiagonalCovariance(n) if settings.separable else FullCovariance(n)
+        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
+        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._spread = 1.0
+        self._ask()
+
+    def ask(self) -> Request:
+        """What to evaluate next."""
+        return self._request
+
+    def _ask(self) -> None:
+        self._sampled = self._es.ask()
+        points = self._sampled if self._project is None else self._project(self._sampled)
+        points = np.clip(points, self._start.lower, self._start.upper)
+        self._request = Request(points, objective=True, constraints=len(self._start.equality) > 0)
+
+    def tell(self, objective: Array | None, constraints: Array | None) -> None:
+        """Values at the points of the last request."""
+        es, start = self._es, self._start
+        values = np.array(objective, dtype=float)
+        if constraints is not None:
+            violation = start.violation(constraints)
+            with np.errstate(over="ignore", invalid="ignore"):
+                values = values + self._weight * (violation**2).sum(axis=1)
+            values = np.where(np.isfinite(violation).all(axis=1), values, np.inf)
+        finite = np.isfinite(values)
+        if es.generation == 0 and not finite.any():
+            self.reason = Reason.NOT_FINITE
+            return
+        if finite.sum() > 1:
+            low, high = np.quantile(values[finite], [0.25, 0.75])
+            self._spread = float(high - low)
+        moved = (self._sampled - self._request.x) / es.standard_deviations()
+        es.tell(values + self._spread * (moved**2).sum(axis=1) / len(start.x))
+        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
+        if self.reason is None:
+            self._ask()

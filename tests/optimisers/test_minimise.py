@@ -1,0 +1,272 @@
+"""The door: what it counts, returns and refuses."""
+
+import pickle
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from comove.errors import OptionError
+from comove.optimisers import BIPOP, CCMAES, IPOP, Minimiser, NoRestarts, Reason, minimise
+from comove.optimisers.restarts import Ended, Setting
+
+
+def sphere(x):
+    return (x**2).sum(axis=1)
+
+
+def one_sphere(x):
+    return float((x**2).sum())
+
+
+def wall(x):
+    return 1.0 - x[:, :1]
+
+
+def one_wall(x):
+    return np.array([1.0 - x[0]])
+
+
+def rastrigin(x):
+    return (x**2 - 10 * np.cos(2 * np.pi * x) + 10).sum(axis=1)
+
+
+class Counted:
+    """A function that remembers every point."""
+
+    def __init__(self, function):
+        self.function, self.points = function, []
+
+    def __call__(self, x):
+        self.points.extend(x.copy())
+        return self.function(x)
+
+
+@pytest.mark.parametrize("limit", [5, 20, 137, 2000])
+def test_evaluations_are_counted_and_limited(limit):
+    f, h = Counted(sphere), Counted(wall)
+    result = minimise(f, np.full(4, 2.0), 0.5, constraints=h, max_evaluations=limit)
+    assert result.n_objective == len(f.points) <= limit
+    assert result.n_constraint == len(h.points) <= limit
+    assert result.reason is Reason.EVALUATIONS
+
+
+@pytest.mark.parametrize("method", [None, CCMAES()])
+def test_the_best_feasible_point_ever_seen_is_returned(method):
+    f = Counted(sphere)
+    result = minimise(f, np.full(4, 2.0), 0.5, constraints=wall, method=method, max_evaluations=700)
+    points = np.array(f.points)
+    feasible = points[(wall(points) <= 0).all(axis=1)]
+    assert result.fun == sphere(feasible).min()
+    assert sphere(result.x[None])[0] == result.fun
+    assert result.violation == 0.0
+    assert (np.diff(result.history[:, 0]) >= 0).all()
+    assert result.history[-1, 2] == result.fun
+
+
+def test_without_a_feasible_point_the_least_violated_is_returned():
+    h = Counted(lambda x: 1.0 + x[:, :1] ** 2)
+    result = minimise(sphere, np.full(3, 2.0), 0.5, constraints=h, max_evaluations=400)
+    assert result.violation == (1.0 + np.array(h.points)[:, 0] ** 2).min()
+    assert not result.feasible
+
+
+def test_one_point_at_a_time_is_the_same_search():
+    options = {"seed": 3, "max_evaluations": 1500}
+    many = minimise(sphere, np.full(3, 2.0), 0.5, constraints=wall, **options)
+    single = minimise(one_sphere, np.full(3, 2.0), 0.5, constraints=one_wall, vectorized=False, **options)
+    assert np.array_equal(many.x, single.x)
+    assert many.n_constraint == single.n_constraint
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_results_do_not_depend_on_workers(workers):
+    with ThreadPoolExecutor(workers) as pool:
+        result = minimise(
+            one_sphere,
+            np.full(3, 2.0),
+            0.5,
+            constraints=one_wall,
+            vectorized=False,
+            map=pool.map,
+            max_evaluations=800,
+        )
+    alone = minimise(
+        one_sphere, np.full(3, 2.0), 0.5, constraints=one_wall, vectorized=False, max_evaluations=800
+    )
+    assert np.array_equal(result.x, alone.x)
+    assert np.array_equal(result.history, alone.history, equal_nan=True)
+
+
+def test_zero_constraints_are_no_constraints():
+    options = {"seed": 1, "max_evaluations": 900}
+    none = minimise(sphere, np.full(3, 2.0), 0.5, **options)
+    empty = minimise(sphere, np.full(3, 2.0), 0.5, constraints=lambda x: np.zeros((len(x), 0)), **options)
+    assert np.array_equal(none.x, empty.x)
+
+
+def test_the_target_ends_the_search():
+    result = minimise(sphere, np.full(4, 2.0), 0.5, constraints=wall, target=1.5)
+    assert result.reason is Reason.TARGET
+    assert 1.0 <= result.fun <= 1.5
+
+
+def test_time_ends_the_search():
+    begun = time.perf_counter()
+    result = minimise(rastrigin, np.full(10, 3.0), 2.0, max_evaluations=10**9, max_seconds=0.3)
+    assert result.reason is Reason.SECONDS
+    assert time.perf_counter() - begun < 2.0
+
+
+def test_the_callback_sees_the_search_and_may_end_it():
+    seen = []
+
+    def callback(search):
+        seen.append(search.n_objective)
+        return len(seen) == 5
+
+    result = minimise(sphere, np.ones(3), 0.5, callback=callback)
+    assert result.reason is Reason.CALLBACK
+    assert len(seen) == 5
+    assert seen == sorted(seen)
+
+
+def test_what_the_objective_raises_comes_through_and_the_search_can_go_on():
+    calls = []
+
+    def f(x):
+        calls.append(len(x))
+        if len(calls) == 20:
+            raise ZeroDivisionError("the simulator fell over")
+        return sphere(x)
+
+    with pytest.raises(ZeroDivisionError, match="fell over") as caught:
+        minimise(f, np.full(3, 2.0), 0.5, constraints=wall, seed=4, max_evaluations=1000)
+    assert f"after {sum(calls[:-1])} evaluations of the objective" in caught.value.__notes__[0]
+    search = pickle.loads(pickle.dumps(caught.value.search))
+    while search.n_objective < 900:
+        request = search.ask()
+        search.tell(
+            sphere(request.x) if request.objective else None, wall(request.x) if request.constraints else None
+        )
+    whole = minimise(sphere, np.full(3, 2.0), 0.5, constraints=wall, seed=4, max_evaluations=1000)
+    assert search.result().history[10].tolist() == whole.history[10].tolist()
+
+
+def test_arrays_of_the_caller_are_left_alone():
+    x0, mask = np.full(3, 2.0), np.array([True])
+    minimise(sphere, x0, 0.5, constraints=wall, equality=mask, max_evaluations=200)
+    assert np.array_equal(x0, np.full(3, 2.0))
+    assert np.array_equal(mask, [True])
+
+    def vandal(x):
+        values = sphere(x)
+        x[:] = np.nan
+        return values
+
+    spoilt = minimise(vandal, x0, 0.5, max_evaluations=500)
+    assert np.array_equal(spoilt.x, minimise(sphere, x0, 0.5, max_evaluations=500).x)
+
+
+def test_the_same_seed_is_the_same_search():
+    results = [
+        minimise(rastrigin, np.full(4, 3.0), 1.0, seed=seed, max_evaluations=4000) for seed in (1, 1, 2)
+    ]
+    assert np.array_equal(results[0].history, results[1].history, equal_nan=True)
+    assert not np.array_equal(results[0].x, results[2].x)
+
+
+# --- Restarts ---
+
+
+@pytest.mark.parametrize("restarts", [IPOP(), BIPOP()])
+def test_restarts_find_what_one_run_does_not(restarts):
+    """The global optimum of Rastrigin's function in 6 dimensions, from seed 0 to 2."""
+    for seed in range(3):
+        result = minimise(
+            rastrigin,
+            np.full(6, 3.0),
+            2.0,
+            restarts=restarts,
+            seed=seed,
+            target=1e-8,
+            max_evaluations=200_000,
+        )
+        assert result.reason is Reason.TARGET
+
+
+def test_restarts_begin_at_different_feasible_points():
+    search = Minimiser(np.full(3, 2.0), 0.5, n_constraints=1, seed=2)
+    begins = []
+    while len(begins) < 4:
+        fresh = search._restoration is not None
+        request = search.ask()
+        search.tell(
+            sphere(request.x) if request.objective else None, wall(request.x) if request.constraints else None
+        )
+        if fresh and search._restoration is None:
+            begins.append(search._run._es.mean)
+    assert (wall(np.array(begins)) <= 0).all()
+    assert len(np.unique(np.round(begins, 6), axis=0)) == 4
+
+
+def test_bipop_spends_as_much_on_small_populations_as_on_large_ones():
+    rng, ended = np.random.default_rng(0), [Ended(Setting(), 10, 1000)]
+    for _ in range(60):
+        setting = BIPOP().following(ended, rng)
+        ended.append(Ended(setting, setting.population, 100 * setting.population))
+    large = [run for run in ended[1:] if not run.setting.local]
+    small = [run for run in ended[1:] if run.setting.local]
+    cost = [sum(run.evaluations for run in runs) for runs in (large, small)]
+    assert abs(cost[0] - cost[1]) <= large[-1].evaluations
+    assert [run.population for run in large][:5] == [20, 40, 80, 160, 320]
+    assert all(run.population <= large[-1].population for run in small)
+    assert all(1e-2 <= run.setting.sigma <= 1 for run in small)
+
+
+def test_no_restarts():
+    result = minimise(sphere, np.ones(3), 0.5, restarts=NoRestarts())
+    assert result.reason is Reason.CONVERGED
+    assert "tolerance" in result.reason.value
+
+
+# --- Bad input ---
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"x0": []}, "x0"),
+        ({"x0": [np.nan, 1.0]}, "x0"),
+        ({"x0": [[1.0, 2.0]]}, "x0"),
+        ({"sigma0": 0.0}, "sigma0"),
+        ({"sigma0": -1.0}, "sigma0"),
+        ({"sigma0": np.nan}, "sigma0"),
+        ({"population": 1}, "population"),
+        ({"population": 2.5}, "population"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 0.5}, "seed"),
+        ({"tolerance": -1.0}, "tolerance"),
+        ({"bounds": (0.0, -1.0)}, "bounds"),
+        ({"bounds": ([0, 0, 0], [1, 1, 1])}, "bounds"),
+        ({"bounds": 3}, "bounds"),
+        ({"max_evaluations": 0}, "positive limits"),
+        ({"max_seconds": -1.0}, "positive limits"),
+        ({"constraints": lambda x: np.zeros(len(x))}, "h <= 0 is feasible"),
+        ({"constraints": lambda x: np.zeros((len(x) + 1, 2))}, "h <= 0 is feasible"),
+        ({"constraints": lambda x: np.zeros((len(x), 1 + (len(x) > 1)))}, "h <= 0 is feasible"),
+        ({"constraints": lambda x: np.full((len(x), 2), np.nan)}, "h <= 0 is feasible"),
+        ({"constraints": wall, "equality": [True, False]}, "equality"),
+        ({"constraints": wall, "equality": [1]}, "equality"),
+        ({"f": lambda x: np.zeros((len(x), 1))}, "objective"),
+        ({"f": lambda x: 0.0}, "objective"),
+        ({"f": lambda x: ["low"] * len(x)}, "objective"),
+        ({"f": lambda x: np.full(len(x), np.nan)}, "finite"),
+    ],
+)
+def test_bad_input_is_told(changes, words):
+    arguments = {"f": sphere, "x0": np.full(2, 2.0), "sigma0": 0.5, "max_evaluations": 500} | changes
+    f, x0, sigma0 = (arguments.pop(key) for key in ("f", "x0", "sigma0"))
+    with pytest.raises(OptionError, match=words):
+        minimise(f, x0, sigma0, **arguments)
