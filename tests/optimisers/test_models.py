@@ -23,7 +23,7 @@ def test_the_step_is_the_shortest_to_the_feasible_set(seed, m, n, n_equalities):
     free = np.arange(m) < min(n_equalities, m)
     if np.linalg.cond(rows @ rows.T + 1e-12 * np.eye(m)) > 1e4:  # dependent rows may contradict each other
         return
-    multipliers = nearest_feasible(rows @ rows.T, missed, free)
+    multipliers = nearest_feasible(rows, missed, free)
     left = missed - rows @ rows.T @ multipliers
     assert (left[~free] < 1e-5).all()
     assert np.abs(left[free]).max(initial=0.0) < 1e-5
@@ -38,7 +38,7 @@ def test_multipliers_agree_with_nonnegative_least_squares(seed, m, n):
     rng = np.random.default_rng(seed)
     rows, inside = unit_rows(rng, m, n), rng.standard_normal(n)
     missed = -rows @ inside - rng.uniform(0, 0.5, m) * (rng.random(m) < 0.5)
-    multipliers = nearest_feasible(rows @ rows.T, missed, np.zeros(m, dtype=bool))
+    multipliers = nearest_feasible(rows, missed, np.zeros(m, dtype=bool))
     step = -rows.T @ multipliers
     assert (missed + rows @ step < 1e-6).all()
     # min |d|^2 over G d <= -c, as a least-squares problem in multipliers (Lawson and Hanson, chapter 23)
@@ -51,13 +51,13 @@ def test_multipliers_agree_with_nonnegative_least_squares(seed, m, n):
 
 def test_contradicting_constraints_give_a_finite_compromise():
     rows, missed = np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0])  # x <= -1 and x >= 1
-    multipliers = nearest_feasible(rows @ rows.T, missed, np.zeros(2, dtype=bool))
+    multipliers = nearest_feasible(rows, missed, np.zeros(2, dtype=bool))
     assert np.isfinite(multipliers).all()
 
 
 def test_constraints_that_are_met_ask_for_nothing():
     rows = unit_rows(np.random.default_rng(0), 5, 3)
-    assert not nearest_feasible(rows @ rows.T, -np.ones(5), np.zeros(5, dtype=bool)).any()
+    assert not nearest_feasible(rows, -np.ones(5), np.zeros(5, dtype=bool)).any()
 
 
 def test_bounds_are_rows_of_unit_length():

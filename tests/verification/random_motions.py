@@ -11,7 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import CoordinatedMotion, load_coordinates, projected_coordinates
+from comove.coordination import (
+    CoordinatedMotion,
+    arms_coordinates,
+    load_coordinates,
+    projected_coordinates,
+)
+from comove.coordination.coordinates import coordinates_for
 from comove.errors import OptionError, SceneError
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
@@ -25,8 +31,8 @@ LOADS[3] = ("bar", "bar", "hands", "frame", "frame", "pairs", "bar and hand", "r
 WIDE = [-3.0, 4.0]  # m, a workspace that is in nobody's way
 
 
-def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None):
-    """A random motion of random hands and load, in an empty scene."""
+def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None, arms=False):
+    """A random motion of random hands and load, in an empty scene; with `arms` every hand for itself."""
     n_dims = n_dims or int(rng.integers(2, 4))
     load = load or str(rng.choice(LOADS[n_dims]))
     scene = Scene.from_dict(_empty_scene(rng, n_dims, load))
@@ -36,6 +42,8 @@ def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None):
     if projected:
         with suppress(OptionError):  # grasps off the middle, or three hands in space
             coordinates = projected_coordinates(scene)
+    if arms:
+        coordinates = arms_coordinates(scene)
     basis = motion_basis(*[(30, "velocity"), (20, "velocity"), (20, "acceleration")][rng.integers(3)])
     sigma = sigma or rng.choice([0.005, 0.02, 0.06, 0.2], p=[0.3, 0.3, 0.3, 0.1])
     z = sigma * rng.standard_normal((coordinates.search.shape[1], basis.n_basis))
@@ -46,8 +54,7 @@ def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None):
 def on_scene(motion, data):
     """The same curve on the scene of other data, such as further obstacles."""
     scene = Scene.from_dict(data)
-    kinds = {"load": load_coordinates, "projected": projected_coordinates}
-    return replace(motion, scene=scene, coordinates=kinds[motion.coordinates.kind](scene))
+    return replace(motion, scene=scene, coordinates=coordinates_for(scene, motion.coordinates.kind))
 
 
 def near_contact(rng):

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.coordination import load_coordinates
+from comove.errors import SceneError
 from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
+from tests import brute_force
 from tests.solved import solved
 from tests.verification.random_motions import on_scene, random_motion, scene_data
 
@@ -300,3 +302,42 @@ def test_distances_and_ends_are_exact(seed):
     for c in motion.scene.constraints:
         apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
         assert np.abs(apart - c.distance).max() < 1e-12
+
+
+# --- Free hands ---
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from([2, 3]))
+def test_the_distance_of_free_hands_is_bounded_at_every_instant(seed, n_dims):
+    """Above what dense samples show, by next to nothing."""
+    rng = np.random.default_rng(seed)
+    motion = random_motion(rng, n_dims=n_dims, load="pairs", sigma=0.01, arms=True)
+    hands = motion.hands(np.linspace(0.0, 1.0, 30_001))[0]
+    seen = max(
+        np.abs(np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1) - c.distance).max()
+        for c in motion.scene.constraints
+    )
+    verdict = verify(motion)
+    assert seen <= verdict.report.distance_error_max <= seen + 1e-3 * max(seen, 0.01)
+    rejected = any("distance between" in reason for reason in verdict.reasons)
+    assert rejected == (
+        verdict.report.distance_error_max > min(c.tolerance for c in motion.scene.constraints)
+    )
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([2, 3]))
+def test_the_clearance_of_free_hands_is_certified_below_what_is_there(seed, n_dims):
+    rng = np.random.default_rng(seed)
+    motion = random_motion(rng, n_dims=n_dims, load="frame", sigma=0.01, arms=True)
+    ball = {"shape": "sphere", "center": [float(x) for x in rng.uniform(-1, 1, n_dims)], "radius": 0.1}
+    try:
+        motion = on_scene(motion, scene_data(motion.scene) | {"obstacles": [ball]})
+    except SceneError:  # an end is in contact
+        return
+    report = verify(motion).report
+    actual = brute_force.configuration_clearance(
+        motion.scene, motion.hands(np.linspace(0.0, 1.0, 3001))[0]
+    ).min()
+    assert report.clearance_min <= actual + 1e-9

@@ -12,7 +12,7 @@ from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_st
 from comove.errors import OptionError, near_name
 
 SAVING = 1.5  # s, kept back from the budget for the files and pictures
-METHODS = ("comove", "projection")
+METHODS = ("comove", "projection", "paper")
 
 
 class ObstacleMode(StrEnum):
@@ -97,9 +97,9 @@ def solve(
 
 def method_named(name: str):
     """The method object of a name."""
-    from comove.planning import Comove, Projection
+    from comove.planning import Comove, Paper, Projection
 
-    methods = dict(zip(METHODS, (Comove, Projection), strict=True))
+    methods = dict(zip(METHODS, (Comove, Projection, Paper), strict=True))
     if name not in methods:
         raise OptionError(f"unknown method '{name}'", key="--method", way_out=near_name(name, methods))
     return methods[name]()

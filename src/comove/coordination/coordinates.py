@@ -14,7 +14,8 @@ quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
 A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
 The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
 vector between them) is the same thing as direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
-`projected_coordinates` holds that linear map.
+`projected_coordinates` holds that linear map. `arms_coordinates` leave every hand to itself, as the paper does: one
+point block a hand, in which constraints are held by nothing but the search.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 POINT, ANGLE, DIRECTION, QUATERNION = range(4)
-Kind = Literal["load", "projected"]
+Kind = Literal["load", "projected", "arms"]
 
 
 class Blocks(NamedTuple):
@@ -88,12 +89,13 @@ class Coordinates:
 
     Attributes
     ----------
-    kind : "load" (angle, direction or quaternion about the load's centre) or "projected" (free hands,
-        projected onto the constraints)
+    kind : "load" (angle, direction or quaternion about the load's centre), "projected" (free hands,
+        projected onto the constraints) or "arms" (free hands)
     blocks : the blocks as arrays
     n_columns : length of q
     search : array, shape (n_columns, n_search), how q follows the variables of a search: a scale for each
         column, or the linear map from free hands for "projected"
+    together : free hands that carry one load, drawn together while it is small
     """
 
     kind: Kind
@@ -101,6 +103,7 @@ class Coordinates:
     groups: tuple[RigidGroup, ...]
     n_columns: int
     search: Array
+    together: tuple[tuple[int, ...], ...] = ()
 
     @property
     def n_dims(self) -> int:
@@ -119,7 +122,12 @@ class Coordinates:
         -------
         array, shape (n_rollouts, n_steps, n_nodes, 3), [m]
         """
-        return place(self.blocks, q, size)
+        nodes = place(self.blocks, q, size)
+        for hands in self.together if size != 1.0 else ():
+            held = nodes[:, :, list(hands)]
+            center = held.mean(axis=2, keepdims=True)
+            nodes[:, :, list(hands)] = center + size * (held - center)
+        return nodes
 
     def motion(self, q: Array) -> Array:
         """Positions, velocities and accelerations of the nodes along one movement.
@@ -266,15 +274,50 @@ def projected_coordinates(scene: Scene) -> Coordinates:
     return replace(coordinates, search=matrix.reshape(coordinates.n_columns, -1))
 
 
+def arms_coordinates(scene: Scene) -> Coordinates:
+    """Every hand for itself: no constraint is held by these coordinates.
+
+    Raises
+    ------
+    OptionError
+        If the load has points beside the hands, which free hands do not determine.
+    """
+    if any(len(group.corners) for group in scene.groups):
+        raise OptionError(
+            "free hands do not say where the rest of the load is",
+            key="method",
+            way_out="use the method 'comove' for loads that reach beyond the hands",
+        )
+    alone = [
+        RigidGroup(
+            (i,), np.zeros((1, 3)), np.zeros((0, 3)), "none", *(Pose(_padded(y), np.eye(3)) for y in ends)
+        )
+        for i, ends in enumerate(zip(scene.start, scene.goal, strict=True))
+    ]
+    together = tuple(group.members for group in scene.groups if len(group.members) > 1)
+    return replace(_coordinates(scene, "arms", [POINT] * len(alone), tuple(alone)), together=together)
+
+
+COORDINATES = {"load": load_coordinates, "projected": projected_coordinates, "arms": arms_coordinates}
+
+
 def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:
     """The coordinates of a scene by their kind."""
-    return {"load": load_coordinates, "projected": projected_coordinates}[kind](scene)
+    return COORDINATES[kind](scene)
 
 
-def _coordinates(scene: Scene, name: Kind, kinds: list[int]) -> Coordinates:
+def _padded(y: Array) -> Array:
+    """A point with zeros up to three coordinates; array, shape (3,)."""
+    return np.concatenate([y, np.zeros(3 - len(y))])
+
+
+def _coordinates(
+    scene: Scene, name: Kind, kinds: list[int], groups: tuple[RigidGroup, ...] | None = None
+) -> Coordinates:
+    groups = scene.groups if groups is None else groups
     n_dims, corner = scene.n_dims, len(scene.manipulators)
     columns, scale, first, node, point = [0], [], [0], [], []
-    for group, kind in zip(scene.groups, kinds, strict=True):
+    for group, kind in zip(groups, kinds, strict=True):
         width = {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[kind]
         columns.append(columns[-1] + n_dims + width)
         scale += [1.0] * n_dims + [3.0 if kind == ANGLE else 1.5] * width
@@ -290,7 +333,7 @@ def _coordinates(scene: Scene, name: Kind, kinds: list[int]) -> Coordinates:
         np.concatenate(point),
         n_dims,
     )
-    return Coordinates(name, blocks, scene.groups, columns[-1], np.diag(scale))
+    return Coordinates(name, blocks, groups, columns[-1], np.diag(scale))
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -31,7 +31,7 @@ from comove.optimisers.reasons import Reason
 
 Array = NDArray[np.float64]
 
-TINY = 1e-300
+TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
@@ -132,7 +132,6 @@ class AugmentedLagrangianRun:
         missed = (local.value[:-1] - self._shift) / self._length
         m = len(missed)
         self._rows, self._missed, self._free = self._with_bounds(rows, missed)
-        self._gram = self._rows @ self._rows.T
         if not self._curvatures:
             self._remember_curvature(local, np.zeros(m), gradient)
             self._penalties = (
@@ -143,7 +142,7 @@ class AugmentedLagrangianRun:
             )
         curvature = self._curvature
         forces = curvature * nearest_feasible(
-            self._gram, self._missed - self._rows @ gradient / curvature, self._free
+            self._rows, self._missed - self._rows @ gradient / curvature, self._free
         )
         stationary = gradient + forces @ self._rows
         self._step = -stationary / curvature
@@ -211,7 +210,7 @@ class AugmentedLagrangianRun:
         margin = np.zeros(len(self._offset))
         margin[:m] = np.where(start.equality, 0.0, self._margin)
         change = self._rows.T @ nearest_feasible(
-            self._gram, self._rows @ self._origin + self._offset + margin, self._free
+            self._rows, self._rows @ self._origin + self._offset + margin, self._free
         )
         self._tries += 1
         if self._tries > self.settings.repairs or not change @ change <= FAR * len(change):

@@ -102,7 +102,8 @@ class CCMAES:
     form : of the reduction: `MatrixForm`, `FactorForm` or `PrintedForm`
     reduction : its rates
     passes : times at most that the infeasible samples of a generation are drawn again
-    stalls : generations in a row without enough feasible samples, after which the run has stalled
+    stalls : generations in a row without any feasible sample, after which the run has stalled
+    patience : times the usual number of generations without progress, after which a run has stagnated
     shrinkage : of the bands of equalities in a generation, at most; not faster than the mean can follow
     """
 
@@ -110,6 +111,7 @@ class CCMAES:
     reduction: Reduction = Reduction()
     passes: int = 100
     stalls: int = 10
+    patience: float = 1.0
     shrinkage: float = 0.9
 
     def start(self, start: Start) -> CCMAESRun:
@@ -131,7 +133,8 @@ class CCMAESRun:
         self.reason: Reason | None = None
         n = len(start.x)
         self._parameters = Parameters.default(n, start.population)
-        self._patience = Patience(start.sigma, window=int(100 + 50 * n / self._parameters.population))
+        window = settings.patience * (100 + 50 * n / self._parameters.population)
+        self._patience = Patience(start.sigma, window=int(window))
         self.bands: Array | None = None
         self.boundaries: Array | None = None
         self._stalled = 0
@@ -198,24 +201,24 @@ class CCMAESRun:
                 return
         self._open = self._open[bad]
         self._pass += 1
-        feasible = len(self._x) - len(self._open)
-        if not len(self._open) or (self._pass > self.settings.passes and feasible >= self._parameters.mu):
+        self._violation = np.where(np.isfinite(missed[bad]), np.maximum(missed[bad], 0.0), np.inf).sum(axis=1)
+        if len(self._open) and self._pass <= self.settings.passes:
+            self._resample()
+        elif len(self._open) < len(self._x):
             self._stalled = 0
             self._evaluate()
-        elif self._pass > self.settings.passes:
-            self._stall()
         else:
-            self._resample()
+            self._stall()
 
     def _stall(self) -> None:
-        """Take back what a generation without enough feasible samples has learned; try wider and nearer."""
+        """No sample is feasible: forget what they taught, go where they violate least, widen the bands."""
         self._stalled += 1
         if self._stalled >= self.settings.stalls:
             self.reason = Reason.STALLED
             return
         self._es.covariance, self._records = self._before
         self.bands = self.bands / self.settings.shrinkage**2
-        self._es.sigma *= 0.5
+        self._es.tell(self._violation)
         self._sample()
 
     def _resample(self) -> None:
@@ -279,8 +282,13 @@ class CCMAESRun:
         es = self._es
         values = np.full(len(self._x), np.inf)
         values[self._kept] = np.where(np.isnan(objective), np.inf, objective)
-        order = np.argsort(values, kind="stable")
-        es.tell(values)
+        excess = np.zeros(len(values))
+        if self._viable:
+            excess[self._open] = self._violation
+        order = np.lexsort((excess, values))
+        ranks = np.empty(len(order))
+        ranks[order] = np.arange(len(order))
+        es.tell(ranks)
         self._shrink(order[: self._parameters.mu])
         self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
         if self.reason is None:

@@ -122,7 +122,9 @@ class EpsilonLevelRun:
     def _corrections(self, missed: Array) -> Array:
         """J^+ v of every row of violations, over the rows' violated constraints; array, shape (n_points, n)."""
         masked = self._slope[None] * (missed != 0)[:, :, None]
-        return (np.linalg.pinv(masked, rcond=1e-8) @ missed[:, :, None])[:, :, 0]
+        square = masked.transpose(0, 2, 1) @ masked  # n by n, however many constraints there are
+        pulled = masked.transpose(0, 2, 1) @ missed[:, :, None]
+        return (np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ pulled)[:, :, 0]
 
     def _total(self, constraints: Array) -> Array:
         """Sum of violations of every point; array, shape (n_points,)."""

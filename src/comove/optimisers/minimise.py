@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
+from comove.optimisers.cmaes import check_start
 from comove.optimisers.method import Method
 from comove.optimisers.minimiser import SIGN, Minimiser, Result
 from comove.optimisers.reasons import Reason
@@ -84,8 +85,17 @@ def minimise(
         Whatever f or h raise comes through; its attribute `search` is the `Minimiser`, to be saved or continued.
     """
     begun = time.perf_counter()
+    for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
+        if not callable(function) and (function is not None or name == "f"):
+            raise OptionError(f"{function!r} is no function", key=name)
+    x0, sigma0 = check_start(x0, sigma0)
+    limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
+    for name, value in (("max_evaluations", limit), ("max_seconds", max_seconds), ("target", target)):
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise OptionError(f"{value!r} is no number", key=name)
+    if not limit >= 1 or not max_seconds > 0:
+        raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
     objective, h = (f, constraints) if vectorized else (_one_by_one(f, map), _one_by_one(constraints, map))
-    x0 = np.array(x0, dtype=float) if not isinstance(x0, np.ndarray) else x0
     n_constraints = 0 if h is None else _count(h, x0)
     search = Minimiser(
         x0,
@@ -100,9 +110,6 @@ def minimise(
         seed=seed,
     )
     search.n_constraint += n_constraints > 0
-    limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
-    if not limit >= 1 or not max_seconds > 0:
-        raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
     while True:
         if search.reason is not None:
             return search.result()

@@ -111,6 +111,11 @@ class Minimiser:
             raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
         if population is not None and (int(population) != population or population < 2):
             raise OptionError(f"population = {population!r}", way_out="give a whole number, 2 or more")
+        for key, part, needed in (("method", method, "start"), ("restarts", restarts, "following")):
+            if part is not None and (isinstance(part, type) or not hasattr(part, needed)):
+                raise OptionError(
+                    f"{part!r} is none", key=key, way_out="give an object, such as CCMAES() or BIPOP()"
+                )
         self._tolerance, self._seed = float(tolerance), int(seed)
         self._method = method or (AugmentedLagrangian() if n_constraints else Plain())
         self._restarts = restarts or BIPOP()

@@ -101,22 +101,22 @@ def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Ar
 
 
 @nb.njit(cache=True)
-def nearest_feasible(gram: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
-    """Multipliers of the shortest step d = -G^T l onto {z : missed + G z <= 0}.
+def nearest_feasible(rows: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
+    """Multipliers l of the shortest step d = -G^T l onto {z : c + G z <= 0}.
 
     The dual of a least-distance programme, by the active-set method of Lawson and Hanson (1974), slightly
     regularised so that contradicting constraints give a compromise.
 
     Parameters
     ----------
-    gram
-        G G^T of rows of unit length (or zero); array, shape (m, m).
+    rows
+        G, rows of unit length (or zero); array, shape (m, n).
     missed
-        By how much each constraint is missed at the start; array, shape (m,).
+        c, by how much each constraint is missed at the start; array, shape (m,).
     free
         Which constraints are equalities, with multipliers of either sign; array, shape (m,).
     """
-    m = len(missed)
+    m, n = rows.shape
     multipliers = np.zeros(m)
     active = free.copy()
     for _ in range(3 * m + 10):
@@ -128,8 +128,11 @@ def nearest_feasible(gram: Array, missed: Array, free: NDArray[np.bool_]) -> Arr
             system, right = np.empty((p, p)), np.empty(p)
             for i in range(p):
                 right[i] = missed[chosen[i]]
-                for j in range(p):
-                    system[i, j] = gram[chosen[i], chosen[j]]
+                for j in range(i + 1):
+                    product = 0.0
+                    for k in range(n):
+                        product += rows[chosen[i], k] * rows[chosen[j], k]
+                    system[i, j] = system[j, i] = product
                 system[i, i] += 1e-10
             wanted = np.linalg.solve(system, right)
             step = 1.0
@@ -145,11 +148,19 @@ def nearest_feasible(gram: Array, missed: Array, free: NDArray[np.bool_]) -> Arr
                     active[j] = False
             if step >= 1.0:
                 break
-        left = missed - gram @ multipliers
         worst, worst_left = -1, 1e-10
+        moved = np.zeros(n)
         for j in range(m):
-            if not active[j] and left[j] > worst_left:
-                worst, worst_left = j, left[j]
+            if active[j]:
+                for k in range(n):
+                    moved[k] -= multipliers[j] * rows[j, k]
+        for j in range(m):
+            if not active[j]:
+                left = missed[j]
+                for k in range(n):
+                    left += rows[j, k] * moved[k]
+                if left > worst_left:
+                    worst, worst_left = j, left
         if worst < 0:
             break
         active[worst] = True

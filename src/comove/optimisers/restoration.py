@@ -77,7 +77,7 @@ class Restoration:
             free = np.concatenate([free, np.zeros(len(distances), dtype=bool)])
         self._lengths = np.where(known, length, 1.0)
         inside = np.where(free, 0.0, 1e-6)
-        step = -rows.T @ nearest_feasible(rows @ rows.T, missed + inside, free)
+        step = -rows.T @ nearest_feasible(rows, missed + inside, free)
         step *= start.sigma * min(1.0, LONGEST / (np.linalg.norm(step) + 1e-300))
         points = np.clip(self.x + SHARES[:, None] * step, start.lower, start.upper)
         self._request = Request(points, constraints=True)

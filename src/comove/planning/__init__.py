@@ -3,6 +3,7 @@
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost, CostWeights
+from comove.planning.paper import Paper
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import carried_demonstration, solve
 
@@ -10,6 +11,7 @@ __all__ = [
     "Comove",
     "Cost",
     "CostWeights",
+    "Paper",
     "Progress",
     "Projection",
     "Solution",

@@ -155,8 +155,8 @@ class Comove:
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
-            guess = self._first_guess(search, basis, restart)
-            dmp = self._threaded(search, along_path, guess) if restart > 0 else guess
+            guess = first_guess(search, search.objective.coordinates, basis, restart)
+            dmp = threaded(search, along_path, guess) if restart > 0 else guess
             if dmp is None:
                 continue
             objective = along_path
@@ -175,32 +175,6 @@ class Comove:
                 dmp = improve(search, objective, dmp, REPAIRING)
         return False
 
-    def _threaded(self, search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
-        """Add one bump a round, the best of many drawn, until the smallest load is free; None where it never is."""
-        directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
-        for _ in range(ROUNDS):
-            search.check_time()
-            value = search.evaluate(objective, dmp, weights, SMALLEST_LOAD)
-            fitness = objective.search_value(value)
-            i = int(np.argmin(fitness))
-            if fitness[i] < least:
-                dmp, least = replace(dmp, weights=weights[i]), fitness[i]
-            if value.clearance[i] > search.scene.clearance:
-                return replace(dmp, weights=weights[i])
-            heights = SPREAD * search.rng.standard_normal((DRAWS, directions.shape[1], 1))
-            weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, DRAWS)[:, None])
-        return None
-
-    def _first_guess(self, search: Search, basis: MotionBasis, restart: int) -> CoordinatedDMP:
-        """The demonstration where there is one (every third restart), else the straight way with some turn."""
-        coordinates = search.objective.coordinates
-        if search.taught is not None and restart % 3 == 0:
-            return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
-        boundary = coordinates.boundary(turn=TURNS[restart % len(TURNS)])
-        return CoordinatedDMP(
-            search.scene, coordinates, basis, boundary, np.zeros((coordinates.n_columns, basis.n_basis))
-        )
-
     def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
         """The same movement in the finer basis in which it is polished."""
         basis = motion_basis(self.n_basis, "velocity")
@@ -216,3 +190,29 @@ class Projection(Comove):
 
     name: ClassVar[str] = "projection"
     coordinates: Callable[[Scene], Coordinates] = projected_coordinates
+
+
+def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, restart: int) -> CoordinatedDMP:
+    """The demonstration where there is one (every third restart), else the straight way with some turn."""
+    if search.taught is not None and restart % 3 == 0:
+        return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
+    boundary = coordinates.boundary(turn=TURNS[restart % len(TURNS)])
+    weights = np.zeros((coordinates.n_columns, basis.n_basis))
+    return CoordinatedDMP(search.scene, coordinates, basis, boundary, weights)
+
+
+def threaded(search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
+    """Add one bump a round, the best of many drawn, until the smallest load is free; None where it never is."""
+    directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
+    for _ in range(ROUNDS):
+        search.check_time()
+        value = search.evaluate(objective, dmp, weights, SMALLEST_LOAD)
+        fitness = objective.search_value(value)
+        i = int(np.argmin(fitness))
+        if fitness[i] < least:
+            dmp, least = replace(dmp, weights=weights[i]), fitness[i]
+        if value.clearance[i] > search.scene.clearance:
+            return replace(dmp, weights=weights[i])
+        heights = SPREAD * search.rng.standard_normal((DRAWS, directions.shape[1], 1))
+        weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, DRAWS)[:, None])
+    return None

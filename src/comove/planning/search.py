@@ -115,9 +115,13 @@ class Search:
         """What is left of the budget [s]."""
         return self.deadline - time.perf_counter()
 
+    def over(self) -> bool:
+        """Whether the budget is spent, or the user wishes to end."""
+        return self.interruption.wished or self.time_left() < 0
+
     def check_time(self) -> None:
-        """Raise `OutOfTime` once the budget is spent, or the user wishes to end."""
-        if self.interruption.wished or self.time_left() < 0:
+        """Raise `OutOfTime` once the search is over."""
+        if self.over():
             raise OutOfTime
 
     def evaluate(

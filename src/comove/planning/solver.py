@@ -15,6 +15,7 @@ from comove.errors import OptionError, near_name
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
+from comove.planning.paper import Paper
 from comove.planning.search import OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.basis import motion_basis
@@ -32,7 +33,7 @@ def solve(
     *,
     demonstration: DMP | None = None,
     seed: int = 0,
-    method: Comove | None = None,
+    method: Comove | Paper | None = None,
     planner: bool = True,
     budget: float = 30.0,
     cost: CostWeights | None = None,
@@ -117,7 +118,7 @@ def solve(
 def _check_options(seed: object, method: object, budget: float, obstacles: str) -> None:
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
-    if method is not None and not isinstance(method, Comove):
+    if method is not None and not isinstance(method, (Comove, Paper)):
         raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
     if not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
-from comove.coordination.coordinates import coordinates_for
+from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError
@@ -241,7 +241,7 @@ def rebuild(arrays: Mapping[str, NDArray], scene: Scene) -> CoordinatedMotion:
         If the arrays do not describe a motion on this scene.
     """
     name = str(arrays["coordinates"])
-    if name not in ("load", "projected"):
+    if name not in COORDINATES:
         raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out="solve the scene again")
     try:
         coordinates = coordinates_for(scene, name)

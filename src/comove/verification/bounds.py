@@ -53,6 +53,25 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
     return NodeBounds(acceleration, jerk)
 
 
+def distance_error(relative: Array, distance: float) -> float:
+    """Bound of ``| |r| - distance |`` at every instant, r = y1 - y2 of two free hands [m].
+
+    The distance d = |r| has |d''| <= |r'|^2 / d + |r''|, and a function leaves the chord between two of its points by
+    at most h^2/8 of its second derivative.
+
+    Parameters
+    ----------
+    relative : array, shape (3, n_knots, n_dims), r and its first two derivatives at the knots
+    """
+    apart = np.linalg.norm(relative[0], axis=1)
+    fastest, bend, _ = _column_bounds(relative)
+    nearest = np.minimum(apart[1:], apart[:-1]) - 0.5 * INTERVAL * fastest
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turning = np.where(nearest > 0, fastest**2 / nearest, np.inf)
+    error = np.abs(apart - distance)
+    return float((np.maximum(error[1:], error[:-1]) + INTERVAL**2 / 8 * (turning + bend)).max())
+
+
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
     """Upper bound of the speed of every hand at every instant [m/s].
 

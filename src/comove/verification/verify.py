@@ -9,11 +9,16 @@ from typing import NoReturn, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import coordinates_for
+from comove.coordination.coordinates import POINT, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.scene import DistanceConstraint, Scene
+from comove.scenes.scene import DistanceConstraint
 from comove.trajectory import Trajectory
-from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
+from comove.verification.bounds import (
+    distance_error,
+    largest_acceleration,
+    largest_speed,
+    node_bounds,
+)
 from comove.verification.certificate import Clearance, certify
 
 Array = NDArray[np.float64]
@@ -32,7 +37,7 @@ class Report:
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : largest error of a distance constraint at the knots [m]
+    distance_error_max : upper bound of the error of every distance constraint [m]
     end_error : largest miss of a start or a goal [m]
     end_speed : largest speed at the end [m/s]
     speed_max : upper bound of a hand's speed [m/s]
@@ -135,9 +140,10 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     bounds = node_bounds(motion)
     clearance = certify(motion, bounds)
+    errors = [_distance_error(motion, c, position) for c in scene.constraints]
     report = Report(
         clearance_min=clearance.lower,
-        distance_error_max=max((_distance_error(c, position) for c in scene.constraints), default=0.0),
+        distance_error_max=max(errors, default=0.0),
         end_error=float(ends.max()),
         end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
@@ -152,8 +158,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.append(f"an end is missed by {report.end_error:.3g} m")
     if not report.end_speed <= END_SPEED:
         reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
-    for c in scene.constraints:
-        error = max(_distance_error(c, position), _error_between_knots(scene, c))
+    for c, error in zip(scene.constraints, errors, strict=True):
         if not error <= max(c.tolerance, ROUNDING):
             reasons.append(
                 f"the distance between '{names[c.first]}' and '{names[c.second]}' is off by up to {error:.3g} m "
@@ -174,23 +179,24 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     return Verdict(verified, report, tuple(reasons))
 
 
-def _distance_error(constraint: DistanceConstraint, position: Array) -> float:
-    """Largest error at the knots; position (n_knots, n_manipulators, 3)."""
-    apart = np.linalg.norm(position[:, constraint.first] - position[:, constraint.second], axis=1)
-    return float(np.abs(apart - constraint.distance).max())
+def _distance_error(motion: CoordinatedMotion, constraint: DistanceConstraint, position: Array) -> float:
+    """Bound of a distance's error; position (n_knots, n_manipulators, 3) at the knots.
 
-
-def _error_between_knots(scene: Scene, constraint: DistanceConstraint) -> float:
-    """Bound of a distance's error between the knots, above what the knots show.
-
-    Two hands in one block of the coordinates are images of two fixed points under one rigid motion: their
-    distance is that of their grasps at every instant.
+    Two hands in one block of the coordinates are images of two fixed points under one rigid motion: between the
+    knots their distance is that of their grasps. Free hands leave what the knots show as their derivatives allow.
     """
-    for group in scene.groups:
-        if {constraint.first, constraint.second} <= set(group.members):
-            i, j = (group.members.index(m) for m in (constraint.first, constraint.second))
-            return abs(float(np.linalg.norm(group.grasps[i] - group.grasps[j])) - constraint.distance)
-    raise ValueError(f"constraint {constraint} ties two groups together")
+    i, j, coordinates = constraint.first, constraint.second, motion.coordinates
+    for group in coordinates.groups:
+        if {i, j} <= set(group.members):
+            apart = np.linalg.norm(position[:, i] - position[:, j], axis=1)
+            grasps = group.grasps[[group.members.index(i), group.members.index(j)]]
+            held = float(np.linalg.norm(grasps[0] - grasps[1]))
+            return float(np.abs(np.append(apart, held) - constraint.distance).max())
+    first, second = (next(part for part in coordinates.parts if hand in part.nodes) for hand in (i, j))
+    if first.kind != POINT or second.kind != POINT:
+        return np.inf
+    relative = motion.knots[:, :, first.columns] - motion.knots[:, :, second.columns]
+    return distance_error(relative, constraint.distance)
 
 
 def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:

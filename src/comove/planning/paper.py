@@ -1,0 +1,186 @@
+"""The paper's method: constrained CMA-ES on the weights of all arms, the distance held within a band.
+
+Equation (7) asks for ``|y1(t) - y2(t)| = D`` at every instant. Two inequalities in place of the equality have no
+interior, so that resampling until nothing is violated, as the paper describes, would never end; what it must have
+used is a band, each side of it a constraint of its own: a record that mixed both would average to noise. As printed,
+with a fixed band and the whole load at once, it stays stuck in walls. It works with two schedules on one progress:
+the band narrows geometrically and the load grows, while enough of the samples meet the constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.optimisers.ccmaes import CCMAES, Reduction
+from comove.optimisers.method import Start
+from comove.planning.methods import first_guess, threaded
+from comove.planning.objective import N_STEPS, Objective
+from comove.planning.search import SMALLEST_LOAD, Search, stricter
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+FIRST_BAND = 0.2  # of the distance
+INSIDE = 0.9  # of a tolerance, to which the band narrows: hands also move between the samples
+LEAST = 1e-6, 1e-3  # of the distance: a tolerance below the first is out of reach, the second is held instead
+OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
+ENOUGH = 0.3  # share of feasible samples from which the schedules go on; with fewer they go back
+PACE = 2.0  # progress, counted in generations, by the share beyond that
+CENTRING = 0.5  # cost of errors as large as their bands: without it the best lies at the edge of all bands
+WAIT = 100  # generations without progress, after which another attempt is made
+NARROWED, GROWN = 0.95, 0.4  # progress at which the band has its final width, and the load its size
+
+
+@dataclass(frozen=True)
+class Paper:
+    """CCMA-ES (paper, III) from the demonstration, or from straight lines.
+
+    Attributes
+    ----------
+    coordinates : free hands
+    n_basis : shape weights a column
+    optimiser : the constrained CMA-ES
+    population : samples a generation
+    sigma : first step size
+    windows : of time, in each of which the largest error of a distance is a constraint for either sign
+    generations : with progress, until band and load are final
+    finishing : generations with a feasible sample after that, before the best motion is judged
+    """
+
+    name: ClassVar[str] = "paper"
+    coordinates: Callable[[Scene], Coordinates] = arms_coordinates
+    n_basis: int = 14
+    optimiser: CCMAES = OPTIMISER
+    population: int = 16
+    sigma: float = 0.05
+    windows: int = 20
+    generations: int = 300
+    finishing: int = 30
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
+        attempt, objective = 0, search.objective.with_penalty(along_path=True)
+        while True:
+            search.stage = f"initial movement, attempt {attempt}"
+            initial = self._initial(search, attempt)
+            if initial is not None:
+                search.stage = f"narrowing the band, attempt {attempt}"
+                motion = self._improved(search, objective, initial)
+                if motion is not None:
+                    verdict = search.judge(motion)
+                    if verdict.verified or not search.hard:
+                        return
+                    objective = stricter(objective, verdict)
+            attempt += 1
+
+    def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
+        """A movement whose middle navigates the environment (paper, Fig. 3), given to every arm."""
+        basis, coordinates = motion_basis(self.n_basis, "acceleration"), load_coordinates(search.scene)
+        objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
+        guess = threaded(search, objective, first_guess(search, coordinates, basis, attempt))
+        if guess is None:
+            return None
+        s = np.linspace(0.0, 1.0, N_STEPS)
+        hands, free = guess.rollout().hands(s)[0], search.objective.coordinates
+        dmp = CoordinatedDMP(search.scene, free, basis, free.boundary(), np.zeros(0))
+        return dmp.fitted(s, free.from_hands(hands))
+
+    def _improved(
+        self, search: Search, objective: Objective, dmp: CoordinatedDMP
+    ) -> CoordinatedMotion | None:
+        """One run of the optimiser; the best motion within the final band, None where it did not get there."""
+        scene, shape = search.scene, dmp.weights.shape
+        first = self._errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS)).max()
+        run = self.optimiser.start(
+            Start(
+                x=np.zeros(dmp.weights.size),
+                sigma=self.sigma,
+                rng=search.rng,
+                equality=np.zeros(2 * self.windows * len(scene.constraints), dtype=bool),
+                tolerance=0.0,
+                lower=np.full(dmp.weights.size, -np.inf),
+                upper=np.full(dmp.weights.size, np.inf),
+                population=self.population,
+            )
+        )
+        progress, furthest, finished, waited = 0.0, 0.0, 0, 0
+        best, best_value, latest = None, np.inf, dmp.weights
+        while run.reason is None and finished < self.finishing and waited < WAIT:
+            if search.over():  # what there is, judged and labelled
+                search.judge(dmp.rollout(latest))
+            search.check_time()
+            request, bands = run.ask(), self._bands(scene, progress, first)
+            weights = dmp.weights + request.x.reshape(-1, *shape)
+            if request.constraints:
+                missed = self._errors(scene, dmp.rollouts(weights, N_STEPS)) - bands
+                search.evaluations += len(weights)
+                if len(weights) == self.population:
+                    share = (missed <= 0).all(axis=1).mean()
+                run.tell(None, missed)
+                continue
+            size = SMALLEST_LOAD + (1 - SMALLEST_LOAD) * min(1.0, progress / GROWN)
+            value = objective.evaluate(dmp.rollouts(weights, N_STEPS), size)
+            fitness = objective.search_value(value)
+            i = int(np.argmin(fitness))
+            search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
+            waited, latest = waited + 1, weights[i]
+            if progress >= 1.0:
+                found = np.where(objective.feasible(value) | (not search.hard), fitness, np.inf)
+                i = int(np.argmin(found))
+                if found[i] < np.inf:
+                    finished, waited = finished + 1, 0
+                if found[i] < best_value:
+                    best, best_value = dmp.rollout(weights[i]), float(found[i])
+            step = PACE * (share - ENOUGH)
+            if search.hard and not (value.clearance > scene.clearance).any():
+                step = min(step, 0.0)
+            progress = min(1.0, max(0.0, progress + step / self.generations))
+            if progress > furthest:
+                furthest, waited = progress, 0
+            errors = np.maximum(0.0, 1.0 + request.known / bands)
+            run.tell(fitness + CENTRING * (errors**2).mean(axis=1), None)
+        return best
+
+    def _errors(self, scene: Scene, q: Array) -> Array:
+        """Largest error of every distance in every window of time.
+
+        Parameters
+        ----------
+        q : array, shape (n_rollouts, n_columns, n_steps)
+
+        Returns
+        -------
+        array, shape (n_rollouts, n_constraints * 2 * n_windows), [m]; too far apart, then too near
+        """
+        hands = q.reshape(len(q), -1, scene.n_dims, q.shape[2])
+        edges = np.linspace(0, q.shape[2], self.windows, endpoint=False, dtype=int)
+        errors = []
+        for c in scene.constraints:
+            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+            for error in (apart - c.distance, c.distance - apart):
+                errors.append(np.maximum.reduceat(error, edges, axis=1))
+        return np.concatenate(errors, axis=1)
+
+    def _bands(self, scene: Scene, progress: float, least: float) -> Array:
+        """Half widths of the bands; array, shape (n_constraints * 2 * n_windows,), [m].
+
+        Parameters
+        ----------
+        progress : from 0 to 1
+        least : width with which the bands begin at least [m]: the first movement lies well inside
+        """
+        widths = []
+        for c in scene.constraints:
+            final = INSIDE * (c.tolerance if c.tolerance > LEAST[0] * c.distance else LEAST[1] * c.distance)
+            share = min(1.0, progress / NARROWED)
+            first = max(FIRST_BAND * c.distance, 1.5 * least)
+            widths.append(first * (final / first) ** share)
+        return np.repeat(widths, 2 * self.windows)

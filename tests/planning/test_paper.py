@@ -1,0 +1,104 @@
+"""The paper's method: bands, windows, schedules, and motions that the judge accepts."""
+
+import numpy as np
+import pytest
+
+import comove
+from comove.coordination import arms_coordinates
+from comove.errors import OptionError
+from comove.planning import Paper
+from comove.planning.objective import N_STEPS
+from comove.scenes import Scene
+from tests import brute_force
+from tests.solved import example
+from tests.verification.random_motions import scene_data
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """The wide example by the paper's method."""
+    return comove.solve(example("wide"), method=Paper(), seed=1)
+
+
+def test_a_verified_motion_within_the_band(wide):
+    assert wide.verified
+    scene = example("wide")
+    tolerance = scene.constraints[0].tolerance
+    assert 1e-12 < wide.report.distance_error_max <= tolerance
+    hands = wide.motion.motion.hands(np.linspace(0.0, 1.0, 20_001))[0]
+    error = np.abs(np.linalg.norm(hands[:, 0] - hands[:, 1], axis=1) - scene.constraints[0].distance)
+    assert error.max() <= wide.report.distance_error_max
+
+
+def test_the_same_seed_is_the_same_motion(wide):
+    again = comove.solve(example("wide"), method=Paper(), seed=1)
+    assert np.array_equal(again.attempt.weights, wide.attempt.weights)
+
+
+def test_the_planner_is_never_asked(monkeypatch):
+    def planned(*_, **__):
+        raise AssertionError("planned")
+
+    monkeypatch.setattr("comove.planning.methods.plan", planned)
+    comove.solve(example("wide"), method=Paper(), seed=0, budget=0.5)
+
+
+def test_every_window_holds_the_largest_error_of_either_sign():
+    """Against a loop over windows and samples."""
+    scene, method = example("narrow"), Paper(windows=7)
+    rng = np.random.default_rng(0)
+    q = rng.standard_normal((5, 2 * scene.n_dims, N_STEPS))
+    errors = method._errors(scene, q)
+    assert errors.shape == (5, 2 * 7)
+    starts = [*(int(k * N_STEPS / 7) for k in range(7)), N_STEPS]
+    for k in range(5):
+        for w in range(7):
+            span = range(starts[w], starts[w + 1])
+            apart = [np.hypot(*(q[k, :2, t] - q[k, 2:, t])) - scene.constraints[0].distance for t in span]
+            assert errors[k, w] == pytest.approx(max(apart))
+            assert errors[k, 7 + w] == pytest.approx(-min(apart))
+
+
+@pytest.mark.parametrize("least", [0.0, 0.1])
+def test_bands_narrow_to_less_than_the_tolerance(least):
+    scene, method = example("narrow"), Paper()
+    widths = [method._bands(scene, progress, least)[0] for progress in np.linspace(0.0, 1.0, 11)]
+    assert (np.diff(widths) <= 0).all()
+    assert widths[0] >= least
+    assert 0 < widths[-1] < scene.constraints[0].tolerance
+
+
+def test_what_there_is_when_time_runs_out_is_judged_and_labelled():
+    solution = comove.solve(example("complex"), method=Paper(), budget=0.6)
+    assert not solution.verified
+    assert solution.attempt.coordinates.kind == "arms"
+    assert solution.generations > 0
+    assert solution.attempt.weights.any()
+    assert any("distance between" in reason or "reaches" in reason for reason in solution.reasons)
+
+
+def test_loads_beyond_the_hands_are_refused():
+    bar = {"shape": "bar", "length": 0.2, "overhang": 0.05}
+    scene = Scene.from_dict(scene_data(example("wide")) | {"load": bar, "demonstration": None})
+    with pytest.raises(OptionError, match="free hands"):
+        comove.solve(scene, method=Paper(), budget=1.0)
+
+
+def test_growing_draws_the_hands_together():
+    """About the middle, by the size, without changing what q says."""
+    coordinates = arms_coordinates(example("narrow"))
+    q = np.random.default_rng(0).standard_normal((3, coordinates.n_columns, 4))
+    full, small = coordinates.nodes(q), coordinates.nodes(q, 0.25)
+    assert np.array_equal(full[0, :, 0, :2], q[0, :2].T)
+    assert np.array_equal(full[0, :, 1, :2], q[0, 2:].T)
+    middle = full.mean(axis=2)
+    assert small.mean(axis=2) == pytest.approx(middle)
+    assert small - middle[:, :, None] == pytest.approx(0.25 * (full - middle[:, :, None]))
+
+
+def test_the_judge_sees_what_brute_force_sees(wide):
+    scene, trajectory = example("wide"), wide.motion.trajectory(4001)
+    assert (
+        brute_force.configuration_clearance(scene, trajectory.position).min()
+        >= wide.report.clearance_min - 1e-9
+    )
