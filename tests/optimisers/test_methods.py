@@ -222,6 +222,28 @@ def test_infeasible_problems_end_with_the_least_violated_point(name):
     assert -1 - 1e-9 <= result.x[0] <= 1 + 1e-9
 
 
+@pytest.mark.parametrize("name", ["lagrangian", "matrix", "epsilon", "penalty"])
+def test_values_beyond_all_bounds_are_survived(name):
+    """exp(100 |x|) overflows in most of the first samples; the optimum is ordinary."""
+
+    def f(x):
+        with np.errstate(over="ignore"):
+            return np.exp(100 * (np.abs(x[:, 0] - 1) + (x[:, 1:] ** 2).sum(axis=1)))
+
+    for seed in range(3):
+        result = minimise(
+            f,
+            np.full(3, 1.0),
+            2.0,
+            constraints=lambda x: wall(x) * 1e150,
+            method=METHODS[name],
+            seed=seed,
+            max_evaluations=4000,
+        )
+        assert result.n_constraint > 3000
+        assert result.feasible or name == "penalty"
+
+
 # --- Equalities ---
 
 

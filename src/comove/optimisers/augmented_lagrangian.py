@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
+HUGE = 1e140  # values beyond count as not finite: their squares would overflow
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
@@ -105,6 +106,8 @@ class AugmentedLagrangianRun:
         if self._es.generation == 0:
             self._multipliers = np.zeros(constraints.shape[1])
             self._penalties = np.zeros(constraints.shape[1])
+        objective = np.where(np.abs(objective) < HUGE, objective, np.nan)
+        constraints = np.where(np.abs(constraints) < HUGE, constraints, np.nan)
         self._model.add(self._inside, np.column_stack([constraints, objective]))
         if len(self._model) < 3:
             self.reason = Reason.NOT_FINITE
@@ -113,6 +116,9 @@ class AugmentedLagrangianRun:
         local = self._model.around(
             self._es.whitened(self._model.points), sigma * covariance.root, covariance.inverse_root / sigma
         )
+        if not np.isfinite(local.slope).all():
+            self.reason = Reason.DIVERGED
+            return
         self._update(local)
         values = self._lagrangian(objective, constraints)
         outside = (self._sampled - self._inside) / self._es.standard_deviations()
