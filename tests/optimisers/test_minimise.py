@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.optimisers import BIPOP, CCMAES, IPOP, Minimiser, NoRestarts, Reason, minimise
+from comove.optimisers import (
+    BIPOP,
+    CCMAES,
+    IPOP,
+    AugmentedLagrangian,
+    EpsilonLevel,
+    Minimiser,
+    NoRestarts,
+    Penalty,
+    Reason,
+    minimise,
+)
 from comove.optimisers.restarts import Ended, Setting
 
 
@@ -180,6 +191,21 @@ def test_the_same_seed_is_the_same_search():
 # --- Restarts ---
 
 
+@pytest.mark.parametrize("method", [AugmentedLagrangian(), CCMAES(), EpsilonLevel(), Penalty()])
+def test_methods_for_constraints_serve_without_any(method):
+    result = minimise(sphere, np.full(3, 2.0), 0.5, method=method, restarts=NoRestarts())
+    assert result.fun < 1e-9
+    assert result.n_constraint == 0
+
+
+def test_nothing_outside_the_bounds_is_evaluated_even_if_the_start_lies_there():
+    f, h = Counted(sphere), Counted(wall)
+    minimise(f, np.full(3, 9.0), 0.5, constraints=h, bounds=(0.0, 3.0), max_evaluations=300)
+    points = np.array(f.points + h.points)
+    assert points.min() >= 0.0
+    assert points.max() <= 3.0
+
+
 @pytest.mark.parametrize("restarts", [IPOP(), BIPOP()])
 def test_restarts_find_what_one_run_does_not(restarts):
     """The global optimum of Rastrigin's function in 6 dimensions, from seed 0 to 2."""
@@ -245,6 +271,8 @@ def test_no_restarts():
         ({"sigma0": np.nan}, "sigma0"),
         ({"population": 1}, "population"),
         ({"population": 2.5}, "population"),
+        ({"population": "many"}, "population"),
+        ({"constraints": lambda x: [["low"]]}, "h <= 0 is feasible"),
         ({"seed": -1}, "seed"),
         ({"seed": 0.5}, "seed"),
         ({"tolerance": -1.0}, "tolerance"),

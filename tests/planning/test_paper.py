@@ -87,6 +87,12 @@ def test_loads_beyond_the_hands_are_refused():
         comove.solve(scene, method=Paper(), budget=1.0)
 
 
+def test_hands_that_nothing_ties_are_refused():
+    scene = Scene.from_dict(scene_data(example("wide")) | {"load": None, "demonstration": None})
+    with pytest.raises(OptionError, match="no distance ties"):
+        comove.solve(scene, method=Paper(), budget=1.0)
+
+
 def test_growing_draws_the_hands_together():
     """About the middle, by the size, without changing what q says."""
     coordinates = arms_coordinates(example("narrow"))

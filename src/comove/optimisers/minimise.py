@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError
 from comove.optimisers.cmaes import check_start
 from comove.optimisers.method import Method
-from comove.optimisers.minimiser import SIGN, Minimiser, Result
+from comove.optimisers.minimiser import SIGN, Minimiser, Result, checked_bounds
 from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import Restarts
 
@@ -82,7 +82,8 @@ def minimise(
     OptionError
         If arguments or returned values have the wrong shape or range, or no constraint value is ever finite.
     Exception
-        Whatever f or h raise comes through; its attribute `search` is the `Minimiser`, to be saved or continued.
+        Whatever f or h raise comes through; once the search has begun, its attribute `search` is the `Minimiser`, to
+        be saved or continued.
     """
     begun = time.perf_counter()
     for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
@@ -96,7 +97,8 @@ def minimise(
     if not limit >= 1 or not max_seconds > 0:
         raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
     objective, h = (f, constraints) if vectorized else (_one_by_one(f, map), _one_by_one(constraints, map))
-    n_constraints = 0 if h is None else _count(h, x0)
+    h = h or _no_constraints
+    n_constraints = _count(h, np.clip(x0, *checked_bounds(bounds, len(x0))))
     search = Minimiser(
         x0,
         sigma0,
@@ -136,8 +138,7 @@ def minimise(
             error.search = search  # type: ignore[attr-defined]
             raise
         search.tell(values, missed)
-        so_far = search.result()
-        if so_far.feasible and so_far.fun <= target:
+        if search.best_fun <= target:
             return search.result(Reason.TARGET)
         if callback is not None and callback(search):
             return search.result(Reason.CALLBACK)
@@ -146,6 +147,11 @@ def minimise(
 def _ended(search: Minimiser, reason: Reason) -> Result:
     search.check_finite()
     return search.result(reason)
+
+
+def _no_constraints(x: Array) -> Array:
+    """No column for any point."""
+    return np.zeros((len(x), 0))
 
 
 def _one_by_one(function: Callable | None, map: Callable) -> Callable | None:
@@ -165,11 +171,15 @@ class _OneByOne:
 
 def _count(h: Callable, x0: Array) -> int:
     """How many constraints there are, from their values at x0."""
-    values = np.asarray(h(x0[None].copy()), dtype=float)
+    told = h(x0[None].copy())
+    try:
+        values = np.asarray(told, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"no numbers came back ({error}; {SIGN})", key="constraints") from error
     if values.ndim != 2 or len(values) != 1:
         raise OptionError(
             f"one point gives values of shape {values.shape}, (1, m) are needed ({SIGN})",
             key="constraints",
-            way_out="return one row a point, one column a constraint, or say vectorized=False",
+            way_out="return a row a point and a column a constraint; with vectorized=False, shape (m,)",
         )
     return values.shape[1]

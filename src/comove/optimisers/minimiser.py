@@ -103,14 +103,13 @@ class Minimiser:
     ):
         self._x0, self._sigma0 = check_start(x0, sigma0)
         n = len(self._x0)
-        self._lower, self._upper = _checked_bounds(bounds, n)
+        self._lower, self._upper = checked_bounds(bounds, n)
         self._equality = _checked_mask(equality, n_constraints)
         if not 0 <= tolerance < np.inf:
             raise OptionError(f"tolerance = {tolerance!r}", way_out="give a number, 0 or more")
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
-        if population is not None and (int(population) != population or population < 2):
-            raise OptionError(f"population = {population!r}", way_out="give a whole number, 2 or more")
+        _check_whole("seed", seed, 0)
+        if population is not None:
+            _check_whole("population", population, 2)
         for key, part, needed in (("method", method, "start"), ("restarts", restarts, "following")):
             if part is not None and (isinstance(part, type) or not hasattr(part, needed)):
                 raise OptionError(
@@ -155,7 +154,7 @@ class Minimiser:
             self.n_objective += n_points
         if request.constraints:
             constraints = _checked_values(constraints, (n_points, len(self._equality)), "constraints")
-            self.n_constraint += n_points
+            self.n_constraint += n_points * (len(self._equality) > 0)
         self._remember(request, objective, constraints)
         if self._restoration is not None:
             self._restoration.tell(None, constraints)
@@ -165,6 +164,11 @@ class Minimiser:
         self._run.tell(objective if request.objective else None, constraints if request.constraints else None)
         if self._run.reason is not None:
             self._end_run(self._run.reason)
+
+    @property
+    def best_fun(self) -> float:
+        """Objective of the best feasible point; NaN without one."""
+        return self._best_fun if self._least_violation == 0.0 else np.nan
 
     def result(self, reason: Reason | None = None) -> Result:
         """What was found so far."""
@@ -247,7 +251,7 @@ class Minimiser:
         values = objective if request.objective else np.full(len(request.x), np.nan)
         self._finite_objective |= bool(np.isfinite(values).any())
         self._finite_constraints |= h is not None and bool(np.isfinite(h).all(axis=1).any())
-        if self._least_violation == 0.0 and not np.isnan(self._best_fun):
+        if not np.isnan(self.best_fun):
             good = (violation == 0.0) & (values < self._best_fun)
             i = int(np.argmin(np.where(good, values, np.inf)))
         elif (violation == 0.0).any() and np.isfinite(values[violation == 0.0]).any():
@@ -266,6 +270,11 @@ class Minimiser:
         return np.where(np.isnan(missed), np.inf, np.maximum(missed, 0.0)).sum(axis=1)
 
 
+def _check_whole(key: str, value: object, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise OptionError(f"{key} = {value!r}", way_out=f"give a whole number, {least} or more")
+
+
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
     """A copy of told values, in the right shape."""
     try:
@@ -282,7 +291,8 @@ def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
     return told
 
 
-def _checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
+def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
+    """Lowest and highest x as arrays, shape (n,), infinite where there is no bound."""
     if bounds is None:
         return np.full(n, -np.inf), np.full(n, np.inf)
     try:
@@ -299,8 +309,7 @@ def _checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
 
 
 def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:
-    if isinstance(n_constraints, bool) or int(n_constraints) != n_constraints or n_constraints < 0:
-        raise OptionError(f"n_constraints = {n_constraints!r}", way_out="give a whole number, 0 or more")
+    _check_whole("n_constraints", n_constraints, 0)
     if equality is None:
         return np.zeros(n_constraints, dtype=bool)
     mask = np.array(equality)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, Reduction
 from comove.optimisers.method import Start
 from comove.planning.methods import first_guess, threaded
@@ -67,6 +68,10 @@ class Paper:
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
+        if not search.scene.constraints:
+            raise OptionError(
+                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
+            )
         attempt, objective = 0, search.objective.with_penalty(along_path=True)
         while True:
             search.stage = f"initial movement, attempt {attempt}"
