@@ -77,7 +77,7 @@ class AugmentedLagrangianRun:
         parameters = Parameters.default(n, start.population, active=True)
         self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
         self._model = LinearModel(n, max(3 * n + 2, parameters.population))
-        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._patience = Patience.of(start, parameters.population)
         self._penalty = settings.penalty * settings.growth ** (start.failures % 3)
         self._memory = 5 + 3 * n // parameters.population
         self._curvatures: list[float] = []
@@ -112,10 +112,7 @@ class AugmentedLagrangianRun:
         if len(self._model) < 3:
             self.reason = Reason.NOT_FINITE
             return
-        covariance, sigma = self._es.covariance, self._es.sigma
-        local = self._model.around(
-            self._es.whitened(self._model.points), sigma * covariance.root, covariance.inverse_root / sigma
-        )
+        local = self._model.around_mean(self._es)
         if not np.isfinite(local.slope).all():
             self.reason = Reason.DIVERGED
             return

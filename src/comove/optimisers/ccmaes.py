@@ -34,7 +34,6 @@ from comove.optimisers.reasons import Reason
 
 Array = NDArray[np.float64]
 
-
 FOLLOWED = 0.3  # of the samples' spread in |h|, by which a band may leave half of them outside
 
 
@@ -133,8 +132,7 @@ class CCMAESRun:
         self.reason: Reason | None = None
         n = len(start.x)
         self._parameters = Parameters.default(n, start.population)
-        window = settings.patience * (100 + 50 * n / self._parameters.population)
-        self._patience = Patience(start.sigma, window=int(window))
+        self._patience = Patience.of(start, self._parameters.population, settings.patience)
         self.bands: Array | None = None
         self.boundaries: Array | None = None
         self._stalled = 0
@@ -179,15 +177,14 @@ class CCMAESRun:
     def _constraints_told(self, constraints: Array) -> None:
         start = self._start
         if self._values is None:
-            self._first_told(constraints)
+            if self.bands is None:
+                self._begin_bands(constraints)
             self._values = np.full((len(self._x), constraints.shape[1]), np.nan)
         self._values[self._open] = constraints
         missed = self._missed(constraints)
-        beyond = np.maximum(
-            np.maximum(self._x[self._open] - start.upper, start.lower - self._x[self._open]), 0.0
-        )
         if start.bounded:  # bounds are constraints that cost nothing
-            missed = np.column_stack([missed, beyond > 0])
+            x = self._x[self._open]
+            missed = np.column_stack([missed, (x > start.upper) | (x < start.lower)])
         violated = missed > 0
         bad = violated.any(axis=1)
         if self._pass == 0:
@@ -230,16 +227,15 @@ class CCMAESRun:
         self._x[self._open] = es.mean + es.sigma * es.y[self._open]
         self._ask_open()
 
-    def _first_told(self, constraints: Array) -> None:
-        """Bands and boundaries: at first where half of the samples lie inside; then shrunk."""
+    def _begin_bands(self, constraints: Array) -> None:
+        """Bands and boundaries where half of the first samples lie inside."""
         equality, tolerance = self._start.equality, self._start.tolerance
         finite = np.where(np.isfinite(constraints), constraints, np.inf)
-        if self.bands is None:
-            self.bands = np.where(equality, np.maximum(np.median(np.abs(finite), axis=0), tolerance), 0.0)
-            self.boundaries = np.where(equality, 0.0, np.maximum(np.median(finite, axis=0), 0.0))
-            self.bands[~np.isfinite(self.bands)] = np.finfo(float).max
-            self.boundaries[~np.isfinite(self.boundaries)] = np.finfo(float).max
-            self._viable = not self.boundaries.any()
+        self.bands = np.where(equality, np.maximum(np.median(np.abs(finite), axis=0), tolerance), 0.0)
+        self.boundaries = np.where(equality, 0.0, np.maximum(np.median(finite, axis=0), 0.0))
+        self.bands[~np.isfinite(self.bands)] = np.finfo(float).max
+        self.boundaries[~np.isfinite(self.boundaries)] = np.finfo(float).max
+        self._viable = not self.boundaries.any()
 
     def _missed(self, constraints: Array) -> Array:
         """How far bands and boundaries are missed; NaN is far; array, shape (n_points, m)."""

@@ -58,7 +58,7 @@ class EpsilonLevelRun:
         self.reason: Reason | None = None
         parameters = Parameters.default(n, start.population, active=True)
         self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
-        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._patience = Patience.of(start, parameters.population)
         self._model = LinearModel(n, max(3 * n + 2, parameters.population))
         self.epsilon = np.inf
         self._sample()
@@ -113,11 +113,7 @@ class EpsilonLevelRun:
         """Slopes of the constraints in the space of x; array, shape (m, n)."""
         if len(self._model) < 3:
             return None
-        covariance, sigma = self._es.covariance, self._es.sigma
-        local = self._model.around(
-            self._es.whitened(self._model.points), sigma * covariance.root, covariance.inverse_root / sigma
-        )
-        return local.slope @ covariance.inverse_root / sigma
+        return self._model.around_mean(self._es).slope @ self._es.covariance.inverse_root / self._es.sigma
 
     def _corrections(self, missed: Array) -> Array:
         """J^+ v of every row of violations, over the rows' violated constraints; array, shape (n_points, n)."""

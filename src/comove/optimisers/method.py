@@ -104,6 +104,11 @@ class Patience:
     smallest_spread: float = 1e-12
     spreads: list[float] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, start: Start, population: int, times: float = 1.0) -> Patience:
+        """The rules for a run: more generations where there are more variables than samples, `times` the usual."""
+        return cls(start.sigma, window=int(times * (100 + 50 * len(start.x) / population)))
+
     def reason(self, deviations: Array, axis_ratio: float, values: Array) -> Reason | None:
         """Whether to end after a generation with these values, array of shape (population,)."""
         finite = values[np.isfinite(values)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,28 +185,25 @@ class Minimiser:
     def _begin(self, setting: Setting, x: Array) -> None:
         self._setting, self._cost = setting, max(self.n_objective, self.n_constraint)
         self._restoration: Restoration | None = None
-        self._rng = np.random.default_rng([self._seed, 1, len(self._ended)])
-        if len(self._equality):
-            self._restoration = Restoration(self._start(x))
-        else:
-            self._start_run(x)
-
-    def _start(self, x: Array) -> Start:
-        return Start(
+        self._begun = Start(
             x=x,
-            sigma=self._sigma0 * self._setting.sigma,
-            rng=self._rng,
+            sigma=self._sigma0 * setting.sigma,
+            rng=np.random.default_rng([self._seed, 1, len(self._ended)]),
             equality=self._equality,
             tolerance=self._tolerance,
             lower=self._lower,
             upper=self._upper,
-            population=self._setting.population,
+            population=setting.population,
             failures=self._failures,
         )
+        if len(self._equality):
+            self._restoration = Restoration(self._begun)
+        else:
+            self._start_run(x)
 
     def _start_run(self, x: Array) -> None:
         self._restoration = None
-        self._run: Run = self._method.start(self._start(x))
+        self._run: Run = self._method.start(replace(self._begun, x=x))
 
     def check_finite(self) -> None:
         """Raise `OptionError` if values were told and none of them was ever finite."""
@@ -247,7 +244,7 @@ class Minimiser:
     def _remember(self, request: Request, objective: Array | None, constraints: Array | None) -> None:
         """Keep the best point: feasible before infeasible, then the lower objective or violation."""
         h = constraints if request.constraints else request.known
-        violation = np.zeros(len(request.x)) if h is None else self._start_violation(h)
+        violation = np.zeros(len(request.x)) if h is None else self._begun.violation(h).sum(axis=1)
         values = objective if request.objective else np.full(len(request.x), np.nan)
         self._finite_objective |= bool(np.isfinite(values).any())
         self._finite_constraints |= h is not None and bool(np.isfinite(h).all(axis=1).any())
@@ -264,10 +261,6 @@ class Minimiser:
             self._best_x, self._best_fun = request.x[i].copy(), float(values[i])
             self._least_violation = float(violation[i])
             self._history.append((self.n_objective, self.n_constraint, self._best_fun, self._least_violation))
-
-    def _start_violation(self, h: Array) -> Array:
-        missed = np.where(self._equality, np.abs(h) - self._tolerance, h)
-        return np.where(np.isnan(missed), np.inf, np.maximum(missed, 0.0)).sum(axis=1)
 
 
 def _check_whole(key: str, value: object, least: int) -> None:

@@ -8,6 +8,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.optimisers.cmaes import CMAES
+
 Array = NDArray[np.float64]
 
 NEAR = 4.0  # squared distance a dimension, in units of the distribution, at which a point counts half
@@ -84,6 +86,11 @@ class LinearModel:
         freedom = len(z) - n - 1
         inflation = np.sqrt(len(z) / freedom) if freedom > 0 else 3.0
         return Local(mean - center @ correction, slope, residual, inflation)
+
+    def around_mean(self, es: CMAES) -> Local:
+        """`around` the mean of a search with a `FullCovariance`."""
+        covariance, sigma = es.covariance, es.sigma
+        return self.around(es.whitened(self._x), sigma * covariance.root, covariance.inverse_root / sigma)
 
     @property
     def points(self) -> Array:

@@ -17,7 +17,6 @@ from comove.optimisers.reasons import Reason
 
 Array = NDArray[np.float64]
 
-
 OUT = 1e6  # weight of violations that a projection leaves
 
 
@@ -113,7 +112,7 @@ class PlainRun:
         )
         covariance = DiagonalCovariance(n) if settings.separable else FullCovariance(n)
         self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
-        self._patience = Patience(start.sigma, window=int(100 + 50 * n / parameters.population))
+        self._patience = Patience.of(start, parameters.population)
         self._spread = 1.0
         self._ask()
 
