@@ -2,11 +2,12 @@
 
 Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space
 (`comove.experiments.random_scenes`), and the example scenes under many seeds of the solver. A name that
-ends in ``-no-planner`` turns the planner off. For random sets `--first-seed` says which scenes are drawn (the
+ends in ``-no-planner`` turns the planner off,
+one in ``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
 solver's own seed is 0); for examples it is the first seed of the solver.
 
 Columns: motions verified; time to the first verified motion (from scene in memory and kernels loaded) and
-total time of `solve`; the cost J; then the worst of the verified motions: certified clearance, and at
+total time of `solve`; evaluations; the cost J; then the worst of the verified motions: certified clearance, and at
 100 Hz samples the error of any distance constraint, the miss of an end, and the speed at the end.
 What is not verified counts as endless in the times to the first motion.
 
@@ -33,11 +34,12 @@ from timing import number, on_one_thread, print_table, quantile
 
 import comove
 from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
+from comove.planning import Paper
 
 Problem = tuple[comove.Scene, int]
 Row = dict[str, str | int | float | None]
 
-NO_PLANNER = "-no-planner"
+NO_PLANNER, PAPER = "-no-planner", "-paper"
 N_BASIS = (10, 20, 50)  # of the fits
 HEADER = {
     "set": "set",
@@ -47,6 +49,8 @@ HEADER = {
     "first_max_s": "max",
     "total_median_s": "total [ms]",
     "total_max_s": "max",
+    "evaluations_median": "evaluations",
+    "evaluations_max": "max",
     "cost_median": "J median",
     "clearance_min": "clearance [mm]",
     "distance_error_max": "distance error [m]",
@@ -94,6 +98,9 @@ SETS = {
     "wide-no-planner": example("wide"),
     "narrow-no-planner": example("narrow"),
     "complex-no-planner": example("complex"),
+    "wide-paper": example("wide"),
+    "narrow-paper": example("narrow"),
+    "complex-paper": example("complex"),
     "window": example("window"),
     "triangle": example("triangle"),
 }
@@ -110,6 +117,7 @@ def solutions(name: str, count: int | None, first: int, budget: float) -> Iterat
             demonstration=None if taught is None else comove.DMP.fit(taught),
             seed=seed,
             planner=not name.endswith(NO_PLANNER),
+            method=Paper() if name.endswith(PAPER) else None,
             budget=budget,
         )
 
@@ -142,6 +150,8 @@ def row(name: str, solved: list[comove.Solution]) -> Row:
         "first_max_s": max(first),
         "total_median_s": median(total),
         "total_max_s": max(total),
+        "evaluations_median": median(solution.evaluations for solution in solved),
+        "evaluations_max": max(solution.evaluations for solution in solved),
     }
     if good:
         distance_errors, end_errors, end_speeds = zip(*map(errors_at_samples, good), strict=True)
