@@ -4,7 +4,7 @@ The mean and not the median: decompositions are lazy, which a median hides. Ever
 (4 + 3 ln n) and minimises an ellipsoid whose own time is not counted. `ratio` is the
 full covariance's over pycma's, `separable` likewise.
 
-To repeat: ``pip install 'comove[bench]'``, ``python benchmarks/generations.py``.
+To repeat: ``pip install 'comove[bench]'``, ``OMP_NUM_THREADS=1 python benchmarks/generations.py``.
 """
 
 from __future__ import annotations
