@@ -58,7 +58,7 @@ class Paper:
 
     name: ClassVar[str] = "paper"
     coordinates: Callable[[Scene], Coordinates] = arms_coordinates
-    n_basis: int = 14
+    n_basis: int = 16
     optimiser: CCMAES = OPTIMISER
     population: int = 16
     sigma: float = 0.05
@@ -90,7 +90,11 @@ class Paper:
         """A movement whose middle navigates the environment (paper, Fig. 3), given to every arm."""
         basis, coordinates = motion_basis(self.n_basis, "acceleration"), load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
-        guess = threaded(search, objective, first_guess(search, coordinates, basis, attempt))
+        guess = threaded(
+            search,
+            objective,
+            first_guess(search, coordinates, basis, attempt if search.taught is None else 0),
+        )
         if guess is None:
             return None
         s = np.linspace(0.0, 1.0, N_STEPS)
