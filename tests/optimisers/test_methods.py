@@ -289,6 +289,25 @@ def test_contradicting_linear_equalities_are_told():
         Affine(np.ones((2, 3)), np.array([0.0, 1.0]))
 
 
+@pytest.mark.parametrize(
+    ("matrix", "right"),
+    [
+        (np.ones((2, 3)), np.zeros(3)),
+        (np.ones(3), 1.0),
+        ([["a"]], [1.0]),
+        ([[1.0, np.nan]], [1.0]),
+        (None, None),
+    ],
+)
+def test_linear_equalities_that_do_not_fit_are_told(matrix, right):
+    with pytest.raises(OptionError, match="shapes"):
+        Affine(matrix, right)
+
+
+def test_linear_equalities_may_be_lists():
+    assert Affine([[1.0, 1.0]], [2.0])(np.zeros((1, 2))) == pytest.approx(np.ones((1, 2)))
+
+
 # --- Constrained CMA-ES ---
 
 

@@ -298,6 +298,11 @@ def test_no_restarts():
         ({"f": lambda x: 0.0}, "objective"),
         ({"f": lambda x: ["low"] * len(x)}, "objective"),
         ({"f": lambda x: np.full(len(x), np.nan)}, "finite"),
+        ({"f": lambda x: sphere(x) + 0j}, "real numbers"),
+        ({"f": lambda x: sphere(x[None]) + 0j, "vectorized": False}, "real numbers"),
+        ({"f": lambda x: [0.0] * (1 + (x[0] > 2)), "vectorized": False}, "objective"),
+        ({"vectorized": "no"}, "vectorized"),
+        ({"bounds": (None, 3.0)}, "-inf"),
     ],
 )
 def test_bad_input_is_told(changes, words):

@@ -8,7 +8,7 @@ from comove.coordination import arms_coordinates
 from comove.errors import OptionError
 from comove.planning import Paper
 from comove.planning.objective import N_STEPS
-from comove.planning.search import Search
+from comove.planning.search import OutOfTime, Search
 from comove.scenes import Scene
 from tests import brute_force
 from tests.solved import example
@@ -111,3 +111,32 @@ def test_the_judge_sees_what_brute_force_sees(wide):
         brute_force.configuration_clearance(scene, trajectory.position).min()
         >= wide.report.clearance_min - 1e-9
     )
+
+
+@pytest.mark.parametrize(("taught", "starts"), [(True, [0, 0, 0, 0]), (False, [0, 1, 2, 3])])
+def test_every_attempt_begins_with_the_demonstration(monkeypatch, taught, starts):
+    """Where there is one: a run that fails is repeated with other random numbers, not with another movement."""
+    seen = []
+
+    def guessed(search, coordinates, basis, restart):
+        seen.append(restart)
+        if len(seen) == len(starts):
+            raise OutOfTime
+
+    monkeypatch.setattr("comove.planning.paper.first_guess", guessed)
+    monkeypatch.setattr("comove.planning.paper.threaded", lambda *_: None)
+    scene = example("complex")
+    comove.solve(scene, demonstration=comove.DMP.fit(scene.demonstration) if taught else None, method=Paper())
+    assert seen == starts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wide", "narrow", "complex"])
+@pytest.mark.parametrize("seed", range(3))
+def test_from_a_demonstration_within_a_hundred_thousand_rollouts(name, seed):
+    scene = example(name)
+    taught = comove.DMP.fit(scene.demonstration) if scene.demonstration else None
+    solution = comove.solve(scene, demonstration=taught, method=Paper(), seed=seed, budget=120.0)
+    assert solution.verified
+    assert solution.evaluations <= 100_000
+    assert solution.report.distance_error_max <= 1e-3 * scene.constraints[0].distance

@@ -89,6 +89,8 @@ def minimise(
     for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
         if not callable(function) and (function is not None or name == "f"):
             raise OptionError(f"{function!r} is no function", key=name)
+    if not isinstance(vectorized, (bool, np.bool_)):
+        raise OptionError(f"vectorized = {vectorized!r}", way_out="give True or False")
     x0, sigma0 = check_start(x0, sigma0)
     limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
     for name, value in (("max_evaluations", limit), ("max_seconds", max_seconds), ("target", target)):
@@ -165,8 +167,8 @@ class _OneByOne:
     def __init__(self, function: Callable, map: Callable) -> None:
         self._function, self._map = function, map
 
-    def __call__(self, x: Array) -> Array:
-        return np.array(list(self._map(self._function, x)), dtype=float)
+    def __call__(self, x: Array) -> list:
+        return list(self._map(self._function, x))
 
 
 def _count(h: Callable, x0: Array) -> int:

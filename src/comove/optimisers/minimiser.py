@@ -270,12 +270,19 @@ def _check_whole(key: str, value: object, least: int) -> None:
 
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
     """A copy of told values, in the right shape."""
+    meaning = f" ({SIGN})" if name == "constraints" else ""
     try:
-        told = np.array(values, dtype=float)
+        told = np.array(values)
+        told = np.array(None) if np.iscomplexobj(told) else told.astype(float)
     except (TypeError, ValueError):
-        told = np.array(np.nan)
+        told = np.array(None)
+    if told.dtype != float:
+        raise OptionError(
+            f"no real numbers were told, an array of shape {shape} is needed{meaning}",
+            key=name,
+            way_out="give real numbers, NaN where there is no value",
+        )
     if told.shape != shape:
-        meaning = f" ({SIGN})" if name == "constraints" else ""
         raise OptionError(
             f"values of shape {told.shape} were told, {shape} are needed{meaning}",
             key=name,
@@ -296,7 +303,7 @@ def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
         raise OptionError(
             "bounds must be a lower and a higher end for every variable",
             key="bounds",
-            way_out=f"give a pair of numbers, or of arrays of shape ({n},)",
+            way_out=f"give a pair of numbers, or of arrays of shape ({n},), -inf or inf where there is no bound",
         )
     return lower, upper
 

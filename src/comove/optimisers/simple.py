@@ -74,7 +74,9 @@ class Projection:
 
 @dataclass(frozen=True)
 class Affine:
-    """The projection onto {x : A x = b} along the shortest way; raises `OptionError` if that set is empty.
+    """The projection onto {x : A x = b} along the shortest way.
+
+    Raises `OptionError` where that set is empty, or A and b are no matrix and vector of numbers that fit.
 
     Attributes
     ----------
@@ -85,6 +87,13 @@ class Affine:
     right: Array
 
     def __post_init__(self) -> None:
+        for name in ("matrix", "right"):
+            object.__setattr__(self, name, _numbers(getattr(self, name)))
+        if self.matrix.ndim != 2 or self.right.shape != self.matrix.shape[:1]:
+            raise OptionError(
+                f"A x = b with A of shape {self.matrix.shape} and b of shape {self.right.shape}",
+                way_out="give finite numbers in arrays of shapes (m, n) and (m,)",
+            )
         inverse = np.linalg.pinv(self.matrix)
         if not np.allclose(self.matrix @ (inverse @ self.right), self.right):
             raise OptionError("the linear equalities contradict each other", way_out="give consistent ones")
@@ -93,6 +102,15 @@ class Affine:
     def __call__(self, x: Array) -> Array:
         """The nearest points that meet the equalities; arrays, shape (n_points, n)."""
         return x - (x @ self.matrix.T - self.right) @ self._inverse.T
+
+
+def _numbers(values: object) -> Array:
+    """An array of finite numbers; one of no dimension where they are none."""
+    try:
+        numbers = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
+    return numbers if np.isfinite(numbers).all() else np.array(np.nan)
 
 
 class PlainRun:
