@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import OptionError
-from comove.optimisers.ccmaes import CCMAES, Reduction
+from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start
 from comove.planning.methods import first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
@@ -90,11 +90,8 @@ class Paper:
         """A movement whose middle navigates the environment (paper, Fig. 3), given to every arm."""
         basis, coordinates = motion_basis(self.n_basis, "acceleration"), load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
-        guess = threaded(
-            search,
-            objective,
-            first_guess(search, coordinates, basis, attempt if search.taught is None else 0),
-        )
+        restart = attempt if search.taught is None else 0  # always from the demonstration
+        guess = threaded(search, objective, first_guess(search, coordinates, basis, restart))
         if guess is None:
             return None
         s = np.linspace(0.0, 1.0, N_STEPS)
@@ -107,26 +104,15 @@ class Paper:
     ) -> CoordinatedMotion | None:
         """One run of the optimiser; the best motion within the final band, None where it did not get there."""
         scene, shape = search.scene, dmp.weights.shape
-        first = self._errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS)).max()
-        run = self.optimiser.start(
-            Start(
-                x=np.zeros(dmp.weights.size),
-                sigma=self.sigma,
-                rng=search.rng,
-                equality=np.zeros(2 * self.windows * len(scene.constraints), dtype=bool),
-                tolerance=0.0,
-                lower=np.full(dmp.weights.size, -np.inf),
-                upper=np.full(dmp.weights.size, np.inf),
-                population=self.population,
-            )
-        )
+        first = self._errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS))
+        run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
         progress, furthest, finished, waited = 0.0, 0.0, 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
         while run.reason is None and finished < self.finishing and waited < WAIT:
             if search.over():  # what there is, judged and labelled
                 search.judge(dmp.rollout(latest))
             search.check_time()
-            request, bands = run.ask(), self._bands(scene, progress, first)
+            request, bands = run.ask(), self._bands(scene, progress, first.max())
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
                 missed = self._errors(scene, dmp.rollouts(weights, N_STEPS)) - bands
@@ -148,15 +134,28 @@ class Paper:
                     finished, waited = finished + 1, 0
                 if found[i] < best_value:
                     best, best_value = dmp.rollout(weights[i]), float(found[i])
-            step = PACE * (share - ENOUGH)
-            if search.hard and not (value.clearance > scene.clearance).any():
-                step = min(step, 0.0)
+            stuck = search.hard and not (value.clearance > scene.clearance).any()
+            step = min(PACE * (share - ENOUGH), 0.0 if stuck else np.inf)
             progress = min(1.0, max(0.0, progress + step / self.generations))
             if progress > furthest:
                 furthest, waited = progress, 0
             errors = np.maximum(0.0, 1.0 + request.known / bands)
             run.tell(fitness + CENTRING * (errors**2).mean(axis=1), None)
         return best
+
+    def _started(self, rng: np.random.Generator, n: int, n_limits: int) -> CCMAESRun:
+        """The optimiser, about the initial movement."""
+        start = Start(
+            x=np.zeros(n),
+            sigma=self.sigma,
+            rng=rng,
+            equality=np.zeros(n_limits, dtype=bool),
+            tolerance=0.0,
+            lower=np.full(n, -np.inf),
+            upper=np.full(n, np.inf),
+            population=self.population,
+        )
+        return self.optimiser.start(start)
 
     def _errors(self, scene: Scene, q: Array) -> Array:
         """Largest error of every distance in every window of time.
