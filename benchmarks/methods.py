@@ -1,10 +1,10 @@
-"""Every method on the example scenes `narrow` and `complex`, from their demonstrations; one row a method and scene.
+"""Every method on the example scenes `wide` (from a straight line), `narrow` and `complex` (from a demonstration).
 
 - ``comove``, ``comove, no planner``, ``projection``, ``paper``: the methods of `comove.solve`.
 - ``AugmentedLagrangian``, ``CCMAES``, ``EpsilonLevel``, ``Penalty`` of `comove.optimisers`, and pycma's
   ``ConstrainedFitnessAL``: what the paper's method minimises, but all at once: the cost (4) with the solver's penalty
   for contact over the weights of both arms, every error of the distance within 1e-3 of it in each of 20 windows
-  of time, the whole load from the beginning. They begin with the demonstration, step size 0.05.
+  of time, the whole load from the beginning. They begin with the demonstration (or the line), step size 0.05.
 - ``SLSQP`` of scipy: the same problem, derivatives by forward differences (one batch of rollouts each).
 - ``IPOPT`` through CasADi: direct transcription, 50 knots of both hands (distance as an equality, 11 points of the
   bar outside of every box by 10 mm, cost (4)), begun with the demonstration plus noise of 1 cm by the seed.
@@ -47,7 +47,7 @@ from comove.verification import verify
 
 Array = np.ndarray
 
-SCENES = ("narrow", "complex")
+SCENES = ("wide", "narrow", "complex")
 WINDOWS, BAND, SIGMA = 20, 1e-3, 0.05
 N_BASIS = Paper().n_basis
 KNOTS, POINTS, MARGIN, NOISE = 50, 11, 0.01, 0.01
@@ -73,24 +73,31 @@ class Outcome:
     cost: float
 
 
+def taught(scene: comove.Scene) -> comove.DMP | None:
+    """The scene's demonstration, if it has one."""
+    return None if scene.demonstration is None else comove.DMP.fit(scene.demonstration)
+
+
 class Late(Exception):
     """Time is up."""
 
 
 class Bands:
-    """The weights of both arms around the demonstration's: cost and constraints of populations, counted.
+    """The weights of both arms around those that the search begins with: cost and constraints, counted.
 
     Parameters
     ----------
-    scene : with a demonstration
+    scene : of two hands
     seconds : after which an evaluation raises `Late`
     """
 
     def __init__(self, scene: comove.Scene, seconds: float) -> None:
         coordinates = arms_coordinates(scene)
         basis = motion_basis(N_BASIS, "acceleration")
-        taught = comove.DMP.fit(scene.demonstration)
-        self.dmp = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis)
+        straight = np.zeros((coordinates.n_columns, basis.n_basis))
+        self.dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), straight)
+        if (dmp := taught(scene)) is not None:
+            self.dmp = CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis)
         self.objective = Objective(scene, coordinates, penalty=Penalty(along_path=True))
         self.n, self.rollouts, self.deadline = self.dmp.weights.size, 0, time.perf_counter() + seconds
         self.best, self.best_rank = np.zeros(self.n), (np.inf, np.inf)
@@ -145,7 +152,7 @@ def solved(method: Comove | Paper, planner: bool, scene: comove.Scene, seed: int
     """One of the solver's own methods."""
     solution = comove.solve(
         scene,
-        demonstration=comove.DMP.fit(scene.demonstration),
+        demonstration=taught(scene),
         seed=seed,
         method=method,
         planner=planner,

@@ -310,3 +310,28 @@ def test_bad_input_is_told(changes, words):
     f, x0, sigma0 = (arguments.pop(key) for key in ("f", "x0", "sigma0"))
     with pytest.raises(OptionError, match=words):
         minimise(f, x0, sigma0, **arguments)
+
+
+@pytest.mark.parametrize("method", [AugmentedLagrangian(), CCMAES(), EpsilonLevel(), Penalty()])
+@pytest.mark.parametrize("seed", range(40))
+def test_no_values_make_a_search_fail(method, seed):
+    """Objective and constraints are noise over up to 600 orders of magnitude, and sometimes not finite."""
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(1, 6), rng.integers(1, 5)
+    span, lost = rng.choice([3, 20, 100, 300]), rng.choice([0.0, 0.2])
+
+    def noise(*shape):
+        values = rng.choice([-1.0, 1.0], shape) * 10.0 ** rng.uniform(-span, span, shape)
+        return np.where(rng.random(shape) < lost, rng.choice([np.nan, np.inf, -np.inf], shape), values)
+
+    search = Minimiser(
+        np.zeros(n), 1.0, n_constraints=int(m), equality=rng.random(m) < 0.4, method=method, seed=seed
+    )
+    for _ in range(200):
+        if search.reason is not None:
+            break
+        request = search.ask()
+        assert np.isfinite(request.x).all()
+        k = len(request.x)
+        search.tell(noise(k) if request.objective else None, noise(k, m) if request.constraints else None)
+    assert np.isfinite(search.result().x).all()

@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
-HUGE = 1e140  # values beyond count as not finite: their squares would overflow
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
@@ -102,21 +101,21 @@ class AugmentedLagrangianRun:
         self._inside = np.clip(self._sampled, self._start.lower, self._start.upper)
         self._wait(Request(self._inside, objective=True, constraints=True), self._samples_told)
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is found by `_sound`
     def _samples_told(self, objective: Array, constraints: Array) -> None:
         if self._es.generation == 0:
             self._multipliers = np.zeros(constraints.shape[1])
             self._penalties = np.zeros(constraints.shape[1])
-        objective = np.where(np.abs(objective) < HUGE, objective, np.nan)
-        constraints = np.where(np.abs(constraints) < HUGE, constraints, np.nan)
         self._model.add(self._inside, np.column_stack([constraints, objective]))
         if len(self._model) < 3:
             self.reason = Reason.NOT_FINITE
             return
         local = self._model.around_mean(self._es)
-        if not np.isfinite(local.slope).all():
+        if np.isfinite(local.slope).all():
+            self._update(local)
+        if not self._sound(local):
             self.reason = Reason.DIVERGED
             return
-        self._update(local)
         values = self._lagrangian(objective, constraints)
         outside = (self._sampled - self._inside) / self._es.standard_deviations()
         self._values = values + 0.5 * self._curvature * (outside**2).sum(axis=1)
@@ -181,10 +180,16 @@ class AugmentedLagrangianRun:
         self._curvatures.append(max(bent, 0.5 * slope, floor) + TINY)
         del self._curvatures[: -self._memory]
 
+    def _sound(self, local: Local) -> bool:
+        """Whether models, curvature, multipliers and penalties are numbers that one can go on with."""
+        numbers = local.slope.ravel(), self._curvatures[-1:], self._multipliers, self._penalties
+        return bool(self._curvatures) and all(np.isfinite(x).all() for x in numbers)
+
     @property
     def _curvature(self) -> float:
         return float(np.median(self._curvatures))
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _lagrangian(self, objective: Array, constraints: Array) -> Array:
         """L at points; arrays, shapes (n_points,), (n_points, m) -> (n_points,); infinite where not finite."""
         mu, rho = self._multipliers, self._penalties

@@ -188,8 +188,9 @@ class CCMAESRun:
         violated = missed > 0
         bad = violated.any(axis=1)
         if self._pass == 0:
-            low, middle, high = np.quantile(np.abs(constraints), [0.25, 0.5, 0.75], axis=0)
-            self._inner = middle - FOLLOWED * (high - low)
+            with np.errstate(invalid="ignore"):  # infinite values have no spread
+                low, middle, high = np.quantile(np.abs(constraints), [0.25, 0.5, 0.75], axis=0)
+                self._inner = middle - FOLLOWED * (high - low)
         if bad.any():
             try:
                 self._learn(self._open[bad], violated[bad])

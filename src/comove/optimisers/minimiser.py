@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 SIGN = "h <= 0 is feasible"
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
+HUGE = 1e100  # finite values beyond are told to methods as this: products of them would overflow
 
 
 @dataclass(frozen=True)
@@ -156,12 +157,14 @@ class Minimiser:
             constraints = _checked_values(constraints, (n_points, len(self._equality)), "constraints")
             self.n_constraint += n_points * (len(self._equality) > 0)
         self._remember(request, objective, constraints)
+        objective = _moderate(objective) if request.objective else None
+        constraints = _moderate(constraints) if request.constraints else None
         if self._restoration is not None:
             self._restoration.tell(None, constraints)
             if self._restoration.done:
                 self._start_run(self._restoration.x)
             return
-        self._run.tell(objective if request.objective else None, constraints if request.constraints else None)
+        self._run.tell(objective, constraints)
         if self._run.reason is not None:
             self._end_run(self._run.reason)
 
@@ -289,6 +292,11 @@ def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
             way_out="give one row a point",
         )
     return told
+
+
+def _moderate(values: Array) -> Array:
+    """The same, finite values at most `HUGE`: no product that a method forms of them overflows."""
+    return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
 def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
