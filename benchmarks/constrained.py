@@ -186,6 +186,7 @@ def cma(problem: Problem, seed: int) -> None:
         return
     from cma.constraints_handler import ConstrainedFitnessAL
 
+    os.chdir(tempfile.gettempdir())  # where pycma makes a folder for its logs
     while True:
         fitness = ConstrainedFitnessAL(
             problem.objective,
@@ -200,6 +201,7 @@ def cma(problem: Problem, seed: int) -> None:
                 if len(values := problem.constraints(x))
                 else values
             ),
+            logging=0,
         )
         search = pycma.CMAEvolutionStrategy(
             x0, problem.sigma0, options | {"popsize": (4 + int(3 * np.log(len(x0)))) * 2**run}

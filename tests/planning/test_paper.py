@@ -8,6 +8,7 @@ from comove.coordination import arms_coordinates
 from comove.errors import OptionError
 from comove.planning import Paper
 from comove.planning.objective import N_STEPS
+from comove.planning.paper import window_errors
 from comove.planning.search import OutOfTime, Search
 from comove.scenes import Scene
 from tests import brute_force
@@ -47,10 +48,10 @@ def test_the_planner_is_never_asked(monkeypatch):
 
 def test_every_window_holds_the_largest_error_of_either_sign():
     """Against a loop over windows and samples."""
-    scene, method = example("narrow"), Paper(windows=7)
+    scene = example("narrow")
     rng = np.random.default_rng(0)
     q = rng.standard_normal((5, 2 * scene.n_dims, N_STEPS))
-    errors = method._errors(scene, q)
+    errors = window_errors(scene, q, 7)
     assert errors.shape == (5, 2 * 7)
     starts = [*(int(k * N_STEPS / 7) for k in range(7)), N_STEPS]
     for k in range(5):

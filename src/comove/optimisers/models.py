@@ -90,7 +90,7 @@ class LinearModel:
     def around_mean(self, es: CMAES) -> Local:
         """`around` the mean of a search with a `FullCovariance`."""
         covariance, sigma = es.covariance, es.sigma
-        return self.around(es.whitened(self._x), sigma * covariance.root, covariance.inverse_root / sigma)
+        return self.around(es.whitened(self.points), sigma * covariance.root, covariance.inverse_root / sigma)
 
     @property
     def points(self) -> Array:

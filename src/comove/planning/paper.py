@@ -104,7 +104,7 @@ class Paper:
     ) -> CoordinatedMotion | None:
         """One run of the optimiser; the best motion within the final band, None where it did not get there."""
         scene, shape = search.scene, dmp.weights.shape
-        first = self._errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS))
+        first = window_errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS), self.windows)
         run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
         progress, furthest, finished, waited = 0.0, 0.0, 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
@@ -115,7 +115,7 @@ class Paper:
             request, bands = run.ask(), self._bands(scene, progress, first.max())
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
-                missed = self._errors(scene, dmp.rollouts(weights, N_STEPS)) - bands
+                missed = window_errors(scene, dmp.rollouts(weights, N_STEPS), self.windows) - bands
                 search.evaluations += len(weights)
                 if len(weights) == self.population:
                     share = (missed <= 0).all(axis=1).mean()
@@ -157,26 +157,6 @@ class Paper:
         )
         return self.optimiser.start(start)
 
-    def _errors(self, scene: Scene, q: Array) -> Array:
-        """Largest error of every distance in every window of time.
-
-        Parameters
-        ----------
-        q : array, shape (n_rollouts, n_columns, n_steps)
-
-        Returns
-        -------
-        array, shape (n_rollouts, n_constraints * 2 * n_windows), [m]; too far apart, then too near
-        """
-        hands = q.reshape(len(q), -1, scene.n_dims, q.shape[2])
-        edges = np.linspace(0, q.shape[2], self.windows, endpoint=False, dtype=int)
-        errors = []
-        for c in scene.constraints:
-            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
-            for error in (apart - c.distance, c.distance - apart):
-                errors.append(np.maximum.reduceat(error, edges, axis=1))
-        return np.concatenate(errors, axis=1)
-
     def _bands(self, scene: Scene, progress: float, least: float) -> Array:
         """Half widths of the bands; array, shape (n_constraints * 2 * n_windows,), [m].
 
@@ -192,3 +172,24 @@ class Paper:
             first = max(FIRST_BAND * c.distance, 1.5 * least)
             widths.append(first * (final / first) ** share)
         return np.repeat(widths, 2 * self.windows)
+
+
+def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
+    """Largest error of every distance in every window of time, of free hands.
+
+    Parameters
+    ----------
+    q : array, shape (n_rollouts, n_columns, n_steps)
+
+    Returns
+    -------
+    array, shape (n_rollouts, n_constraints * 2 * n_windows), [m]; too far apart, then too near
+    """
+    hands = q.reshape(len(q), -1, scene.n_dims, q.shape[2])
+    edges = np.linspace(0, q.shape[2], n_windows, endpoint=False, dtype=int)
+    errors = []
+    for c in scene.constraints:
+        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+        for error in (apart - c.distance, c.distance - apart):
+            errors.append(np.maximum.reduceat(error, edges, axis=1))
+    return np.concatenate(errors, axis=1)
