@@ -27,8 +27,8 @@ def changed(array, index, value):
         (STEPS[:, None], LINE, "time", r"shape \(5, 1\)", "n_steps,"),
         (STEPS[:1], LINE[:1], "time", "two rows at least, this one has 1", "record more"),
         (STEPS[:0], LINE[:0], "time", "this one has 0", "record more"),
-        (STEPS, np.zeros((5, 8)), "position", "8 columns", "1 to 7"),
-        (STEPS, np.zeros((5, 0)), "position", "0 columns", "1 to 7"),
+        (STEPS, np.zeros((5, 65)), "position", "65 columns", "1 to 64"),
+        (STEPS, np.zeros((5, 0)), "position", "0 columns", "1 to 64"),
         (STEPS, LINE.astype(str), "position", "str", "real numbers"),
         (STEPS, LINE + 1j, "position", "complex", "real numbers"),
         (STEPS, [[1.0], [1.0, 2.0]], "position", "differ in length", "same columns"),
@@ -78,3 +78,77 @@ def test_merging_says_how_many_rows_and_where():
 def test_movements_beyond_five_metres_look_like_millimetres(scale, hinted):
     hint = cleaning.unit_hint(100.0 + scale * LINE)
     assert hint == (f"the movement spans {scale:.4g} m: {cleaning.UNIT_HINT}" if hinted else "")
+
+
+def test_joints_beyond_two_turns_look_like_degrees_and_other_units_like_nothing():
+    degrees = 90.0 * LINE
+    assert cleaning.unit_hint(degrees, "rad") == f"the movement spans 90 rad: {cleaning.UNIT_HINTS['rad']}"
+    assert cleaning.unit_hint(np.radians(degrees), "rad") == ""
+    assert cleaning.unit_hint(degrees, "LASA unit") == ""
+
+
+def quaternions(seed, n_steps):
+    turned = np.random.default_rng(seed).normal(size=(n_steps, 4))
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("orientation", "key", "says", "way_out"),
+    [
+        (quaternions(0, 4), "orientation", r"shape \(4, 4\) and position has 5 rows", "shape (n_steps, 4)"),
+        (quaternions(0, 5)[:, :3], "orientation", r"shape \(5, 3\)", "one quaternion w x y z"),
+        (quaternions(0, 5).astype(str), "orientation", "str", "real numbers"),
+        (changed(quaternions(0, 5), 3, [1.0, 0.1, 0, 0]), "orientation[3]", "norm 1.005, not 1", "w x y z"),
+        (changed(quaternions(0, 5), 2, 0.0), "orientation[2]", "norm 0, not 1", "w x y z"),
+        (changed(quaternions(0, 5), (1, 2), np.nan), "orientation[1]", "norm nan", "w x y z"),
+        (changed(quaternions(0, 5), (1, 2), np.inf), "orientation[1]", "inf", "w x y z"),
+        (changed(quaternions(0, 5), (4, 0), -1e300), "orientation[4]", "norm 1e.12", "w x y z"),
+    ],
+)
+def test_what_is_no_orientation_is_refused(orientation, key, says, way_out):
+    with pytest.raises(DemonstrationError, match=says) as caught:
+        cleaning.check_orientation(orientation, 5)
+    assert caught.value.key == key
+    assert way_out in caught.value.way_out
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-9e-4, 9e-4))
+def test_small_misses_of_the_norm_are_mended_once_and_for_all(seed, miss):
+    exact = quaternions(seed, 20)
+    once = cleaning.check_orientation(exact * (1.0 + miss), 20)
+    np.testing.assert_allclose(once, exact, atol=1e-15)
+    assert cleaning.check_orientation(once, 20).tobytes() == once.tobytes()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_signs_follow_the_neighbour_and_turns_stay_the_same(seed):
+    rng = np.random.default_rng(seed)
+    smooth = np.cumsum(rng.normal(scale=0.05, size=(30, 4)), axis=0) + [1.0, 0.0, 0.0, 0.0]
+    smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
+    signs = rng.choice([-1.0, 1.0], size=(30, 1))
+    found, note = cleaning.same_hemisphere(smooth * signs)
+    np.testing.assert_array_equal(found, smooth * signs[0])
+    n_flips = int((np.diff(signs[:, 0]) != 0.0).sum())
+    assert note == (f"{n_flips} changes of sign between quaternions undone" if n_flips else "")
+
+
+def test_rows_of_one_instant_get_the_mean_turn_whatever_their_signs():
+    half = np.array([[np.cos(a / 2), np.sin(a / 2), 0, 0] for a in (0.0, 0.2, 0.4, 0.9)])
+    half[1] *= -1.0
+    merged = cleaning.merge_repeated_orientations(np.array([0.0, 0.1, 0.1, 0.2]), half)
+    assert merged[[0, 2]].tobytes() == half[[0, 3]].tobytes()
+    np.testing.assert_allclose(merged[1], [-np.cos(0.15), -np.sin(0.15), 0, 0], atol=1e-15)
+
+
+def test_axes_are_names_of_their_own():
+    assert cleaning.check_axes(["waist", "elbow"], 2) == ("waist", "elbow")
+    assert cleaning.check_axes((), 2) == cleaning.check_axes(("x", "y"), 2) == ()
+    for axes, says in [
+        (("waist",), "1 names stand for 2"),
+        ("waist", "1 names stand for 2"),
+        (("waist", ""), "not all names"),
+        (("waist", 3), "not all names"),
+        (("waist", "waist"), "'waist' stands twice"),
+    ]:
+        with pytest.raises(DemonstrationError, match=f"axes: .*{says}.*a name of its own"):
+            cleaning.check_axes(axes, 2)

@@ -1,6 +1,7 @@
 """Recordings as text: exact round trips, and bad files told by row and column."""
 
 import os
+import warnings
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from comove.demonstrations import Demonstration, csv, read_csv, write_csv
 from comove.errors import ComoveWarning, DemonstrationError
 
 GOOD = "time,x,y\n0,0,0\n0.1,0.5,1\n0.2,1,2\n"
+TURNED = "time,x,qw,qx,qy,qz\n0,0,1,0,0,0\n1,1,0.6,0,0,0.8\n"
 SHARED_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 numbers = st.floats(-2.0, 2.0, allow_subnormal=True)
 
@@ -112,6 +114,18 @@ def test_harmless_habits_are_accepted(tmp_path, content):
         (GOOD.replace("0.5,1", "0.5"), "row 3", "2 cells and the header has 3", "fill in or remove"),
         (GOOD.replace("0.5,1", "0.5,1,7"), "row 3", "4 cells and the header has 3", "fill in or remove"),
         (GOOD + "0.3,1\n", "row 5", "2 cells", "fill in or remove"),
+        (GOOD + "0.3,1", "row 5", "2 cells", "fill in or remove"),
+        # orientations and named coordinates
+        ("time,x,qw,qx,qy\n", "header", "the columns qw, qx, qy, x", "all of qw, qx, qy, qz or none"),
+        ("time,qw,qx,qy,qz\n", "header", "the columns qw, qx, qy, qz", "give x"),
+        ("time,a.x,a.qw,a.qx,a.qy,a.qz,b.x\n", "header", "b has the columns x", "same for every"),
+        (TURNED.replace("0.6", "0.7"), "row 3, columns qw to qz", "norm 1.063, not 1", "w x y z"),
+        ("time,elbow\n0,0\n", "header, column 2", "'elbow' is not known", r"such as elbow \[rad\]"),
+        ("time,elbow [rad],wrist [m]\n", "header", "'elbow' is in rad and 'wrist' in m", "one unit"),
+        ("time,elbow [rad],x\n", "header", "'elbow' is in rad and 'x' in m", "one unit"),
+        ("time,elbow [rad],elbow  [rad]\n", "header, column 3", "'elbow' stands twice", "rename"),
+        ("time,elbow [rad],b.elbow [rad]\n", "header", "some columns name a manipulator", r"NAME\.x"),
+        ("time,elbow []\n0,0\n", "header, column 2", r"'elbow \[\]' is not known", r"elbow \[rad\]"),
         ("time,x\n0,1,2\n0,3,4\n", "row 2", "3 cells and the header has 2", "fill in or remove"),
         ("time,x,y\n0,0,1,5,2,5\n0,1,1,6,2,6\n", "row 2", "6 cells", "decimal commas"),
         ("time,x,y\n0,1;0,2;0,3\n", "row 2", "4 cells", "decimal commas"),
@@ -222,6 +236,8 @@ def test_what_cannot_be_written_is_told(tmp_path, refused):
     demo = Demonstration([0.0, 1.0], [[0.0], [1.0]])
     later = Demonstration([0.0, 2.0], [[0.0], [1.0]])
     wide = Demonstration([0.0, 1.0], np.eye(2, 4))
+    turned = Demonstration([0.0, 1.0], [[0.0], [1.0]], orientation=np.eye(2, 4))
+    time, line = demo.time, demo.position
     path = tmp_path / "pair.csv"
     for demos, says, way_out in [
         ({}, "no movement", "give one"),
@@ -229,10 +245,118 @@ def test_what_cannot_be_written_is_told(tmp_path, refused):
         ({"a": demo, "b": later}, "'b' differs from 'a'", "resampled"),
         ({"a": demo, "b": wide}, "'b' differs from 'a'", "resampled"),
         ({"a,b": demo}, "'a,b' cannot stand in a header", "letters"),
-        (wide, "4 dimensions", "write_npz"),
+        (wide, "4 dimensions without names", "name its axes, or use write_npz"),
+        (Demonstration(time, line, unit="a,b"), "the unit 'a,b' cannot", "letters"),
+        (Demonstration(time, line, unit=""), "the unit '' cannot", "letters"),
+        (Demonstration(time, line, axes=("a.b",)), "the axis 'a.b' cannot", "letters"),
+        ({"a": demo, "b": turned}, "only one of 'b' and 'a' has orientations", "to all or to none"),
     ]:
         refused(lambda p, d=demos: write_csv(p, d), path, key=None, says=says, way_out=way_out)
     missing = tmp_path / "no" / "carry.csv"
     refused(lambda p: write_csv(p, demo), missing, key=None, says="cannot be written", way_out="check")
     refused(lambda p: write_csv(p, demo), tmp_path, key=None, says="is no file", way_out="another name")
     assert os.listdir(tmp_path) == []
+
+
+@SHARED_FOLDER
+@given(st.integers(2, 20), st.integers(0, 2**32 - 1))
+def test_orientations_are_read_bit_by_bit(tmp_path, n_steps, seed):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.01, 1.0, n_steps)) - 0.01
+    demos = {
+        name: Demonstration(
+            time, rng.normal(size=(n_steps, 3)), orientation=directions(rng, n_steps), unit="mm"
+        )
+        for name in ("left", "right")
+    }
+    write_csv(tmp_path / "pair.csv", demos)
+    again = read_csv(tmp_path / "pair.csv")
+    for name, demo in demos.items():
+        assert again[name].orientation.tobytes() == demo.orientation.tobytes()
+        assert again[name].position.tobytes() == demo.position.tobytes()
+        assert (again[name].unit, again[name].axes) == ("mm", ())
+
+
+def directions(rng, n_steps):
+    quaternions = rng.normal(size=(n_steps, 4))
+    return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+
+
+def test_named_coordinates_are_kept_with_their_unit(tmp_path):
+    time = np.arange(5) / 50.0
+    joints = np.random.default_rng(0).normal(size=(5, 14))
+    axes = tuple(f"joint_{i} of it" for i in range(14))
+    path = tmp_path / "arms.csv"
+    write_csv(path, {"a": Demonstration(time, joints, unit="rad", axes=axes)})
+    assert path.read_text().startswith("time,a.joint_0 of it [rad],a.joint_1")
+    again = read_csv(path)["a"]
+    assert again.position.tobytes() == joints.tobytes()
+    assert (again.unit, again.axes) == ("rad", axes)
+    slide = Demonstration(time, joints[:, :2], axes=("lift", "x"))
+    write_csv(path, slide)
+    assert (read_csv(path)[""].unit, read_csv(path)[""].axes) == ("m", ("lift", "x"))
+
+
+def test_orientations_stand_in_their_own_columns(tmp_path):
+    demo = read_csv(write(tmp_path, TURNED))[""]
+    np.testing.assert_allclose(demo.orientation, [[1, 0, 0, 0], [0.6, 0, 0, 0.8]], atol=1e-15)
+    assert demo.n_dims == 1
+    swapped = read_csv(write(tmp_path, "time,qz,x,qx,qw,qy\n0,0,5,0,1,0\n1,0.8,6,0,0.6,0\n"))[""]
+    np.testing.assert_array_equal(swapped.orientation, demo.orientation)
+    np.testing.assert_array_equal(swapped.position, [[5], [6]])
+
+
+@pytest.mark.parametrize(
+    ("content", "row"),
+    [
+        (GOOD.rstrip("\n"), 4),
+        (GOOD + "# end\n\n0.3,1,3", 7),
+        (GOOD[:-2] + "2", 4),
+        (GOOD.replace("\n", "\r")[:-1], 4),
+    ],
+)
+def test_a_last_row_without_an_end_is_warned_of(tmp_path, content, row):
+    with pytest.warns(ComoveWarning, match=f"carry.csv: row {row}: the last line has no end") as caught:
+        read_csv(write(tmp_path, content))
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("content", [GOOD, GOOD + "# cut?", GOOD + "\n ", GOOD.replace("\n", "\r")])
+def test_files_that_end_as_they_should_are_read_without_a_word(tmp_path, content):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_csv(write(tmp_path, content))[""].n_steps == 3
+
+
+@pytest.mark.parametrize("n_block", [1, 7, 64])
+@SHARED_FOLDER
+@given(st.data())
+def test_blocks_do_not_show(tmp_path, monkeypatch, n_block, data):
+    """Whatever the size of the blocks, a file of numbers, notes and blank lines is read as line by line."""
+    monkeypatch.setattr(csv, "_BLOCK", n_block)
+    lines = data.draw(st.lists(st.sampled_from(["{},1.5", "# {}", "", "  ", "{} , 2e-3 "]), max_size=30))
+    rows = [line.format(index) for index, line in enumerate(["{},0", *lines, "{},0"])]
+    kept = [[float(cell) for cell in row.split(",")] for row in rows if "," in row]
+    demo = read_csv(write(tmp_path, "time,x\n" + "\n".join(rows) + "\n"))[""]
+    np.testing.assert_array_equal(np.column_stack((demo.time, demo.position)), kept)
+
+
+@pytest.mark.slow
+def test_a_million_rows_are_read_exactly(tmp_path):
+    table = np.column_stack((np.arange(1e6) / 1e3, np.random.default_rng(0).normal(size=(1_000_000, 3))))
+    write_csv(tmp_path / "long.csv", Demonstration(table[:, 0], table[:, 1:], unit="any"))
+    demo = read_csv(tmp_path / "long.csv")[""]
+    assert demo.position.tobytes() == np.ascontiguousarray(table[:, 1:]).tobytes()
+    assert demo.time.tobytes() == np.ascontiguousarray(table[:, 0]).tobytes()
+
+
+@pytest.mark.parametrize(
+    "axes", [("y", "x"), ("x", "z"), ("z",), ("y", "lift", "x"), ("qx", "qy"), ("x", "y")]
+)
+@pytest.mark.parametrize("unit", ["m", "rad"])
+def test_names_keep_their_order_whatever_they_are(tmp_path, axes, unit):
+    demo = Demonstration([0.0, 1.0], np.arange(2.0 * len(axes)).reshape(2, -1), axes=axes, unit=unit)
+    write_csv(tmp_path / "a.csv", demo)
+    again = read_csv(tmp_path / "a.csv")[""]
+    assert (again.axes, again.unit) == (demo.axes, unit)
+    np.testing.assert_array_equal(again.position, demo.position)

@@ -150,6 +150,84 @@ def test_trimming_cuts_standing_still_at_both_ends():
         demo.trimmed(9.0)
 
 
+def turning(n_steps=101, axis=(0.0, 0.0, 1.0)):
+    """Orientations of a hand that turns by one radian."""
+    angle = np.linspace(0.0, 1.0, n_steps)[:, None] / 2.0
+    return np.concatenate((np.cos(angle), np.sin(angle) * axis), axis=1)
+
+
+def test_orientations_are_read_only_copies_and_rotations():
+    quaternions = turning()
+    demo = reach(orientation=quaternions)
+    assert demo.orientation.tobytes() == quaternions.tobytes()
+    quaternions[:] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        demo.orientation[0] = 0.0
+    np.testing.assert_allclose(demo.rotation.as_rotvec()[:, 2], np.linspace(0.0, 1.0, 101), atol=1e-15)
+    assert reach().orientation is None
+    assert reach().rotation is None
+
+
+def test_changes_of_sign_are_noted_and_no_fault():
+    quaternions = turning()
+    quaternions[40:60] *= -1.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        demo = reach(orientation=quaternions)
+    np.testing.assert_array_equal(demo.orientation, turning())
+    assert demo.notes == ("2 changes of sign between quaternions undone",)
+
+
+def test_a_quaternion_in_another_order_of_magnitude_is_refused_by_its_row():
+    quaternions = turning()
+    quaternions[7] *= 1.01
+    with pytest.raises(DemonstrationError, match=r"orientation\[7\]: .*norm 1\.01, not 1; .*w x y z"):
+        reach(orientation=quaternions)
+
+
+@pytest.mark.filterwarnings("ignore:reach")
+def test_what_is_derived_turns_along():
+    demo = reach(orientation=turning(), axes=("a", "b"))
+    angle = {
+        "resampled": demo.resampled(31).rotation.magnitude(),
+        "smoothed": demo.smoothed(8.0).rotation.magnitude(),
+    }
+    np.testing.assert_allclose(angle["resampled"], np.linspace(0.0, 1.0, 31), atol=1e-12)
+    np.testing.assert_allclose(angle["smoothed"], np.linspace(0.0, 1.0, 101), atol=1e-3)
+    assert demo.smoothed(8.0).axes == demo.resampled(31).axes == ("a", "b")
+    assert "turned by up to" in demo.smoothed(8.0).notes[-1]
+    halved = reach(time=np.repeat(TIME[::2], 2)[:101], orientation=turning())
+    np.testing.assert_allclose(np.diff(halved.rotation.magnitude())[:-1], 0.02, atol=1e-9)
+    position = np.concatenate((np.repeat(REACH[:1], 20, 0), REACH))
+    rested = Demonstration(np.arange(121) / 50.0, position, orientation=turning(121))
+    assert rested.trimmed(1e-4).orientation.tobytes() == turning(121)[20:].tobytes()
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e11))
+def test_orientations_belong_to_merged_stamps_whenever_the_clock_began(seed, began):
+    rng = np.random.default_rng(seed)
+    stamps = began + np.sort(rng.integers(0, 6, size=12)) * rng.choice([1e-16, 1e-9, 1.0], size=1)
+    stamps[-1] = began + 8.0 + 1e-3 * began
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        demo = Demonstration(stamps, rng.normal(size=(12, 2)), orientation=turning(12))
+    assert demo.orientation.shape == (demo.n_steps, 4)
+
+
+def test_many_joints_have_names_and_are_not_taken_for_millimetres():
+    time = np.linspace(0.0, 1.0, 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        demo = Demonstration(
+            time, np.outer(time, np.full(64, 6.0)), unit="rad", axes=[f"j{i}" for i in range(64)]
+        )
+    assert demo.axes[63] == "j63"
+    with pytest.warns(ComoveWarning, match="looks like degrees"):
+        Demonstration(time, np.outer(time, [90.0]), unit="rad")
+    with pytest.raises(DemonstrationError, match="axes: 1 names stand for 2 coordinates"):
+        reach(axes=("a",))
+
+
 @pytest.mark.parametrize(("suffix", "write"), [(".csv", write_csv), (".NPZ", write_npz)])
 def test_load_goes_by_suffix_and_asks_which_manipulator(tmp_path, suffix, write):
     path = tmp_path / f"carry{suffix}"

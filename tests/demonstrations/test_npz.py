@@ -14,6 +14,9 @@ from comove.errors import DemonstrationError
 
 TIME = np.array([0.0, 0.1, 0.3])
 PAIR = np.arange(12.0).reshape(3, 2, 2) / 7.0
+TURNS = np.array([[1.0, 0, 0, 0], [0.6, 0, 0.8, 0], [0, 0, 1, 0]])
+TURNED = {"time": TIME, "position": PAIR[:, 0], "orientation": TURNS}
+TURNED_PAIR = np.stack((TURNS, TURNS), axis=1)
 NAMES = np.array(["left", "right"])
 SHARED_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -105,6 +108,24 @@ def test_a_solution_is_read_and_its_other_arrays_are_left_alone(path):
             "inf",
             "remove the row",
         ),
+        (TURNED | {"orientation": TURNS[:2]}, "orientation", r"shape \(2, 4\)", "one quaternion"),
+        (TURNED | {"orientation": 2.0 * TURNS}, "orientation[0]", "norm 2, not 1", "w x y z"),
+        (
+            {"time": TIME, "position": PAIR, "manipulators": NAMES, "orientation": TURNS},
+            "orientation",
+            r"shape \(3, 4\) and position \(3, 2, 2\)",
+            "row and manipulator",
+        ),
+        (
+            {"time": TIME, "position": PAIR, "manipulators": NAMES, "orientation": 3.0 * TURNED_PAIR},
+            "orientation[0, 0]",
+            "norm 3",
+            "w x y z",
+        ),
+        (TURNED | {"axes": np.array(["a"])}, "axes", r"of shape \(1,\), not texts", r"shape \(2,\)"),
+        (TURNED | {"axes": np.arange(2)}, "axes", "it holds int64", "texts"),
+        (TURNED | {"axes": np.array(["a", "a"])}, "axes", "'a' stands twice", "a name of its own"),
+        (TURNED | {"unit": np.array(["a", "b"])}, "unit", r"of shape \(2,\)", r"shape \(\)"),
         ({"time": np.array([None]), "position": PAIR[:, 0]}, "time", "pickled objects", "plain numbers"),
     ],
 )
@@ -186,3 +207,44 @@ def test_writing_leaves_nothing_half_written(path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_npz(path, Demonstration(TIME, PAIR[:, 0]))
     assert os.listdir(path.parent) == []
+
+
+@SHARED_FOLDER
+@given(st.integers(1, 64), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_orientations_axes_and_units_are_read_bit_by_bit(path, n_dims, n_manipulators, seed):
+    rng = np.random.default_rng(seed)
+
+    def demo():
+        turns = rng.normal(size=(3, 4))
+        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+        axes = [f"j{rng.integers(10)} {i}" for i in range(n_dims)]
+        return Demonstration(TIME, rng.uniform(-2, 2, (3, n_dims)), unit="rad", orientation=turns, axes=axes)
+
+    demos = {f"arm {index}": demo() for index in range(n_manipulators)} or {"": demo()}
+    write_npz(path, demos)
+    again = read_npz(path)
+    assert list(again) == list(demos)
+    for name, written in demos.items():
+        assert again[name].orientation.tobytes() == written.orientation.tobytes()
+        assert again[name].position.tobytes() == written.position.tobytes()
+        assert (again[name].axes, again[name].unit) == (written.axes, written.unit)
+
+
+def test_one_name_for_the_axes_and_the_unit_of_all_is_enough(path):
+    extra = {"axes": np.array(["lift", "turn"]), "unit": np.array("rad")}
+    np.savez(path, time=TIME, position=PAIR, manipulators=NAMES, **extra)
+    assert [(demo.axes, demo.unit) for demo in read_npz(path).values()] == [(("lift", "turn"), "rad")] * 2
+
+
+def test_an_archive_cut_anywhere_is_refused(path):
+    write_npz(path, Demonstration(TIME, PAIR[:, 0], orientation=TURNS))
+    content = path.read_bytes()
+    for length in range(len(content)):
+        path.write_bytes(content[:length])
+        with pytest.raises(DemonstrationError, match="no whole archive"):
+            read_npz(path)
+
+
+def test_texts_that_numpy_would_change_are_not_written(path, refused):
+    demo = Demonstration(TIME, PAIR[:, 0], axes=("a\0", "b"))
+    refused(lambda p: write_npz(p, demo), path, key="axes", says="null character", way_out="letters")

@@ -13,14 +13,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import DemonstrationError
 
-MAX_DIMS = 7
+MAX_DIMS = 64
 LARGEST = 1e12
 """Numbers beyond this are no measurement, and their squares overflow."""
 SHORTEST = 1e-6
 """Recordings below this duration have no velocity to speak of [s]."""
 MILLIMETRE_EXTENT = 5.0
 """A hand's movement with a larger extent than this was probably not recorded in metres [m]."""
-UNIT_HINT = "looks like millimetres, divide by 1000"
+TURNS_EXTENT = 4.0 * np.pi
+"""A joint that moves further than this was probably not recorded in radians [rad]."""
+UNIT_HINTS = {
+    "m": "looks like millimetres, divide by 1000",
+    "rad": "looks like degrees, convert it with numpy.radians",
+}
+"""What a movement in this unit looks like when its numbers are too large."""
+UNIT_HINT = UNIT_HINTS["m"]
+_UNIT_EXTENTS = {"m": MILLIMETRE_EXTENT, "rad": TURNS_EXTENT}
+NORM_TOLERANCE = 1e-3
+"""Quaternions whose norm is off by more than this are no rounding, but a mistake."""
+_NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
+"""Norms this near to one are left alone, so that what was normalised once stays as it is, bit by bit."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +53,10 @@ class Origin:
     def position(self, sample: int, dim: int) -> str:
         """Name one coordinate of a sample."""
         return f"position[{sample}, {dim}]"
+
+    def orientation(self, sample: int) -> str:
+        """Name the quaternion of a sample."""
+        return f"orientation[{sample}]"
 
 
 IN_MEMORY = Origin()
@@ -72,6 +88,119 @@ def check(
     _check_finite(time, position, origin)
     _check_time(time, origin)
     return time, position
+
+
+def check_orientation(
+    orientation: ArrayLike, n_steps: int, origin: Origin = IN_MEMORY
+) -> NDArray[np.float64]:
+    """Refuse what are no orientations, and bring the rest to unit norm.
+
+    Parameters
+    ----------
+    orientation : array, shape (n_steps, 4), quaternions w x y z
+    n_steps : how many rows the positions have
+    origin : names samples in messages
+
+    Returns
+    -------
+    orientation : new array of the same shape, unit norm to rounding
+
+    Raises
+    ------
+    DemonstrationError
+        Not numeric, another shape, not finite, or a norm off by more than `NORM_TOLERANCE`. Names the first bad row.
+    """
+    orientation = _numbers(orientation, "orientation", origin)
+    if orientation.shape != (n_steps, 4):
+        raise DemonstrationError(
+            f"has shape {orientation.shape} and position has {n_steps} rows",
+            file=origin.file,
+            key="orientation",
+            way_out="give one quaternion w x y z a row, shape (n_steps, 4)",
+        )
+    norm = np.linalg.norm(np.clip(orientation, -LARGEST, LARGEST), axis=1)
+    bad = ~(np.abs(norm - 1.0) <= NORM_TOLERANCE)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise DemonstrationError(
+            f"the quaternion {orientation[row].tolist()} has norm {norm[row]:.4g}, not 1",
+            file=origin.file,
+            key=origin.orientation(row),
+            way_out="give unit quaternions in the order w x y z",
+        )
+    off = np.abs(norm - 1.0) > _NORM_ROUNDING
+    orientation[off] /= norm[off, None]
+    return orientation
+
+
+def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Choose between q and -q, which turn alike, so that neighbours lie near each other.
+
+    Parameters
+    ----------
+    orientation : array, shape (n_steps, 4), unit quaternions
+
+    Returns
+    -------
+    orientation : array, shape (n_steps, 4), the first row as it was
+    note : how often the sign changed, empty if never
+    """
+    flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
+    if not flips.any():
+        return orientation, ""
+    turned = np.concatenate(([False], np.logical_xor.accumulate(flips)))
+    return np.where(turned[:, None], -orientation, orientation), (
+        f"{np.count_nonzero(flips)} changes of sign between quaternions undone"
+    )
+
+
+def merge_repeated_orientations(
+    time: NDArray[np.float64], orientation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Give each instant one orientation: the mean of the rows that share its stamp.
+
+    The mean is the axis nearest to all of them (Markley), which knows no signs; single rows stay as they are.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], not decreasing
+    orientation : array, shape (n_steps, 4), unit quaternions
+
+    Returns
+    -------
+    orientation : array, shape (n_distinct, 4)
+    """
+    first = np.flatnonzero(np.concatenate(([True], np.diff(time) > 0.0)))
+    merged = orientation[first]
+    repeated = np.diff(first, append=len(time)) > 1
+    if repeated.any():
+        products = np.add.reduceat(orientation[:, :, None] * orientation[:, None, :], first, axis=0)
+        nearest = np.linalg.eigh(products[repeated])[1][:, :, -1]
+        against = np.einsum("ij,ij->i", nearest, merged[repeated]) < 0.0
+        merged[repeated] = np.where(against[:, None], -nearest, nearest)
+    return merged
+
+
+def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
+    """Refuse what are no names of `n_dims` coordinates; the names x, y, z go without saying.
+
+    Raises
+    ------
+    DemonstrationError
+        Not as many texts as coordinates, or an empty or repeated one.
+    """
+    names = (axes,) if isinstance(axes, str) else tuple(axes)
+    if names in ((), ("x", "y", "z")[:n_dims]):
+        return ()
+    if len(names) != n_dims:
+        message = f"{len(names)} names stand for {n_dims} coordinates"
+    elif not all(isinstance(name, str) and name for name in names):
+        message = f"{names!r} are not all names"
+    elif len(set(names)) < n_dims:
+        message = f"the name {next(name for name in names if names.count(name) > 1)!r} stands twice"
+    else:
+        return tuple(map(str, names))
+    raise DemonstrationError(message, key="axes", way_out="give each coordinate a name of its own, or none")
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
@@ -110,10 +239,12 @@ def merge_repeated_stamps(
     return time[first], mean, note
 
 
-def unit_hint(position: NDArray[np.float64]) -> str:
-    """Say so when `position`, shape (n_steps, n_dims), [m], looks like millimetres."""
+def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
+    """Say so when `position`, shape (n_steps, n_dims), [unit], looks like millimetres or degrees."""
     extent = np.ptp(position, axis=0).max()
-    return f"the movement spans {extent:.4g} m: {UNIT_HINT}" if extent > MILLIMETRE_EXTENT else ""
+    if extent <= _UNIT_EXTENTS.get(unit, np.inf):
+        return ""
+    return f"the movement spans {extent:.4g} {unit}: {UNIT_HINTS[unit]}"
 
 
 def _numbers(values: ArrayLike, name: str, origin: Origin) -> NDArray[np.float64]:

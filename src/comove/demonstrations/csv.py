@@ -1,9 +1,10 @@
 """Recordings as comma-separated text.
 
 One movement has the header `time,x`, `time,x,y` or `time,x,y,z`; several manipulators recorded together
-have `time,left.x,left.y,...,right.x,right.y,...`. Time in seconds, positions in metres, numbers with a
-point, UTF-8. Blank lines and lines that begin with `#` are skipped. Rows are counted as an editor counts
-lines: the first line of the file is row 1.
+have `time,left.x,left.y,...,right.x,right.y,...`. Orientations stand in the columns `qw,qx,qy,qz`
+(`left.qw`, ...), quaternions of unit norm. Other coordinates are named with their unit: `elbow [rad]`,
+`left.elbow [rad]`. Time in seconds, positions in metres, numbers with a point, UTF-8. Blank lines and lines
+that begin with `#` are skipped. Rows are counted as an editor counts lines: the first line of the file is row 1.
 
 NumPy's C parser reads block by block; only a block that it refuses is searched, for the bad cell.
 """
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -20,16 +23,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check
+from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import existing_file, telling, together, whole_file
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.files import MAX_ROWS, existing_file, telling, together, whole_file
+from comove.errors import ComoveWarning, DemonstrationError, near_name
 
 AXES = ("x", "y", "z")
-MAX_ROWS = 2_000_000
+QUATERNION = ("qw", "qx", "qy", "qz")
 MAX_BYTES = 512 * 2**20
-_BLOCK = 10_000
-"""Rows that are parsed at a time."""
+_BLOCK = 2**22
+"""Characters that are parsed at a time."""
+_ROWS = 50_000
+"""Rows that are written at a time."""
+_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]")
+_MARKS = ",;\t\r\n"
+"""What cannot stand in a name: it separates."""
 _TOO_LONG = f"keep every n-th row: up to {MAX_ROWS:,} rows are read"
 _PLAIN = "write commas between columns and points in numbers"
 _EXAMPLE = "begin the file with a line such as time,x,y"
@@ -50,6 +58,11 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
     ------
     DemonstrationError
         The file cannot be read; names the row, the column and the way out.
+
+    Warns
+    -----
+    ComoveWarning
+        The last row does not end its line: it may have been cut.
     """
     path = existing_file(path, MAX_BYTES, _TOO_LONG)
     with telling(path):
@@ -58,11 +71,16 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
         groups = _group(path, names)
         table = _read_table(path, names)
     demos = {}
-    for manipulator, columns in groups.items():
-        origin = _CsvOrigin(path, tuple(names[column] for column in columns))
-        time, position = check(table[:, 0], table[:, columns], origin)
+    for manipulator, group in groups.items():
+        origin = _CsvOrigin(path, tuple(names[column] for column in group.position + group.orientation))
+        time, position = check(table[:, 0], table[:, group.position], origin)
+        orientation = None
+        if group.orientation:
+            orientation = check_orientation(table[:, group.orientation], len(time), origin)
         name = f"{path.stem}.{manipulator}" if manipulator else path.stem
-        demos[manipulator] = Demonstration(time, position, name)
+        demos[manipulator] = Demonstration(
+            time, position, name, unit=group.unit, orientation=orientation, axes=group.axes
+        )
     return demos
 
 
@@ -72,7 +90,8 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
     Parameters
     ----------
     path : file to write; appears only when complete
-    demos : one movement, or movements by manipulator with common time stamps, of up to 3 dimensions
+    demos : one movement, or movements by manipulator with common time stamps; of up to 3 dimensions, or with
+        names of the coordinates
 
     Raises
     ------
@@ -80,24 +99,56 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
         The movements do not fit into one file, or the file cannot be written.
     """
     demos = together(demos, path)
-    first = next(iter(demos.values()))
-    if first.n_dims > len(AXES):
+    header, columns = ["time"], [next(iter(demos.values())).time]
+    for name, demo in demos.items():
+        _check_writable(path, name, demo)
+        axes, unit = demo.axes or AXES[: demo.n_dims], "" if demo.unit == "m" else f" [{demo.unit}]"
+        if demo.axes and not unit:
+            unit = " [m]"
+        columns.append(demo.position)
+        cells = [f"{axis}{unit}" for axis in axes]
+        if demo.orientation is not None:
+            columns.append(demo.orientation)
+            cells += QUATERNION
+        header += [f"{name}.{cell}" if name else cell for cell in cells]
+    table = np.column_stack(columns)
+    with whole_file(path) as file:
+        file.write(",".join(header).encode() + b"\n")
+        for first in range(0, len(table), _ROWS):
+            rows = table[first : first + _ROWS].tolist()
+            file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
+
+
+def _check_writable(path: object, name: str, demo: Demonstration) -> None:
+    """Refuse what no header can name."""
+    if demo.n_dims > len(AXES) and not demo.axes:
         raise DemonstrationError(
-            f"{first.n_dims} dimensions have no columns in CSV", file=path, way_out="use write_npz"
+            f"{demo.n_dims} dimensions without names have no columns in CSV",
+            file=path,
+            way_out="name its axes, or use write_npz",
         )
-    header = ["time"]
-    for name in demos:
-        if name != name.strip(' "') or any(mark in name for mark in ",;\t\r\n"):
+    for what, text, marks in [
+        ("manipulator's name", name, _MARKS),
+        ("unit", demo.unit, _MARKS + "[]"),
+        *(("axis", axis, _MARKS + ".[]") for axis in demo.axes),
+    ]:
+        named = bool(text) or what == "manipulator's name"
+        if not named or text != text.strip(' "') or any(mark in text for mark in marks):
             raise DemonstrationError(
-                f"the manipulator's name {name!r} cannot stand in a header",
+                f"the {what} {text!r} cannot stand in a header",
                 file=path,
                 way_out="use letters, digits and underscores",
             )
-        header += [f"{name}.{axis}" if name else axis for axis in AXES[: first.n_dims]]
-    table = np.column_stack([first.time, *(demo.position for demo in demos.values())])
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in table.tolist()), ""]
-    with whole_file(path) as file:
-        file.write("\n".join(lines).encode())
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Columns of one manipulator in the table: positions in the order of `axes`, quaternions w x y z."""
+
+    position: list[int]
+    orientation: list[int]
+    axes: tuple[str, ...]
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -111,6 +162,9 @@ class _CsvOrigin(Origin):
 
     def position(self, sample: int, dim: int) -> str:
         return f"row {self._row(sample)}, column {self.columns[dim]}"
+
+    def orientation(self, sample: int) -> str:
+        return f"row {self._row(sample)}, columns {self.columns[-4]} to {self.columns[-1]}"
 
     def _row(self, sample: int) -> int:
         return next(islice(_lines(self.file), 1 + sample, None))[0]
@@ -166,20 +220,28 @@ def _read_header(path: Path) -> list[str]:
     return names
 
 
-def _group(path: Path, names: list[str]) -> dict[str, list[int]]:
-    """Return the columns of each manipulator in the order x, y, z; "" where the header names none."""
+def _group(path: Path, names: list[str]) -> dict[str, _Group]:
+    """Return the columns of each manipulator; "" where the header names none."""
     columns: dict[str, dict[str, int]] = {}
+    units: dict[str, dict[str, str | None]] = {}
     for column, name in enumerate(names[1:], start=1):
-        manipulator, dot, axis = name.rpartition(".")
-        if axis not in AXES or bool(dot) != bool(manipulator):
-            known = [f"{manipulator}{dot}{axis}" for axis in AXES] if manipulator else AXES
+        named = _UNIT.fullmatch(name)
+        manipulator, dot, axis = (named["name"] if named else name).rpartition(".")
+        if not (named or axis in AXES or axis in QUATERNION) or not axis or bool(dot) != bool(manipulator):
+            known = [f"{manipulator}{dot}{axis}" if manipulator else axis for axis in (*AXES, *QUATERNION)]
             raise DemonstrationError(
                 f"the name {_short(name)} is not known",
                 file=path,
                 key=f"header, column {column + 1}",
-                way_out=near_name(name.lower(), known),
+                way_out=f"{near_name(name.lower(), known)}, or a name with its unit such as elbow [rad]",
             )
-        columns.setdefault(manipulator, {})[axis] = column
+        if axis in columns.setdefault(manipulator, {}):
+            raise DemonstrationError(
+                f"{axis!r} stands twice", file=path, key=f"header, column {column + 1}", way_out="rename one"
+            )
+        columns[manipulator][axis] = column
+        if axis not in QUATERNION or named:
+            units.setdefault(manipulator, {})[axis] = named["unit"].strip() if named else None
     if "" in columns and len(columns) > 1:
         raise DemonstrationError(
             "some columns name a manipulator and some do not",
@@ -187,36 +249,88 @@ def _group(path: Path, names: list[str]) -> dict[str, list[int]]:
             key="header",
             way_out="write NAME.x, NAME.y for every manipulator",
         )
-    axes = sorted(max(columns.values(), key=len))
-    for manipulator, found in columns.items():
-        if sorted(found) != axes or axes != sorted(AXES[: len(axes)]):
+    groups = {name: _one_group(path, name, found, units.get(name, {})) for name, found in columns.items()}
+    shapes = {name: (len(group.position), len(group.orientation)) for name, group in groups.items()}
+    for name, shape in shapes.items():
+        largest = max(shapes.values())
+        if shape != largest:
+            raise _wrong_columns(path, name, columns[name])
+    return groups
+
+
+def _one_group(
+    path: Path, manipulator: str, found: Mapping[str, int], units: Mapping[str, str | None]
+) -> _Group:
+    """Order the columns of one manipulator; those without a unit are x, y, z in metres."""
+    turned = [axis for axis in QUATERNION if axis in found and axis not in units]
+    (first, unit), *others = ((axis, unit or "m") for axis, unit in units.items()) if units else [("", "m")]
+    for axis, other in others:
+        if other != unit:
             raise DemonstrationError(
-                f"{manipulator or 'the movement'} has the columns {', '.join(sorted(found))}",
+                f"{first!r} is in {unit} and {axis!r} in {other}",
                 file=path,
                 key="header",
-                way_out="give x, or x and y, or x, y and z, the same for every manipulator",
+                way_out="give all coordinates of a manipulator one unit",
             )
-    return {manipulator: [found[axis] for axis in axes] for manipulator, found in columns.items()}
+    bare = None in units.values()
+    axes = tuple(sorted(units)) if bare else tuple(units)
+    if len(turned) not in (0, 4) or not axes or (bare and axes != AXES[: len(axes)]):
+        raise _wrong_columns(path, manipulator, found)
+    return _Group([found[axis] for axis in axes], [found[axis] for axis in turned], axes, unit)
+
+
+def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> DemonstrationError:
+    return DemonstrationError(
+        f"{manipulator or 'the movement'} has the columns {', '.join(sorted(found))}",
+        file=path,
+        key="header",
+        way_out="give x, or x and y, or x, y and z, and all of qw, qx, qy, qz or none, the same for every "
+        "manipulator",
+    )
 
 
 def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
     """Parse all rows below the header, shape (n_rows, n_columns), finite."""
-    lines = islice(_lines(path), 1, None)
     blocks = []
     try:
-        while block := list(islice(lines, _BLOCK)):
-            blocks.append(_parse(path, names, block))
+        header, _ = next(_lines(path))
+        with open(path, encoding="utf-8-sig") as file:
+            for _ in range(header):
+                file.readline()
+            row, line = header + 1, ""
+            while text := file.read(_BLOCK) + file.readline():
+                lines = text.split("\n")
+                line = lines.pop() or lines[-1] + "\n"
+                if not line.endswith("\n"):
+                    lines.append(line)
+                if (table := _parse(path, names, row, lines)) is not None:
+                    blocks.append(table)
+                row += len(lines)
     except UnicodeDecodeError:
         raise _not_utf8(path) from None
     if not blocks:
         raise DemonstrationError(
             "there are no rows below the header", file=path, way_out="record two rows at least"
         )
+    if line.strip() and not line.startswith("#") and not line.endswith("\n"):
+        warnings.warn(
+            f"{path}: row {row - 1}: the last line has no end, so its last number may be cut",
+            ComoveWarning,
+            stacklevel=3,
+        )
     return np.concatenate(blocks)
 
 
-def _parse(path: Path, names: list[str], block: list[tuple[int, str]]) -> NDArray[np.float64]:
-    """Parse a block of (row, text), shape (n_rows, n_columns), finite."""
+def _parse(path: Path, names: list[str], row: int, lines: list[str]) -> NDArray[np.float64] | None:
+    """Parse a block of lines, the first of which is `row`; shape (n_rows, n_columns), finite, or None if empty."""
+    with contextlib.suppress(ValueError):
+        # Blank and commented lines are rare: only where the parser stumbles they are looked for.
+        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2) if all(lines) else None
+        if table is not None and table.shape == (len(lines), len(names)) and np.isfinite(table).all():
+            return table
+    block = [(row + i, line) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    if not block:
+        return None
     try:
         table = np.loadtxt([line for _, line in block], delimiter=",", comments=None, ndmin=2)
     except ValueError as error:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations import cleaning, resampling
-from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
+from comove.errors import ComoveWarning, OptionError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _END_SAMPLES = 7
 _END_SHARE = 0.01
@@ -23,27 +25,31 @@ class Demonstration:
     """One recorded movement, clean by construction.
 
     Time starts at zero and increases, at whatever steps it was recorded; all numbers are finite. A later
-    start is shifted, rows of one instant are merged into their mean; anything worse is refused.
+    start is shifted, rows of one instant are merged into their mean, quaternions get unit norm and the sign
+    that lies near their neighbour's; anything worse is refused.
 
     Parameters
     ----------
     time : array, shape (n_steps,), [s]
-    position : array, shape (n_steps, n_dims), [m]; 1 to 7 dimensions
+    position : array, shape (n_steps, n_dims), [m]; 1 to 64 dimensions
     name : what to call it in messages
     notes : what was done to the recording so far, in words; cleaning appends to it
-    unit : unit of `position`; anything but "m" is exempt from the hint at millimetres
+    unit : unit of `position`; anything but "m" is exempt from the hint at millimetres, and what is "rad" gets
+        one at degrees
+    orientation : array, shape (n_steps, 4), unit quaternions w x y z; None where none was recorded
+    axes : names of the coordinates, such as those of joints; () where they are x, y, z or have none
 
-    Both arrays are read-only copies.
+    All arrays are read-only copies.
 
     Raises
     ------
     DemonstrationError
-        It is no movement; names the row.
+        It is no movement, or a quaternion is off unit norm by more than 0.001; names the row.
 
     Warns
     -----
     ComoveWarning
-        Positions were merged, or look like millimetres.
+        Positions were merged, or look like millimetres or degrees.
     """
 
     time: NDArray[np.float64]
@@ -51,17 +57,29 @@ class Demonstration:
     name: str = ""
     notes: tuple[str, ...] = ()
     unit: str = "m"
+    orientation: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    axes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         time, position = cleaning.check(self.time, self.position)
+        axes = cleaning.check_axes(self.axes, position.shape[1])
+        orientation, flipped = self.orientation, ""
+        if orientation is not None:
+            orientation = cleaning.check_orientation(orientation, len(time))
+            orientation, flipped = cleaning.same_hemisphere(orientation)
         time, shifted = cleaning.start_at_zero(time)
+        if orientation is not None:
+            orientation = cleaning.merge_repeated_orientations(time, orientation)
         time, position, merged = cleaning.merge_repeated_stamps(time, position)
         hint = self._unit_hint(position)
-        for array in (time, position):
-            array.setflags(write=False)
+        for array in (time, position, orientation):
+            if array is not None:
+                array.setflags(write=False)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "position", position)
-        object.__setattr__(self, "notes", (*self.notes, *filter(None, (shifted, merged, hint))))
+        object.__setattr__(self, "orientation", orientation)
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "notes", (*self.notes, *filter(None, (shifted, merged, flipped, hint))))
         _warn(self.name, merged, hint, stacklevel=4)
 
     @property
@@ -90,6 +108,15 @@ class Demonstration:
         return self.position[-1]
 
     @property
+    def rotation(self) -> Rotation | None:
+        """The orientations as SciPy's rotations, None where none were recorded."""
+        if self.orientation is None:
+            return None
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.orientation[:, [1, 2, 3, 0]])
+
+    @property
     def start_velocity(self) -> NDArray[np.float64]:
         """Velocity at the first sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
         return _end_velocity(self.time, self.position)
@@ -100,7 +127,9 @@ class Demonstration:
         return -_end_velocity(self.duration - self.time[::-1], self.position[::-1])
 
     def resampled(self, n_steps: int) -> Demonstration:
-        """Return the movement at `n_steps` even time steps, interpolated between neighbours (PCHIP).
+        """Return the movement at `n_steps` even time steps, interpolated between neighbours.
+
+        Positions by a monotone cubic (PCHIP), orientations along the shortest turn (slerp).
 
         Raises
         ------
@@ -112,7 +141,11 @@ class Demonstration:
         time = np.linspace(0.0, self.duration, n_steps)
         position = resampling.resample(self.time, self.position, time)
         position[[0, -1]] = self.position[[0, -1]]
-        return self._changed(time, position, f"resampled from {self.n_steps} to {n_steps} even time steps")
+        orientation = self.orientation
+        if orientation is not None:
+            orientation = resampling.slerp(self.time, orientation, time)
+        note = f"resampled from {self.n_steps} to {n_steps} even time steps"
+        return self._changed(time, position, orientation, note)
 
     def smoothed(self, cutoff_hz: float) -> Demonstration:
         """Return the movement without what is faster than `cutoff_hz` [Hz]; both ends stay exactly.
@@ -120,7 +153,7 @@ class Demonstration:
         Raises
         ------
         OptionError
-            The recording holds no such frequency.
+            The recording holds no such frequency, or turns faster than that.
 
         Warns
         -----
@@ -138,11 +171,18 @@ class Demonstration:
         moved = np.linalg.norm(position - self.position, axis=1).max()
         filter_name = f"zero-phase Butterworth, {cutoff_hz:g} Hz"
         note = f"smoothed ({filter_name}): samples moved by up to {moved:.3g} {self.unit}"
+        orientation = self.orientation
+        if orientation is not None:
+            orientation = resampling.smooth_orientation(self.time, orientation, cutoff_hz)
+            apart = np.linalg.norm(orientation - self.orientation, axis=1).max()
+            note += f" and turned by up to {4.0 * np.arcsin(min(1.0, apart / 2.0)):.3g} rad"
         _warn(self.name, note, stacklevel=3)
-        return self._changed(self.time, position, note)
+        return self._changed(self.time, position, orientation, note)
 
     def trimmed(self, speed_threshold: float) -> Demonstration:
         """Return the movement without standing still, slower than `speed_threshold` [m/s], at its ends.
+
+        Turning on the spot counts as standing still.
 
         Raises
         ------
@@ -157,24 +197,52 @@ class Demonstration:
                 key="speed_threshold",
                 way_out=f"its largest speed is {speed.max():.4g} {self.unit}/s; choose less",
             )
-        first, last = moving[0], moving[-1] + 1
+        first, last = int(moving[0]), int(moving[-1]) + 1
         if first == 0 and last == self.n_steps - 1:
             return self
         before, after = self.time[first], self.duration - self.time[last]
         note = f"standing still cut: {before:.4g} s at the start, {after:.4g} s at the end"
-        kept = slice(first, last + 1)
-        return self._changed(self.time[kept] - before, self.position[kept], note)
+        return self._part(first, last + 1, note)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read a `.csv` or `.npz` file; see `from_csv` and `from_npz`."""
-        readers = {".csv": cls.from_csv, ".npz": cls.from_npz}
-        suffix = Path(path).suffix
-        if suffix.lower() not in readers:
-            raise DemonstrationError(
-                f"its kind {suffix!r} is not known", file=path, way_out=near_name(suffix, readers)
-            )
-        return readers[suffix.lower()](path, manipulator)
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        manipulator: str | None = None,
+        *,
+        episode: str | int | None = None,
+        topic: str | None = None,
+    ) -> Demonstration:
+        """Read one movement from a file or folder of any kind that `comove.demonstrations` reads.
+
+        The suffix says the kind: .csv, .npz, .hdf5 or .h5 (robomimic, ALOHA), .bag (ROS 1), .mcap or .db3 (ROS 2);
+        of folders, `meta/info.json` marks a LeRobot dataset and `metadata.yaml` a rosbag2.
+
+        Parameters
+        ----------
+        path : file or folder
+        manipulator : whose movement, where several were recorded together
+        episode : which recording, by name or number, where the file holds several
+        topic : which topic of a bag
+
+        Raises
+        ------
+        DemonstrationError
+            It cannot be read, or holds several movements and none, or an unknown one, was named; lists them.
+        """
+        from comove.demonstrations.loading import load
+
+        return load(path, manipulator, episode=episode, topic=topic)
+
+    @classmethod
+    def load_all(cls, path: str | os.PathLike[str]) -> tuple[Demonstration, ...]:
+        """Read all movements of a file or folder, as `load` does: each episode, each manipulator or topic.
+
+        Their names tell which they are.
+        """
+        from comove.demonstrations.loading import load_all
+
+        return load_all(path)
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
@@ -187,15 +255,17 @@ class Demonstration:
             manipulators and none, or an unknown one, was named.
         """
         from comove.demonstrations.csv import read_csv
+        from comove.demonstrations.loading import choose
 
-        return _choose(read_csv(path), manipulator, path)
+        return choose(read_csv(path), manipulator, path)
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
         """Read one movement from an NPZ file, as `from_csv` does."""
+        from comove.demonstrations.loading import choose
         from comove.demonstrations.npz import read_npz
 
-        return _choose(read_npz(path), manipulator, path)
+        return choose(read_npz(path), manipulator, path)
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
@@ -204,12 +274,26 @@ class Demonstration:
 
         return read_lasa(shape, demo)
 
-    def _changed(self, time: NDArray[np.float64], position: NDArray[np.float64], note: str) -> Demonstration:
-        return replace(self, time=time, position=position, notes=(*self.notes, note))
+    def _changed(
+        self,
+        time: NDArray[np.float64],
+        position: NDArray[np.float64],
+        orientation: NDArray[np.float64] | None,
+        note: str,
+    ) -> Demonstration:
+        notes = (*self.notes, note)
+        return replace(self, time=time, position=position, orientation=orientation, notes=notes)
+
+    def _part(self, first: int, stop: int, note: str, name: str | None = None) -> Demonstration:
+        """Return the samples from `first` up to, not including, `stop`."""
+        kept = slice(first, stop)
+        orientation = None if self.orientation is None else self.orientation[kept]
+        part = self._changed(self.time[kept] - self.time[first], self.position[kept], orientation, note)
+        return part if name is None else replace(part, name=name)
 
     def _unit_hint(self, position: NDArray[np.float64]) -> str:
-        told = any(cleaning.UNIT_HINT in note for note in self.notes)
-        return "" if told or self.unit != "m" else cleaning.unit_hint(position)
+        told = any(hint in note for note in self.notes for hint in cleaning.UNIT_HINTS.values())
+        return "" if told else cleaning.unit_hint(position, self.unit)
 
 
 def _warn(name: str, *notes: str, stacklevel: int) -> None:
@@ -235,23 +319,3 @@ def _end_velocity(time: NDArray[np.float64], position: NDArray[np.float64]) -> N
     powers = (near / near[-1])[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(powers, positions - positions[0], rcond=1e-6)
     return coefficients[1] / near[-1]
-
-
-def _choose(demos: Mapping[str, Demonstration], manipulator: str | None, file: object) -> Demonstration:
-    """Pick one of the movements of a file."""
-    if manipulator is None and len(demos) == 1:
-        return next(iter(demos.values()))
-    if manipulator in demos:
-        return demos[manipulator]
-    if list(demos) == [""]:
-        raise DemonstrationError(
-            f"it holds one movement without a name, not {manipulator!r}",
-            file=file,
-            key="manipulator",
-            way_out="leave the manipulator out",
-        )
-    if manipulator is None:
-        message, way_out = f"it holds {len(demos)} manipulators", f"name one of {', '.join(demos)}"
-    else:
-        message, way_out = f"there is no {manipulator!r}", near_name(manipulator, demos)
-    raise DemonstrationError(message, file=file, key="manipulator", way_out=way_out)

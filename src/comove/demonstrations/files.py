@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import math
 import os
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import IO, Any
 
 import numpy as np
@@ -13,7 +17,11 @@ import numpy as np
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import DemonstrationError
 
+MAX_ROWS = 2_000_000
+"""Samples that are read from one file."""
 _MEGABYTE = 2**20
+_EVEN_SHARE = 1e-3
+"""How far stamps may lie from even ones, in steps, where a format knows only a rate."""
 
 
 def existing_file(path: str | os.PathLike[str], max_bytes: int, way_out: str) -> Path:
@@ -57,9 +65,41 @@ def telling(path: Path, doing: str = "read") -> Iterator[None]:
         ) from error
 
 
+def extra(module: str, file: object) -> ModuleType:
+    """Import a library that only some formats need, when one of them is used.
+
+    Raises
+    ------
+    DemonstrationError
+        It is not installed; says the command.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        name = module.partition(".")[0]
+        raise DemonstrationError(
+            f"its kind needs {name}, which is not installed",
+            file=file,
+            way_out="run: pip install 'comove[data]'",
+        ) from error
+
+
 @contextlib.contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[Any]]:
     """Open `path` for writing bytes; it appears, or replaces what was there, only when all went well.
+
+    Raises
+    ------
+    DemonstrationError
+        The folder is missing or not writable, or `path` is a folder.
+    """
+    with whole_path(path) as draft, open(draft, "wb") as file:
+        yield file
+
+
+@contextlib.contextmanager
+def whole_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Lend a path to write a file at; it becomes `path`, or replaces what was there, only when all went well.
 
     Raises
     ------
@@ -74,16 +114,108 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[Any]]:
             )
         draft = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
-            with open(draft, "wb") as file:
-                yield file
+            yield draft
             os.replace(draft, path)
         finally:
             draft.unlink(missing_ok=True)
 
 
-def together(
-    demos: Demonstration | Mapping[str, Demonstration], file: str | os.PathLike[str]
-) -> dict[str, Demonstration]:
+@contextlib.contextmanager
+def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Lend a path to write a folder at; it becomes `path` only when all went well.
+
+    Raises
+    ------
+    DemonstrationError
+        There is something at `path` already, other than an empty folder, or it cannot be written.
+    """
+    path = Path(path)
+    with telling(path, "written"):
+        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+            raise DemonstrationError("it is there already", file=path, way_out="choose another name")
+        if not path.parent.is_dir():
+            raise DemonstrationError(
+                f"there is no folder {path.parent}", file=path, way_out="check the path, or make the folder"
+            )
+        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            yield draft
+            if path.exists():
+                path.rmdir()
+            os.replace(draft, path)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+
+
+def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:
+    """Return the names to read: all, or the one that was asked for by its name or its number.
+
+    Raises
+    ------
+    DemonstrationError
+        There is no such episode; lists them.
+    """
+    if episode is None:
+        return list(episodes)
+    for name in (str(episode), f"{prefix}{episode}"):
+        if name in episodes:
+            return [name]
+    shown = ", ".join(episodes[:20]) + (f" and {len(episodes) - 20} more" if len(episodes) > 20 else "")
+    raise DemonstrationError(
+        f"there is no episode {episode!r}", file=file, key="episode", way_out=f"known: {shown}"
+    )
+
+
+def as_episodes(
+    episodes: Sequence[Demonstration | Mapping[str, Demonstration]], file: object
+) -> list[dict[str, Demonstration]]:
+    """Return each episode as movements by manipulator, after checking that one file can hold them.
+
+    Raises
+    ------
+    DemonstrationError
+        There are none, movements of one episode do not belong together, or episodes differ in what they hold.
+    """
+    if isinstance(episodes, Demonstration | Mapping):
+        episodes = [episodes]
+    if not episodes:
+        raise DemonstrationError("there is no episode to write", file=file, way_out="give one at least")
+    episodes = [together(episode, file) for episode in episodes]
+    kinds = [[(name, demo.n_dims, demo.orientation is None) for name, demo in e.items()] for e in episodes]
+    for index, kind in enumerate(kinds):
+        if kind != kinds[0]:
+            raise DemonstrationError(
+                f"episode {index} differs from episode 0 in its manipulators or their coordinates",
+                file=file,
+                way_out="write a file for each kind",
+            )
+    return episodes
+
+
+def even_rate(demo: Demonstration, file: object) -> float:
+    """Return the rate [Hz] of a movement whose stamps a format leaves out.
+
+    Raises
+    ------
+    DemonstrationError
+        Its time does not pass in even steps.
+    """
+    rate = (demo.n_steps - 1) / demo.duration
+    if math.isclose(rate, round(rate, 3), rel_tol=1e-9):
+        rate = round(rate, 3)
+    off = np.abs(demo.time * rate - np.arange(demo.n_steps))
+    if off.max() > _EVEN_SHARE:
+        row = int(off.argmax())
+        raise DemonstrationError(
+            f"time[{row}] of {demo.name or 'the movement'} is {demo.time[row]:.6g} s, which is no even step at "
+            f"{rate:.6g} Hz",
+            file=file,
+            way_out="the format keeps a rate and no stamps: write demonstration.resampled(n_steps)",
+        )
+    return rate
+
+
+def together(demos: Demonstration | Mapping[str, Demonstration], file: object) -> dict[str, Demonstration]:
     """Return movements by manipulator after checking that one file can hold them.
 
     A single `Demonstration` has the name "".
@@ -91,7 +223,8 @@ def together(
     Raises
     ------
     DemonstrationError
-        There are none, one of several has no name, or they differ in time stamps or dimensions.
+        There are none, one of several has no name, or they differ in time stamps or dimensions, or only some have
+        orientations.
     """
     demos = {"": demos} if isinstance(demos, Demonstration) else dict(demos)
     if not demos:
@@ -107,5 +240,11 @@ def together(
                 f"{name!r} differs from {first_name!r} in its time stamps or dimensions",
                 file=file,
                 way_out="bring both to the same duration and resampled(n_steps), or write a file for each",
+            )
+        if (demo.orientation is None) != (first.orientation is None):
+            raise DemonstrationError(
+                f"only one of {name!r} and {first_name!r} has orientations",
+                file=file,
+                way_out="give orientations to all or to none, or write a file for each",
             )
     return demos

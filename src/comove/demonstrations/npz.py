@@ -2,7 +2,9 @@
 
 One movement: `time` (n_steps,) [s] and `position` (n_steps, n_dims) [m]. Several manipulators recorded
 together: `position` (n_steps, n_manipulators, n_dims) and their names in `manipulators`
-(n_manipulators,). Further arrays are left alone.
+(n_manipulators,). Optional: `orientation`, of the shape of `position` but for 4 numbers at the end,
+quaternions w x y z; `axes`, the names of the coordinates, (n_dims,) or (n_manipulators, n_dims); `unit`, the
+unit of `position`, one or one for each manipulator. Further arrays are left alone.
 
 An archive of 1 MB can unpack to 1 GB, and a header can claim any shape: both are compared with a limit
 before anything is read. Pickled objects are never loaded.
@@ -20,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check
+from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
 from comove.demonstrations.files import existing_file, telling, together, whole_file
 from comove.errors import DemonstrationError, near_name
@@ -51,16 +53,10 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
         The archive cannot be read, is too large, or misses or misshapes an array; names it.
     """
     path = Path(path)
-    arrays = read_arrays(path, ("time", "position"), ("manipulators",))
-    time, position = arrays["time"], arrays["position"]
-    if position.ndim != 3:
-        time, position = check(time, position, Origin(path))
-        return {"": Demonstration(time, position, path.stem)}
-    demos = {}
-    for index, name in enumerate(_manipulators(path, arrays)):
-        stamps, positions = check(time, position[:, index], _NpzOrigin(path, index))
-        demos[name] = Demonstration(stamps, positions, f"{path.stem}.{name}")
-    return demos
+    arrays = read_arrays(path, ("time", "position"), ("manipulators", "orientation", "axes", "unit"))
+    position = arrays["position"]
+    names = [""] if position.ndim != 3 else _manipulators(path, arrays)
+    return {name: _movement(path, arrays, index, name) for index, name in enumerate(names)}
 
 
 def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
@@ -77,13 +73,84 @@ def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
         The movements do not fit into one file, or the file cannot be written.
     """
     demos = together(demos, path)
-    first = next(iter(demos.values()))
-    arrays = {"time": first.time, "position": first.position}
-    if list(demos) != [""]:
-        arrays["position"] = np.stack([demo.position for demo in demos.values()], axis=1)
+    single = list(demos) == [""]
+    movements = list(demos.values())
+    first = movements[0]
+
+    def stacked(arrays: list[NDArray]) -> NDArray:
+        return arrays[0] if single else np.stack(arrays, axis=1)
+
+    arrays = {"time": first.time, "position": stacked([demo.position for demo in movements])}
+    if not single:
         arrays["manipulators"] = np.array(list(demos))
+    if first.orientation is not None:
+        arrays["orientation"] = stacked([demo.orientation for demo in movements])
+    if any(demo.axes for demo in movements):
+        arrays["axes"] = _text(
+            path, "axes", [demo.axes or _unnamed(demo.n_dims) for demo in movements], single
+        )
+    if any(demo.unit != "m" for demo in movements):
+        arrays["unit"] = _text(path, "unit", [demo.unit for demo in movements], single)
     with whole_file(path) as file:
         np.savez(file, **arrays)
+
+
+def _unnamed(n_dims: int) -> tuple[str, ...]:
+    return tuple(f"axis {dim}" for dim in range(n_dims)) if n_dims > 3 else ("x", "y", "z")[:n_dims]
+
+
+def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
+    """Return texts as an array, the first one alone if `single`."""
+    array = np.array(texts[0] if single else texts)
+    if array.tolist() != (np.array(texts[0] if single else texts, dtype=object)).tolist():
+        raise DemonstrationError(
+            "a name ends in a null character",
+            file=path,
+            key=key,
+            way_out="use letters, digits and underscores",
+        )
+    return array
+
+
+def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> Demonstration:
+    """Pick the movement of one manipulator out of the arrays of all."""
+    several = arrays["position"].ndim == 3
+    origin = _NpzOrigin(path, index) if several else Origin(path)
+    position = arrays["position"][:, index] if several else arrays["position"]
+    time, position = check(arrays["time"], position, origin)
+    orientation = arrays.get("orientation")
+    if orientation is not None:
+        if several and orientation.shape[:2] != arrays["position"].shape[:2]:
+            raise DemonstrationError(
+                f"has shape {orientation.shape} and position {arrays['position'].shape}",
+                file=path,
+                key="orientation",
+                way_out="give one quaternion w x y z a row and manipulator",
+            )
+        orientation = check_orientation(orientation[:, index] if several else orientation, len(time), origin)
+    unit, axes = arrays.get("unit"), arrays.get("axes")
+    for key, texts, shapes in [
+        ("unit", unit, [(), arrays["position"].shape[1:-1]]),
+        ("axes", axes, [arrays["position"].shape[-1:], arrays["position"].shape[1:]]),
+    ]:
+        if texts is not None and (texts.dtype.kind != "U" or texts.shape not in shapes):
+            raise DemonstrationError(
+                f"it holds {texts.dtype.name} of shape {texts.shape}, not texts that belong to position",
+                file=path,
+                key=key,
+                way_out=f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
+            )
+    try:
+        return Demonstration(
+            time,
+            position,
+            f"{path.stem}.{name}" if name else path.stem,
+            unit="m" if unit is None else str(unit[index] if unit.ndim else unit),
+            orientation=orientation,
+            axes=() if axes is None else tuple((axes[index] if axes.ndim == 2 else axes).tolist()),
+        )
+    except DemonstrationError as error:
+        raise DemonstrationError(error.message, file=path, key=error.key, way_out=error.way_out) from None
 
 
 @dataclass(frozen=True)
@@ -94,6 +161,9 @@ class _NpzOrigin(Origin):
 
     def position(self, sample: int, dim: int) -> str:
         return f"position[{sample}, {self.manipulator}, {dim}]"
+
+    def orientation(self, sample: int) -> str:
+        return f"orientation[{sample}, {self.manipulator}]"
 
 
 def read_arrays(
@@ -134,8 +204,9 @@ def read_arrays(
                     )
             return {key: _read_array(path, archive, key) for key in (*required, *optional) if key in found}
     except (*broken, *unusable) as error:
+        reason = " ".join(str(error).split())[:120]
         raise DemonstrationError(
-            f"it is no whole archive of arrays ({error})", file=path, way_out=_LAYOUT
+            f"it is no whole archive of arrays ({reason})", file=path, way_out=_LAYOUT
         ) from error
 
 

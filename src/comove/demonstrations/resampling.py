@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.errors import OptionError
+
 _ORDER = 2
 """Order of the Butterworth filter; forwards and backwards it acts as one of twice the order."""
 
@@ -32,6 +34,74 @@ def resample(
     return PchipInterpolator(time, position, axis=0)(at)
 
 
+def slerp(
+    time: NDArray[np.float64], orientation: NDArray[np.float64], at: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Interpolate along the shortest turn between neighbours, at even pace; samples are met exactly.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], increasing
+    orientation : array, shape (n_steps, 4), unit quaternions, neighbours in one hemisphere
+    at : array, shape (n_new_steps,), [s], within `time`
+
+    Returns
+    -------
+    orientation : array, shape (n_new_steps, 4), unit quaternions
+    """
+    before = (np.searchsorted(time, at, side="right") - 1).clip(0, len(time) - 2)
+    share = ((at - time[before]) / (time[before + 1] - time[before])).clip(0.0, 1.0)[:, None]
+    start, goal = orientation[before], orientation[before + 1]
+    # Half the chord tells small angles exactly where the arc cosine of the product rounds to nothing.
+    angle = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(goal - start, axis=1)))[:, None]
+    near = angle < 1e-8
+    scale = np.where(near, 1.0, np.sin(np.where(near, 1.0, angle)))
+    left = np.where(near, 1.0 - share, np.sin((1.0 - share) * angle) / scale)
+    right = np.where(near, share, np.sin(share * angle) / scale)
+    between = left * start + right * goal
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    return np.where(share == 0.0, start, np.where(share == 1.0, goal, between))
+
+
+def smooth_orientation(
+    time: NDArray[np.float64], orientation: NDArray[np.float64], cutoff_hz: float
+) -> NDArray[np.float64]:
+    """Filter quaternions as `smooth` does positions and bring them back to unit norm; both ends stay exactly.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], increasing, from 0
+    orientation : array, shape (n_steps, 4), unit quaternions, neighbours in one hemisphere
+    cutoff_hz : frequency whose amplitude is halved [Hz], below the Nyquist frequency
+
+    Returns
+    -------
+    orientation : array, shape (n_steps, 4), unit quaternions
+
+    Raises
+    ------
+    OptionError
+        It turns faster than the cutoff: filtered quaternions lose their length, and then their direction.
+    """
+    smoothed = smooth(time, orientation, cutoff_hz)
+    norm = np.linalg.norm(smoothed, axis=1, keepdims=True)
+    if norm.min() < 0.5:
+        raise OptionError(
+            f"the hand turns faster than {cutoff_hz} Hz can follow",
+            key="cutoff_hz",
+            way_out="choose a higher frequency",
+        )
+    smoothed /= norm
+    smoothed[[0, -1]] = orientation[[0, -1]]
+    return smoothed
+
+
+def is_even(time: NDArray[np.float64]) -> bool:
+    """Say whether `time`, shape (n_steps,), [s], from 0, passes in even steps, but for rounding."""
+    n_steps = len(time)
+    return bool(np.abs(time - np.linspace(0.0, time[-1], n_steps)).max() <= 1e-6 * time[-1] / (n_steps - 1))
+
+
 def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: float) -> NDArray[np.float64]:
     """Remove what is faster than `cutoff_hz` by a zero-phase Butterworth filter; both ends stay exactly.
 
@@ -51,13 +121,14 @@ def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: 
     from scipy.signal import butter, sosfiltfilt
 
     n_steps = len(time)
-    even = np.linspace(0.0, time[-1], n_steps)
+    was_even = is_even(time)
+    even = time if was_even else np.linspace(0.0, time[-1], n_steps)
     rate = (n_steps - 1) / time[-1]
-    bend = resample(time, position, even) - _line(position, even)
+    bend = (position if was_even else resample(time, position, even)) - _line(position, even)
     settled = min(n_steps - 1, int(np.ceil(3.0 * rate / cutoff_hz)))
     bend = sosfiltfilt(butter(_ORDER, cutoff_hz, fs=rate, output="sos"), bend, axis=0, padlen=settled)
     bend -= _line(bend, even)
-    smoothed = resample(even, bend, time) + _line(position, time)
+    smoothed = (bend if was_even else resample(even, bend, time)) + _line(position, time)
     smoothed[[0, -1]] = position[[0, -1]]
     return smoothed
 

@@ -1,0 +1,408 @@
+"""Recordings in HDF5, in the two layouts that learning from demonstrations uses.
+
+robomimic, several episodes a file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and `robot0_eef_quat`
+(n_steps, 4), quaternions **x y z w**, which are turned into w x y z here; `robot1_...` for a second arm. No time
+stamps: the rate is the `control_freq` in the attribute `env_args` of `data`, and 20 Hz where that says none.
+
+ALOHA, one episode a file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper
+(0 closed, 1 open), the left arm first; or 7 columns, one arm. The rate is the attribute `fps`, and 50 Hz without it.
+
+Needs h5py. Shapes are compared with a limit before anything is read; links into other files and Python objects
+are refused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.cleaning import Origin, check, check_orientation
+from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.files import (
+    MAX_ROWS,
+    as_episodes,
+    even_rate,
+    existing_file,
+    extra,
+    one_of,
+    together,
+    whole_path,
+)
+from comove.errors import DemonstrationError, near_name
+
+if TYPE_CHECKING:
+    from h5py import Dataset, Group
+
+MAX_BYTES = 64 * 2**30
+"""Largest file [bytes]: cameras fill it, and are not read."""
+MAX_ARRAY_BYTES = 256 * 2**20
+"""Largest array that is read [bytes]."""
+ROBOMIMIC_RATE = 20.0
+"""Rate of robosuite's controllers unless `env_args` says otherwise [Hz]."""
+ALOHA_RATE = 50.0
+"""Rate at which ALOHA records [Hz]."""
+ALOHA_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
+_BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, OverflowError)
+"""What h5py makes of damaged bytes."""
+_LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
+
+
+def read_hdf5(
+    path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
+) -> dict[str, dict[str, Demonstration]]:
+    """Read the episodes of a file; the layout is recognised.
+
+    Parameters
+    ----------
+    path : file as the module describes
+    episode : read only this one, by its name (demo_3) or number (3); None: all
+    rate_hz : sampling rate [Hz], instead of the one in the file
+
+    Returns
+    -------
+    episodes : movements by manipulator (robot0, robot1; left, right; "" for a single ALOHA arm), by episode, in
+        the order of their numbers
+
+    Raises
+    ------
+    DemonstrationError
+        The file cannot be read, is cut off or of another layout, or misses or misshapes a dataset; names it.
+    """
+    path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
+    if rate_hz is not None and not (0.0 < rate_hz < math.inf):
+        raise DemonstrationError(f"{rate_hz!r} is no rate", key="rate_hz", way_out="give hertz")
+
+    def read(root: Group) -> dict[str, dict[str, Demonstration]]:
+        episodes, n_rows = {}, 0
+        for name in one_of(_episode_names(path, root), episode, "demo_", path):
+            episodes[name] = _read_episode(path, root, name, rate_hz)
+            n_rows += sum(demo.n_steps for demo in episodes[name].values())
+            if n_rows > MAX_ROWS:
+                raise DemonstrationError(
+                    f"it has more than {MAX_ROWS:,} rows", file=path, way_out="read episode by episode"
+                )
+        return episodes
+
+    return _within(path, read)
+
+
+def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the names of the episodes of a file, in the order of their numbers.
+
+    Raises
+    ------
+    DemonstrationError
+        The file cannot be read, or is of another layout.
+    """
+    path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
+    return tuple(_within(path, lambda root: _episode_names(path, root)))
+
+
+def write_robomimic(
+    path: str | os.PathLike[str], episodes: Sequence[Demonstration | Mapping[str, Demonstration]]
+) -> None:
+    """Write episodes in robomimic's layout; `read_hdf5` returns the same numbers, bit by bit, but for the stamps.
+
+    The manipulators become robot0, robot1, ... in their order. `actions` (n_steps, n_manipulators * (3 or 6)) are
+    the poses of the next sample, absolute: position [m] and, where there is one, rotation vector [rad].
+
+    Parameters
+    ----------
+    path : file to write; appears only when complete
+    episodes : movements of 3 dimensions in even time steps, all at the same rate
+
+    Raises
+    ------
+    DemonstrationError
+        The episodes do not fit into one file, or the file cannot be written.
+    """
+    episodes = as_episodes(episodes, path)
+    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
+    for index, demos in enumerate(episodes):
+        if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
+            raise DemonstrationError(
+                f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
+                file=path,
+                way_out="the file has one rate: resample the episodes",
+            )
+        for name, demo in demos.items():
+            if demo.n_dims != 3 or demo.unit != "m" or demo.axes:
+                raise DemonstrationError(
+                    f"{name or 'the movement'} of episode {index} has {demo.n_dims} coordinates in {demo.unit}",
+                    file=path,
+                    way_out="robomimic keeps positions x, y, z in metres",
+                )
+    h5py = extra("h5py", path)
+    with whole_path(path) as draft, h5py.File(draft, "w") as root:
+        data = root.create_group("data")
+        environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rates[0]}}
+        data.attrs["env_args"] = json.dumps(environment)
+        data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in episodes)
+        for index, demos in enumerate(episodes):
+            _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
+
+
+def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
+    """Write one episode in ALOHA's layout; `read_hdf5` returns the same numbers, bit by bit, but for the stamps.
+
+    `qvel` are differences of `qpos`, `action` is the `qpos` of the next sample. There are no images.
+
+    Parameters
+    ----------
+    path : file to write; appears only when complete
+    demos : joint movements of `left` and `right`, or one without a name; 7 coordinates each, as `ALOHA_JOINTS`, in
+        even time steps
+
+    Raises
+    ------
+    DemonstrationError
+        The movements do not fit the layout, or the file cannot be written.
+    """
+    demos = together(demos, path)
+    if len(demos) > 1 and sorted(demos) != ["left", "right"]:
+        raise DemonstrationError(
+            f"the manipulators are {', '.join(map(repr, demos))}",
+            file=path,
+            way_out="ALOHA has the arms left and right, or one",
+        )
+    first = next(iter(demos.values()))
+    if first.n_dims != len(ALOHA_JOINTS):
+        raise DemonstrationError(
+            f"an arm has {first.n_dims} coordinates",
+            file=path,
+            way_out=f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
+        )
+    rate = even_rate(first, path)
+    qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
+    h5py = extra("h5py", path)
+    with whole_path(path) as draft, h5py.File(draft, "w") as root:
+        root.attrs["sim"] = False
+        root.attrs["fps"] = rate
+        root["observations/qpos"] = qpos
+        root["observations/qvel"] = np.gradient(qpos, 1.0 / rate, axis=0)
+        root["action"] = _next(qpos)
+
+
+def _within(path: Path, read: Any) -> Any:
+    """Call `read` with the open file; tell what h5py raises as a `DemonstrationError`."""
+    h5py = extra("h5py", path)
+    try:
+        with h5py.File(path, "r") as root:
+            return read(root)
+    except _BROKEN as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise DemonstrationError(
+            f"it is no whole HDF5 file ({reason})", file=path, way_out=f"copy or record it again; {_LAYOUTS}"
+        ) from error
+
+
+def _episode_names(path: Path, root: Group) -> list[str]:
+    """Return the names of the episodes by their numbers; the file's own name for ALOHA."""
+    if "observations" in root:
+        return [path.stem]
+    names = [name for name in root["data"] if re.fullmatch(r"demo_\d+", name)] if "data" in root else []
+    if not names:
+        held = ", ".join(list(root)[:10]) or "nothing"
+        raise DemonstrationError(f"it holds {held}, and no episode", file=path, way_out=_LAYOUTS)
+    return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
+
+
+def _read_episode(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
+    if "observations" in root:
+        return _read_aloha(path, root, rate_hz)
+    return _read_robomimic(path, root, name, rate_hz)
+
+
+def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
+    """Read one episode of a robomimic file."""
+    folder = f"data/{name}/obs"
+    if folder not in root:
+        raise DemonstrationError(
+            "it holds no observations", file=path, key=folder, way_out="extract them with robomimic first"
+        )
+    held = list(root[folder])
+    robots = sorted(key.removesuffix("_eef_pos") for key in held if re.fullmatch(r"robot\d+_eef_pos", key))
+    if not robots:
+        raise DemonstrationError(
+            "the positions of the hands are missing",
+            file=path,
+            key=f"{folder}/robot0_eef_pos",
+            way_out=near_name("robot0_eef_pos", held[:20]),
+        )
+    rate = rate_hz or _control_rate(path, root["data"])
+    n_steps = root[f"data/{name}"].attrs.get("num_samples")
+    demos = {}
+    for robot in robots:
+        position = _array(path, root, f"{folder}/{robot}_eef_pos", (3,))
+        if n_steps is not None and (np.size(n_steps) != 1 or int(np.ravel(n_steps)[0]) != len(position)):
+            raise DemonstrationError(
+                f"it has {len(position)} rows and num_samples says {n_steps}",
+                file=path,
+                key=f"{folder}/{robot}_eef_pos",
+                way_out="record or convert it again",
+            )
+        turns = f"{robot}_eef_quat"
+        orientation = _array(path, root, f"{folder}/{turns}", (4,)) if turns in held else None
+        demos[robot] = _movement(
+            _Hdf5Origin(path, f"{folder}/{robot}_eef_pos", f"{folder}/{turns}"),
+            rate,
+            position,
+            None if orientation is None else orientation[:, [3, 0, 1, 2]],
+            f"{path.stem}.{name}.{robot}",
+        )
+    return demos
+
+
+def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Demonstration]:
+    """Read an ALOHA episode."""
+    key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
+    if key not in root:
+        raise DemonstrationError(
+            "the dataset is missing",
+            file=path,
+            key=key,
+            way_out=near_name("qpos", list(root["observations"])[:20]),
+        )
+    qpos = _array(path, root, key)
+    if qpos.shape[1] not in (n_joints, 2 * n_joints):
+        raise DemonstrationError(
+            f"it has {qpos.shape[1]} columns",
+            file=path,
+            key=key,
+            way_out=f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
+        )
+    rate = rate_hz or _attribute_rate(path, "fps", root.attrs.get("fps"), ALOHA_RATE)
+    arms = (
+        {"left": qpos[:, :n_joints], "right": qpos[:, n_joints:]} if qpos.shape[1] > n_joints else {"": qpos}
+    )
+    return {
+        arm: _movement(
+            _Hdf5Origin(path, key, first=n_joints * index),
+            rate,
+            position,
+            None,
+            f"{path.stem}.{arm}" if arm else path.stem,
+            unit="rad",
+            axes=ALOHA_JOINTS,
+            notes=("gripper: 0 closed, 1 open",),
+        )
+        for index, (arm, position) in enumerate(arms.items())
+    }
+
+
+class _Hdf5Origin(Origin):
+    """Names samples by their indices in the datasets."""
+
+    def __init__(self, file: Path, position: str, orientation: str = "", first: int = 0):
+        super().__init__(file)
+        object.__setattr__(self, "_names", (position, orientation, first))
+
+    def position(self, sample: int, dim: int) -> str:
+        return f"{self._names[0]}[{sample}, {self._names[2] + dim}]"
+
+    def orientation(self, sample: int) -> str:
+        return f"{self._names[1]}[{sample}]"
+
+
+def _movement(
+    origin: Origin,
+    rate: float,
+    position: NDArray,
+    orientation: NDArray | None,
+    name: str,
+    **changes: Any,
+) -> Demonstration:
+    """Make a movement of samples that came at a rate [Hz]."""
+    if len(position) < 2:
+        raise DemonstrationError(
+            f"a movement needs two rows at least, this one has {len(position)}",
+            file=origin.file,
+            key=origin.position(0, 0).partition("[")[0],
+            way_out="record more samples, or remove the episode",
+        )
+    time, position = check(np.arange(len(position)) / rate, position, origin)
+    if orientation is not None:
+        orientation = check_orientation(orientation, len(time), origin)
+    return Demonstration(time, position, name, orientation=orientation, **changes)
+
+
+def _control_rate(path: Path, data: Group) -> float:
+    """Read `control_freq` from `env_args`."""
+    text = data.attrs.get("env_args")
+    if text is None:
+        return ROBOMIMIC_RATE
+    try:
+        arguments = json.loads(text)
+        rate = arguments.get("env_kwargs", {}).get("control_freq")
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise DemonstrationError(
+            "it is no JSON object", file=path, key="data, attribute env_args", way_out="give rate_hz"
+        ) from error
+    return _attribute_rate(path, "env_args.env_kwargs.control_freq", rate, ROBOMIMIC_RATE)
+
+
+def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float:
+    if rate is None:
+        return default
+    if isinstance(rate, int | float | np.number) and not isinstance(rate, bool) and 0.0 < rate < 1e6:
+        return float(rate)
+    raise DemonstrationError(f"{rate!r} is no rate", file=path, key=key, way_out="give rate_hz")
+
+
+def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
+    """Read one dataset of numbers, shape (n_steps, ...), after looking at what it claims to be."""
+    h5py = extra("h5py", path)
+    parts = key.split("/")
+    for depth in range(1, len(parts) + 1):
+        if isinstance(root.get("/".join(parts[:depth]), getlink=True), h5py.ExternalLink):
+            raise _wrong_dataset(path, key, "it is a link into another file", "copy what it links to")
+    dataset: Dataset = root[key]
+    if not isinstance(dataset, h5py.Dataset):
+        raise _wrong_dataset(path, key, "it is a group, not a dataset", _LAYOUTS)
+    if dataset.is_virtual or dataset.external:
+        raise _wrong_dataset(path, key, "its numbers lie in another file", "copy them into this one")
+    if dataset.dtype.kind not in "iuf":
+        raise _wrong_dataset(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
+    shape, size = dataset.shape, dataset.dtype.itemsize
+    if shape is None or len(shape) != 2 or (width and shape[1:] != width):
+        expected = f"(n_steps, {width[0]})" if width else "(n_steps, n_joints)"
+        raise _wrong_dataset(path, key, f"it has shape {shape}", f"give shape {expected}")
+    claimed = max(math.prod(shape), math.prod(dataset.chunks or ())) * max(size, 8)
+    if shape[0] > MAX_ROWS or claimed > MAX_ARRAY_BYTES:
+        raise _wrong_dataset(
+            path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
+        )
+    return np.asarray(dataset[()], dtype=np.float64)
+
+
+def _wrong_dataset(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
+    return DemonstrationError(message, file=path, key=key, way_out=way_out)
+
+
+def _write_demo(group: Group, demos: list[Demonstration]) -> None:
+    """Write one episode of a robomimic file."""
+    n_steps = demos[0].n_steps
+    group.attrs["num_samples"] = n_steps
+    actions = []
+    for index, demo in enumerate(demos):
+        group[f"obs/robot{index}_eef_pos"] = demo.position
+        actions.append(_next(demo.position))
+        if demo.orientation is not None:
+            group[f"obs/robot{index}_eef_quat"] = demo.orientation[:, [1, 2, 3, 0]]
+            actions.append(_next(demo.rotation.as_rotvec()))
+    group["actions"] = np.concatenate(actions, axis=1)
+    group["rewards"] = np.zeros(n_steps)
+    group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)
+
+
+def _next(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each row's successor; the last one is its own."""
+    return np.concatenate((rows[1:], rows[-1:]))

@@ -1,0 +1,618 @@
+"""Recordings as LeRobot datasets: a folder of Parquet tables and JSON.
+
+Read are the layouts v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
+(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); written is v2.1. Videos are left
+alone. Of each episode one vector feature is read, `observation.state` unless said otherwise; the names of its
+coordinates in `meta/info.json` say what they are: `x, y, z`, `qw, qx, qy, qz` (or behind `NAME_`, for several
+manipulators), otherwise joints, which `left_` and `right_` divide between two arms.
+
+LeRobot keeps time stamps as float32 and demands that they pass in even steps of 1 / `fps`; where they do, to 0.1
+ms, time is read as frame / fps, exactly. It says no units: Cartesian coordinates are metres, joints radians.
+
+Needs pyarrow. Sizes are compared with a limit before anything is read, and no path leads out of the folder.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.cleaning import MAX_DIMS, Origin, check, check_orientation
+from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.files import (
+    MAX_ROWS,
+    as_episodes,
+    even_rate,
+    existing_file,
+    extra,
+    one_of,
+    telling,
+    whole_folder,
+)
+from comove.errors import DemonstrationError, near_name
+
+if TYPE_CHECKING:
+    from pyarrow import Table
+
+MAX_BYTES = 1024 * 2**20
+"""Largest Parquet file [bytes]."""
+MAX_META_BYTES = 64 * 2**20
+"""Largest file of JSON [bytes]."""
+MAX_COLUMN_BYTES = 512 * 2**20
+"""Largest columns of a file, unpacked [bytes]."""
+STATE = "observation.state"
+CHUNK_EPISODES = 1000
+"""Episodes of one folder `data/chunk-...`."""
+_STAMP_TOLERANCE = 1e-4
+"""How far LeRobot lets stamps lie from even ones [s]."""
+_AXES = ("x", "y", "z")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
+_INFO, _EPISODES = "meta/info.json", "meta/episodes.jsonl"
+_COPY = "copy or record the dataset again"
+_T = TypeVar("_T")
+
+
+def read_lerobot(
+    path: str | os.PathLike[str],
+    *,
+    episode: str | int | None = None,
+    feature: str = STATE,
+    unit: str | None = None,
+) -> dict[str, dict[str, Demonstration]]:
+    """Read the episodes of a dataset.
+
+    Parameters
+    ----------
+    path : folder that holds `meta/info.json`
+    episode : read only this one, by its number; None: all
+    feature : vector to read, such as `observation.state` or `action`
+    unit : of the positions, where it is not metres for x, y, z and radians for others
+
+    Returns
+    -------
+    episodes : movements by manipulator ("" where the coordinates name none), by episode ("0", "1", ...)
+
+    Raises
+    ------
+    DemonstrationError
+        The dataset cannot be read, is cut off or of another version, or its parts do not agree; names the file.
+    """
+    dataset = _Dataset.open(Path(path))
+    names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
+    n_rows = sum(dataset.lengths[int(name)] for name in names)
+    if n_rows > MAX_ROWS:
+        raise DemonstrationError(
+            f"its episodes have {n_rows:,} rows",
+            file=path,
+            way_out=f"read one by one: up to {MAX_ROWS:,} are read",
+        )
+    columns = _coordinates(dataset, feature)
+    episodes, tables = {}, {}
+    for name in names:
+        file = dataset.files[int(name)]
+        if file not in tables:
+            tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
+        samples = _episode(dataset, file, tables[file], int(name), feature)
+        episodes[name] = {
+            manipulator: _movement(
+                samples,
+                group,
+                _ParquetOrigin(file, feature, samples.first, tuple(group.position + group.orientation)),
+                ".".join(filter(None, (dataset.folder.name, name, manipulator))),
+                dataset.tasks[int(name)],
+                unit,
+            )
+            for manipulator, group in columns.items()
+        }
+    return episodes
+
+
+def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the numbers of the episodes of a dataset.
+
+    Raises
+    ------
+    DemonstrationError
+        It is no LeRobot dataset, or of another version.
+    """
+    return tuple(str(number) for number in _Dataset.open(Path(path)).lengths)
+
+
+def write_lerobot(
+    path: str | os.PathLike[str],
+    episodes: Sequence[Demonstration | Mapping[str, Demonstration]],
+    *,
+    task: str = "move together",
+    robot_type: str = "unknown",
+    dtype: str = "float32",
+) -> None:
+    """Write episodes as a dataset of version 2.1.
+
+    `observation.state` holds the coordinates of all manipulators and, where there are any, their quaternions w x y z;
+    `action` is the state of the next sample.
+
+    Parameters
+    ----------
+    path : folder to write; appears only when complete, and must not exist or be empty
+    episodes : movements in even time steps, of the same whole number of samples a second
+    task : what is done, in words
+    robot_type : what did it
+    dtype : "float32", as LeRobot records, or "float64", which keeps every number; stamps are float32 always
+
+    Raises
+    ------
+    DemonstrationError
+        The episodes do not fit into one dataset, or the folder cannot be written.
+    """
+    episodes = as_episodes(episodes, path)
+    if dtype not in ("float32", "float64"):
+        raise DemonstrationError(
+            f"{dtype!r} is no kind of number",
+            file=path,
+            key="dtype",
+            way_out=near_name(dtype, ["float32", "float64"]),
+        )
+    fps = _common_fps(path, episodes)
+    names = _names(path, episodes[0])
+    pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
+    lengths, first = [], 0
+    with whole_folder(path) as draft:
+        (draft / "meta").mkdir(parents=True)
+        with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
+            for number, demos in enumerate(episodes):
+                columns = _columns(demos, fps, number, first, dtype)
+                lengths.append(len(columns["index"]))
+                first += lengths[-1]
+                file = draft / f"data/chunk-{number // CHUNK_EPISODES:03d}/episode_{number:06d}.parquet"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                arrays = {
+                    key: pa.array(values) if values.ndim == 1 else _vectors(pa, values)
+                    for key, values in columns.items()
+                }
+                parquet.write_table(pa.table(arrays), file)
+                stats = {key: _statistics(values) for key, values in columns.items()}
+                statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
+        _write_meta(draft, lengths, names, fps, task, robot_type, dtype)
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    """What `meta` says.
+
+    Attributes
+    ----------
+    folder : of the dataset
+    info : `meta/info.json`
+    fps : sampling rate [Hz]
+    lengths : number of rows by number of episode
+    files : Parquet file by number of episode
+    tasks : what is done, by number of episode
+    """
+
+    folder: Path
+    info: Mapping[str, Any]
+    fps: float
+    lengths: Mapping[int, int]
+    files: Mapping[int, Path]
+    tasks: Mapping[int, str]
+
+    @classmethod
+    def open(cls, folder: Path) -> _Dataset:
+        file = folder / _INFO
+        (info,) = _json(file, lines=False)
+        version = _value(file, info, "codebase_version", str)
+        if not re.fullmatch(r"v?[23]\.\d+", version):
+            raise _wrong(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
+        fps = _value(file, info, "fps", int | float)
+        if not 0.0 < fps < 1e6:
+            raise _wrong(file, "fps", f"{fps!r} is no rate", "give frames a second")
+        _value(file, info, "features", dict)
+        rows = _episodes_v3(folder) if version.lstrip("v").startswith("3") else _json(folder / _EPISODES)
+        total = _value(file, info, "total_episodes", int)
+        if len(rows) != total or not rows:
+            raise _wrong(
+                file, "total_episodes", f"it says {total}, and {len(rows)} episodes are described", _COPY
+            )
+        lengths, files, tasks = {}, {}, {}
+        for row in rows:
+            where = folder / ("meta/episodes" if "data/file_index" in row else _EPISODES)
+            number, length = _value(where, row, "episode_index", int), _value(where, row, "length", int)
+            if number in lengths or number < 0 or length < 0:
+                raise _wrong(
+                    where, "episode_index", f"episode {number} of length {length} stands there", _COPY
+                )
+            lengths[number] = length
+            files[number] = folder / _data_path(file, info, row, number)
+            tasks[number] = ", ".join(map(str, row.get("tasks") or ()))
+        return cls(folder, info, float(fps), dict(sorted(lengths.items())), files, tasks)
+
+
+def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
+    """Read the table of episodes of version 3."""
+    files = sorted((folder / "meta" / "episodes").glob("*/*.parquet"))
+    if not files:
+        raise _wrong(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
+    wanted = ("episode_index", "length", "data/chunk_index", "data/file_index")
+    rows = [row for file in files for row in _read_table(file, wanted, ("tasks",)).to_pylist()]
+    return sorted(rows, key=lambda row: (row["episode_index"] is None, row["episode_index"]))
+
+
+def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], number: int) -> str:
+    """Fill in where the rows of an episode lie; nothing but numbers is filled in, and no path leads out."""
+    pattern = _value(file, info, "data_path", str)
+    chunk_size = info.get("chunks_size") or CHUNK_EPISODES
+    places = {
+        "episode_index": number,
+        "episode_chunk": number // chunk_size if isinstance(chunk_size, int) and chunk_size > 0 else 0,
+        "chunk_index": row.get("data/chunk_index"),
+        "file_index": row.get("data/file_index"),
+    }
+    bare = _PLACE.sub("", pattern)
+    used = {match[1] for match in _PLACE.finditer(pattern)}
+    parts = Path(bare).parts
+    if (
+        re.search(r"[{}]", bare)
+        or ".." in parts
+        or Path(pattern).is_absolute()
+        or not all(isinstance(places[name], int) for name in used)
+    ):
+        raise _wrong(
+            file,
+            "data_path",
+            f"{pattern!r} names no file in the dataset",
+            "use data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        )
+    return pattern.format(**places)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Columns of one manipulator in a vector feature; the quaternion in the order w x y z."""
+
+    position: list[int]
+    orientation: list[int]
+    axes: tuple[str, ...]
+
+
+def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
+    """Say which columns of a feature belong to which manipulator, by their names."""
+    file, features = dataset.folder / _INFO, dataset.info["features"]
+    if feature not in features or not isinstance(features[feature], dict):
+        raise _wrong(file, "features", f"there is no {feature!r}", near_name(feature, features))
+    shape, names = features[feature].get("shape"), features[feature].get("names")
+    key = f"features.{feature}"
+    if not (isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0):
+        raise _wrong(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
+    while isinstance(names, dict) and names:
+        names = next(iter(names.values()))
+    if not names:
+        names = [f"{feature}_{index}" for index in range(shape[0])]
+    if not isinstance(names, list) or len(set(map(str, names))) != len(names) or len(names) != shape[0]:
+        raise _wrong(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
+    groups = {
+        manipulator: _group(
+            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}
+        )
+        for manipulator, axes in _divided([str(name) for name in names]).items()
+    }
+    for group in groups.values():
+        if len(group.position) > MAX_DIMS:
+            raise _wrong(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
+    return groups
+
+
+def _divided(names: list[str]) -> dict[str, list[str]]:
+    """Return the axes of each manipulator, "" where the names do not tell of any."""
+    cartesian = {*_AXES, *_QUATERNION}
+    split = [name.rpartition("_") for name in names]
+    if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
+        split = [name.partition("_") for name in names]
+        if {manipulator for manipulator, mark, axis in split if mark and axis} != {"left", "right"}:
+            return {"": names}
+        if not all(manipulator in ("left", "right") and axis for manipulator, _, axis in split):
+            return {"": names}
+    divided: dict[str, list[str]] = {}
+    for manipulator, _, axis in split:
+        divided.setdefault(manipulator, []).append(axis)
+    return divided
+
+
+def _group(columns: Mapping[str, int]) -> _Group:
+    """Tell quaternions from positions."""
+    turned = [columns[axis] for axis in _QUATERNION if axis in columns]
+    axes = tuple(axis for axis in columns if len(turned) < 4 or axis not in _QUATERNION)
+    if len(turned) < 4 or not axes:
+        return _Group(list(columns.values()), [], tuple(columns))
+    return _Group([columns[axis] for axis in axes], turned, axes)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), where they begin in their table."""
+
+    time: NDArray[np.float64]
+    values: NDArray[np.float64]
+    first: int
+
+
+@dataclass(frozen=True)
+class _ParquetOrigin(Origin):
+    """Names samples by their row and column in the table."""
+
+    feature: str = ""
+    first: int = 0
+    columns: tuple[int, ...] = ()
+
+    def time(self, sample: int) -> str:
+        return f"row {self.first + sample}, column timestamp"
+
+    def position(self, sample: int, dim: int) -> str:
+        return f"row {self.first + sample}, {self.feature}[{self.columns[dim]}]"
+
+    def orientation(self, sample: int) -> str:
+        return f"row {self.first + sample}, {self.feature}[{self.columns[-4]}] to [{self.columns[-1]}]"
+
+
+def _movement(
+    samples: _Samples, group: _Group, origin: Origin, name: str, task: str, unit: str | None
+) -> Demonstration:
+    """Make the movement of one manipulator."""
+    time, position = check(samples.time, samples.values[:, group.position], origin)
+    orientation = None
+    if group.orientation:
+        orientation = check_orientation(samples.values[:, group.orientation], len(time), origin)
+    if unit is None:
+        unit = "m" if set(group.axes) <= set(_AXES) else "rad"
+    notes = (f"task: {task}",) if task else ()
+    return Demonstration(time, position, name, notes, unit, orientation=orientation, axes=group.axes)
+
+
+def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Samples:
+    """Pick the rows of one episode out of a table."""
+    pc = extra("pyarrow.compute", file)
+    chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
+    expected = dataset.lengths[number]
+    if len(chosen) != expected or (expected and chosen[-1] - chosen[0] != expected - 1):
+        raise _wrong(
+            file,
+            None,
+            f"it holds {len(chosen)} rows of episode {number}, and {expected} were recorded",
+            _COPY,
+        )
+    if expected < 2:
+        raise _wrong(
+            file, None, f"a movement needs two rows at least, episode {number} has {expected}", "leave it out"
+        )
+    rows = table.slice(int(chosen[0]), expected)
+    vectors = rows.column(feature).combine_chunks()
+    width = dataset.info["features"][feature]["shape"][0]
+    if vectors.null_count:
+        raise _wrong(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
+    if hasattr(vectors, "flatten") and str(vectors.type).startswith(
+        ("list", "fixed_size_list", "large_list")
+    ):
+        lengths = pc.list_value_length(vectors).to_numpy(zero_copy_only=False)
+        if (lengths != width).any():
+            row = int(np.argmax(lengths != width))
+            raise _wrong(
+                file,
+                f"row {chosen[row]}, {feature}",
+                f"it has {lengths[row]} numbers, and {width} are described",
+                _COPY,
+            )
+        vectors = vectors.flatten()
+    values = _numeric(file, feature, vectors)
+    if len(values) != width * expected:
+        raise _wrong(file, feature, f"it has one number a row, and {width} are described", _COPY)
+    frames = _column(file, rows, "frame_index")
+    stamps = _column(file, rows, "timestamp").astype(np.float64)
+    even = frames / dataset.fps
+    near = np.array_equal(frames, frames[0] + np.arange(expected)) and (
+        np.abs(stamps - stamps[0] - even + even[0]).max() <= _STAMP_TOLERANCE
+    )
+    return _Samples(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
+
+
+def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
+    """Read columns of a Parquet file, after looking at what it claims to hold."""
+    parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
+    existing_file(file, MAX_BYTES, "split the dataset")
+
+    def read() -> Table:
+        with parquet.ParquetFile(file) as source:
+            names = source.schema_arrow.names
+            for column in columns:
+                if column not in names:
+                    raise _wrong(file, column, "the column is missing", near_name(column, names))
+            wanted = [*columns, *(column for column in optional if column in names)]
+            meta = source.metadata
+            size = sum(
+                meta.row_group(group).column(index).total_uncompressed_size
+                for group in range(meta.num_row_groups)
+                for index in range(meta.num_columns)
+                if meta.row_group(group).column(index).path_in_schema.partition(".list.")[0] in wanted
+            )
+            if meta.num_rows > MAX_ROWS or size > MAX_COLUMN_BYTES:
+                raise _wrong(
+                    file,
+                    None,
+                    f"it claims {meta.num_rows:,} rows and {size >> 20} MB",
+                    f"split the dataset: up to {MAX_ROWS:,} rows a file are read",
+                )
+            return source.read(wanted)
+
+    return _told(file, read, (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError))
+
+
+def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:
+    """Call `read`; tell what the library raises as a `DemonstrationError`."""
+    try:
+        return read()
+    except broken as error:
+        reason = str(error).partition("\n")[0][:120]
+        raise _wrong(file, None, f"it is no whole Parquet file ({reason})", _COPY) from error
+
+
+def _column(file: Path, table: Table, name: str) -> NDArray:
+    """Return a column of single numbers, shape (n_rows,)."""
+    column = table.column(name)
+    if column.null_count:
+        raise _wrong(file, name, f"{column.null_count} rows are empty", _COPY)
+    return _numeric(file, name, column.combine_chunks())
+
+
+def _numeric(file: Path, name: str, array: Any) -> NDArray:
+    values = np.asarray(array.to_numpy(zero_copy_only=False)) if str(array.type) in _NUMBERS else None
+    if values is None:
+        raise _wrong(file, name, f"it holds {array.type}, not numbers", "give real numbers")
+    if array.null_count:
+        raise _wrong(file, name, f"{array.null_count} numbers are missing", _COPY)
+    return values
+
+
+_NUMBERS = {
+    *("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"),
+    *("halffloat", "float", "double"),
+}
+
+
+def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
+    """Read the objects of a JSON file, one a line or one in all."""
+    existing_file(file, MAX_META_BYTES, "split the dataset")
+    with telling(file):
+        content = file.read_bytes()
+    rows = []
+    for number, line in enumerate(content.split(b"\n") if lines else [content], start=1):
+        if lines and not line.strip():
+            continue
+        try:
+            row = json.loads(line.decode())
+        except (ValueError, RecursionError) as error:
+            key = f"line {number}" if lines else None
+            raise _wrong(file, key, f"it is no JSON ({error})", _COPY) from error
+        if not isinstance(row, dict):
+            raise _wrong(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
+        rows.append(row)
+    return rows
+
+
+def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
+    """Return one value of an object after checking its kind."""
+    if key not in row:
+        raise _wrong(file, key, "it is missing", near_name(key, list(row)[:20]))
+    if not isinstance(row[key], kind) or isinstance(row[key], bool):
+        raise _wrong(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
+    return row[key]
+
+
+def _wrong(file: Path, key: str | None, message: str, way_out: str) -> DemonstrationError:
+    return DemonstrationError(message, file=file, key=key, way_out=way_out)
+
+
+def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
+    """Return the rate that all episodes share, a whole number [Hz]."""
+    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
+    for number, rate in enumerate(rates):
+        if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
+            raise DemonstrationError(
+                f"episode {number} runs at {rate:.6g} Hz",
+                file=path,
+                way_out="LeRobot has one whole number of frames a second: resample the episodes",
+            )
+    return round(rates[0])
+
+
+def _names(path: object, demos: Mapping[str, Demonstration]) -> list[str]:
+    """Name the coordinates of all manipulators."""
+    names = []
+    for manipulator, demo in demos.items():
+        axes = demo.axes or (
+            _AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
+        )
+        axes = [*axes, *(_QUATERNION if demo.orientation is not None else ())]
+        names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
+    if list(demos) != list(_divided(names)):
+        raise DemonstrationError(
+            f"the names {', '.join(names[:8])} would not be read as {', '.join(map(repr, demos))}",
+            file=path,
+            way_out="call the manipulators left and right, or give positions x, y, z",
+        )
+    return names
+
+
+def _columns(
+    demos: Mapping[str, Demonstration], fps: int, number: int, first: int, dtype: str
+) -> dict[str, NDArray]:
+    """Return the columns of an episode that begins at row `first` of the dataset."""
+    blocks = [
+        block for demo in demos.values() for block in (demo.position, demo.orientation) if block is not None
+    ]
+    state = np.concatenate(blocks, axis=1).astype(dtype)
+    frames = np.arange(len(state), dtype=np.int64)
+    return {
+        STATE: state,
+        "action": np.concatenate((state[1:], state[-1:])),
+        "timestamp": (frames / fps).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full_like(frames, number),
+        "index": frames + first,
+        "task_index": np.zeros_like(frames),
+    }
+
+
+def _vectors(pa: Any, values: NDArray) -> Any:
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+def _statistics(values: NDArray) -> dict[str, list]:
+    rows = values.reshape(len(values), -1).astype(np.float64)
+    return {
+        "min": rows.min(axis=0).tolist(),
+        "max": rows.max(axis=0).tolist(),
+        "mean": rows.mean(axis=0).tolist(),
+        "std": rows.std(axis=0).tolist(),
+        "count": [len(rows)],
+    }
+
+
+def _write_meta(
+    folder: Path, lengths: list[int], names: list[str], fps: int, task: str, robot_type: str, dtype: str
+) -> None:
+    """Write what describes the tables."""
+    vector = {"dtype": dtype, "shape": [len(names)], "names": names}
+    scalars = {"timestamp": "float32"} | dict.fromkeys(
+        ("frame_index", "episode_index", "index", "task_index"), "int64"
+    )
+    info = {
+        "codebase_version": "v2.1",
+        "robot_type": robot_type,
+        "total_episodes": len(lengths),
+        "total_frames": sum(lengths),
+        "total_tasks": 1,
+        "total_videos": 0,
+        "total_chunks": -(-len(lengths) // CHUNK_EPISODES),
+        "chunks_size": CHUNK_EPISODES,
+        "fps": fps,
+        "splits": {"train": f"0:{len(lengths)}"},
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "video_path": None,
+        "features": {STATE: vector, "action": vector}
+        | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in scalars.items()},
+    }
+    (folder / _INFO).write_text(json.dumps(info, indent=4), encoding="utf-8")
+    rows = [
+        {"episode_index": number, "tasks": [task], "length": length} for number, length in enumerate(lengths)
+    ]
+    (folder / _EPISODES).write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    tasks = json.dumps({"task_index": 0, "task": task}) + "\n"
+    (folder / "meta/tasks.jsonl").write_text(tasks, encoding="utf-8")

@@ -1,0 +1,285 @@
+"""Cutting a long recording into its movements.
+
+A movement ends where the hand stands still, and, if asked for, at corners: where it is slow and the path turns,
+as the two-thirds power law has it for every stroke of a hand. Pure functions; nothing is moved or filtered in what
+they return.
+
+The speed is that of the recording behind a zero-phase low-pass. It counts as still below a share of the
+largest speed, and never where it is no more than what the noise of the recording does to it: the noise is read
+from fourth differences, in which movements vanish and noise does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations import resampling
+from comove.demonstrations.demonstration import Demonstration
+from comove.errors import OptionError
+
+_STILL_SHARE = 0.6
+"""Share of the threshold of moving below which a movement has ended: between the two the state does not change."""
+_REST_SHARE = 0.02
+"""Share of its own largest speed at which a movement begins and ends."""
+_NOISE_MOVING, _NOISE_STILL = 5.0, 2.5
+"""Multiples of the noise in the speed that a movement exceeds, and that standing still may reach."""
+_CUTOFF_SHARE = 0.2
+"""Largest cutoff of the low-pass, as a share of the sampling rate."""
+_SMALLEST_TURN = 0.1
+"""A hand whose orientation changes less than this between any samples and the first is not turning [rad]."""
+_DEPTH = 0.75
+"""A corner is slower than this share of the largest speeds on either side of it."""
+
+
+def segment(
+    demonstration: Demonstration,
+    *,
+    speed_share: float = 0.05,
+    min_pause: float = 0.2,
+    min_duration: float = 0.2,
+    cutoff_hz: float = 6.0,
+    corner: float | None = None,
+) -> tuple[Demonstration, ...]:
+    """Cut a recording into movements; what lies between them, standing still, is dropped.
+
+    Parameters
+    ----------
+    demonstration : recording of any number of movements
+    speed_share : a movement is where the speed exceeds this share of the recording's largest, between 0 and 1;
+        it reaches from where the speed leaves 0.02 of the movement's own largest to where it returns there
+    min_pause : the hand has to stand still for this long, otherwise the movement goes on [s]
+    min_duration : shorter movements are dropped [s]
+    cutoff_hz : frequency above which the recording is taken for noise [Hz]; at most a fifth of the sampling
+        rate is used
+    corner : cut also at minima of the speed where the path turns by this angle or more [rad]; None: at
+        pauses only
+
+    Returns
+    -------
+    movements : in the order of time, without common samples; none where nothing moves. Time starts at zero in each;
+        the last note says from which instants of which recording it comes.
+
+    Raises
+    ------
+    OptionError
+        A parameter is out of its range; names it.
+    """
+    _check_options(speed_share, min_pause, min_duration, cutoff_hz, corner)
+    bounds = movements(
+        demonstration.time,
+        demonstration.position,
+        demonstration.orientation,
+        speed_share=speed_share,
+        min_pause=min_pause,
+        min_duration=min_duration,
+        cutoff_hz=cutoff_hz,
+        corner=corner,
+    )
+    name = demonstration.name or "recording"
+    parts = []
+    for number, (first, stop) in enumerate(bounds.tolist()):
+        start, goal = demonstration.time[first], demonstration.time[stop - 1]
+        note = f"movement {number} of {len(bounds)}, from {start:.6g} s to {goal:.6g} s of {name}"
+        parts.append(demonstration._part(first, stop, note, name=f"{name} {number}"))
+    return tuple(parts)
+
+
+def movements(
+    time: NDArray[np.float64],
+    position: NDArray[np.float64],
+    orientation: NDArray[np.float64] | None = None,
+    *,
+    speed_share: float,
+    min_pause: float,
+    min_duration: float,
+    cutoff_hz: float,
+    corner: float | None,
+) -> NDArray[np.int64]:
+    """Find the movements of a recording; the parameters are those of `segment`.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], increasing, from 0
+    position : array, shape (n_steps, n_dims), [m]
+    orientation : array, shape (n_steps, 4), unit quaternions, neighbours in one hemisphere, or None
+
+    Returns
+    -------
+    bounds : array, shape (n_movements, 2), first sample and the one after the last; each has two samples at least
+    """
+    track = _Track.of(time, position, cutoff_hz)
+    speed, rest = track.speed, _NOISE_STILL * track.noise
+    moving = _moving(track.speed, track.noise, speed_share)
+    if orientation is not None and 2.0 * np.arccos(np.abs(orientation @ orientation[0]).min().clip(-1, 1)) > (
+        _SMALLEST_TURN
+    ):
+        turning = _Track.of(time, orientation, cutoff_hz)
+        moving |= _moving(turning.speed, turning.noise, speed_share)
+    bounds = _to_rest(speed, _runs(_without_short_gaps(moving, track.step, min_pause)), rest)
+    if corner is not None:
+        bounds = _cut_at_corners(track, bounds, corner)
+    bounds = bounds[(bounds[:, 1] - 1 - bounds[:, 0]) * track.step >= min_duration - 0.5 * track.step]
+    if track.even is not time:
+        # Samples of the recording that lie within; the even ones only served to find where.
+        start, goal = track.even[bounds[:, 0]], track.even[bounds[:, 1] - 1]
+        bounds = np.column_stack((np.searchsorted(time, start), np.searchsorted(time, goal, side="right")))
+    return bounds[bounds[:, 1] - bounds[:, 0] >= 2]
+
+
+@dataclass(frozen=True)
+class _Track:
+    """A filtered recording at even time steps.
+
+    Attributes
+    ----------
+    even : array, shape (n_steps,), [s]
+    path : array, shape (n_steps, n_dims), [m]
+    speed : array, shape (n_steps,), [m/s]
+    noise : standard deviation that noise in the recording causes in the velocity, all dimensions together [m/s]
+    """
+
+    even: NDArray[np.float64]
+    path: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    noise: float
+
+    @property
+    def step(self) -> float:
+        """Time between samples [s]."""
+        return float(self.even[-1]) / (len(self.even) - 1)
+
+    @classmethod
+    def of(cls, time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: float) -> _Track:
+        n_steps = len(time)
+        even = time
+        if not resampling.is_even(time):
+            even = np.linspace(0.0, time[-1], n_steps)
+            position = resampling.resample(time, position, even)
+        rate = (n_steps - 1) / time[-1]
+        cutoff = min(cutoff_hz, _CUTOFF_SHARE * rate)
+        path = resampling.smooth(even, position, cutoff)
+        speed = np.sqrt(np.square(np.gradient(path, 1.0 / rate, axis=0)).sum(axis=1))
+        return cls(even, path, speed, _speed_noise(position, rate, cutoff))
+
+
+def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> float:
+    """Return what white noise in `position`, shape (n_steps, n_dims), does to a velocity filtered at `cutoff` [m/s].
+
+    White noise of deviation s has the power 2 s^2 / rate at each frequency up to the Nyquist frequency;
+    differentiation weighs it by (2 pi f)^2, and the filter ends the integral near its cutoff.
+    """
+    if len(position) < 8:
+        return 0.0
+    differences = np.abs(np.diff(position, n=4, axis=0))
+    deviation = np.median(differences, axis=0) / (0.6745 * np.sqrt(70.0))  # 70 = 1 + 16 + 36 + 16 + 1
+    return float(np.linalg.norm(deviation) * 2.0 * np.pi * np.sqrt(2.0 / rate * cutoff**3 / 3.0))
+
+
+def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDArray[np.bool_]:
+    """Say of each sample whether it belongs to a movement, with hysteresis.
+
+    A run above the lower threshold is a movement if it somewhere exceeds the upper one.
+    """
+    upper = max(speed_share * float(speed.max()), _NOISE_MOVING * noise)
+    lower = min(upper, max(_STILL_SHARE * speed_share * float(speed.max()), _NOISE_STILL * noise))
+    runs = _runs(speed > lower)
+    moving = np.zeros(len(speed), dtype=bool)
+    if len(runs):
+        peaks = np.maximum.reduceat(speed, runs[:, 0])  # up to the next run: what lies between is slow
+        moving = _filled(runs[peaks > upper], len(speed))
+    return moving
+
+
+def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float) -> NDArray[np.bool_]:
+    """Let movements go on through stops shorter than `min_pause` [s], at the ends of the recording too."""
+    if not moving.any():
+        return moving
+    gaps = _runs(~moving)
+    return ~_filled(gaps[(gaps[:, 1] - gaps[:, 0]) * step >= min_pause], len(moving))
+
+
+def _to_rest(speed: NDArray[np.float64], bounds: NDArray[np.int64], rest: float) -> NDArray[np.int64]:
+    """Extend runs to where the speed has fallen to a small share of their own largest, or to `rest` [m/s].
+
+    One threshold for all would cut the slow beginning off a slow movement that stands beside a fast one. Where
+    the gap between two movements never gets so slow, its slowest sample parts them.
+    """
+    if not len(bounds):
+        return bounds
+    lowest = [max(rest, _REST_SHARE * speed[first:stop].max()) for first, stop in bounds.tolist()]
+    gaps = np.column_stack((np.r_[0, bounds[:, 1]], np.r_[bounds[:, 0], len(speed)]))
+    starts, stops = bounds[:, 0].copy(), bounds[:, 1].copy()
+    for index, (low, high) in enumerate(gaps.tolist()):
+        if low == high:
+            continue
+        gap = speed[low:high]
+        slowest = int(gap.argmin())
+        if index > 0:
+            still = np.flatnonzero(gap <= lowest[index - 1])
+            stops[index - 1] = low + 1 + (int(still[0]) if len(still) else slowest)
+        if index < len(bounds):
+            still = np.flatnonzero(gap <= lowest[index])
+            starts[index] = low + (int(still[-1]) if len(still) else slowest)
+    starts[1:] = np.maximum(starts[1:], stops[:-1])
+    return np.column_stack((starts, stops))
+
+
+def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return first and stop of each run of True, shape (n_runs, 2)."""
+    edges = np.diff(mask.astype(np.int8), prepend=0, append=0)
+    return np.column_stack((np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)))
+
+
+def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
+    """Return the mask, shape (n_steps,), that `_runs` takes apart."""
+    edges = np.zeros(n_steps + 1, dtype=np.int64)
+    edges[runs[:, 0]] += 1
+    edges[runs[:, 1]] -= 1
+    return np.cumsum(edges[:-1]) > 0
+
+
+def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> NDArray[np.int64]:
+    """Cut runs at minima of the speed where the path turns by `corner` [rad] or more.
+
+    The turn is that between the chords from and to the places of largest speed on either side. It does not
+    depend on the pace, nor on where the path lies.
+    """
+    from scipy.signal import find_peaks
+
+    cuts = []
+    for first, stop in bounds.tolist():
+        speed, path = track.speed[first:stop], track.path[first:stop]
+        minima, _ = find_peaks(-speed, prominence=max(_NOISE_STILL * track.noise, 0.02 * float(speed.max())))
+        if not len(minima):
+            continue
+        edges = np.concatenate(([0], minima, [len(speed)]))
+        peaks = np.array(
+            [low + int(speed[low:high].argmax()) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        )
+        slow = speed[minima] < _DEPTH * np.minimum(speed[peaks[:-1]], speed[peaks[1:]])
+        before, after = path[minima] - path[peaks[:-1]], path[peaks[1:]] - path[minima]
+        lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+        cosine = np.einsum("ij,ij->i", before, after) / np.where(lengths > 0.0, lengths, 1.0)
+        turned = np.arccos(cosine.clip(-1.0, 1.0)) >= corner
+        cuts.append(first + minima[slow & turned & (lengths > 0.0)] + 1)
+    inner = np.concatenate([np.empty(0, dtype=np.int64), *cuts])
+    return np.column_stack((np.sort(np.r_[bounds[:, 0], inner]), np.sort(np.r_[bounds[:, 1], inner])))
+
+
+def _check_options(
+    speed_share: float, min_pause: float, min_duration: float, cutoff_hz: float, corner: float | None
+) -> None:
+    for key, value, fits, way_out in [
+        ("speed_share", speed_share, lambda x: 0.0 < x < 1.0, "give a share between 0 and 1"),
+        ("min_pause", min_pause, lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
+        ("min_duration", min_duration, lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
+        ("cutoff_hz", cutoff_hz, lambda x: 0.0 < x < np.inf, "give a positive frequency"),
+        ("corner", corner, lambda x: 0.0 < x <= np.pi, "give radians up to pi, or None"),
+    ]:
+        if key == "corner" and value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not fits(value):
+            raise OptionError(f"{value!r} does not fit", key=key, way_out=way_out)
