@@ -127,7 +127,7 @@ def errors_at_samples(solution: comove.Solution) -> tuple[float, float, float]:
     scene, samples = solution.scene, solution.trajectory
     apart = [
         np.linalg.norm(samples.position[:, c.first] - samples.position[:, c.second], axis=1) - c.distance
-        for c in scene.constraints
+        for c in scene.distances
     ]
     ends = samples.position[[0, -1]] - np.stack([scene.start, scene.goal])
     speed = np.linalg.norm(samples.velocity[-1], axis=-1)

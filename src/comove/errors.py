@@ -43,6 +43,10 @@ class DemonstrationError(InputError):
     """A recording that cannot be read or used."""
 
 
+class LibraryError(InputError):
+    """A primitive's file, or a library of them, that cannot be read, written or used."""
+
+
 class SceneError(InputError):
     """A scene file, or a scene, that contradicts itself or the contract."""
 

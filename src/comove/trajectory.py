@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -35,3 +39,35 @@ class Trajectory:
                 f"time {self.time.shape}, position {self.position.shape} and velocity "
                 f"{self.velocity.shape} do not belong together"
             )
+
+
+@dataclass(frozen=True)
+class PoseTrajectory(Trajectory):
+    """A sampled movement with orientations; the arrays are read-only.
+
+    Attributes
+    ----------
+    orientation : array, shape (n_steps, n_manipulators, 4), unit quaternions w x y z, continuous in time;
+        (n_steps, 4) for one primitive
+    angular_velocity : array, shape (n_steps, n_manipulators, 3), in the world's frame [rad/s];
+        (n_steps, 3) for one primitive
+    """
+
+    orientation: NDArray[np.float64] = field(kw_only=True)
+    angular_velocity: NDArray[np.float64] = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, width in (("orientation", 4), ("angular_velocity", 3)):
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape != (*self.position.shape[:-1], width):
+                raise ValueError(f"{name} {array.shape} does not belong to position {self.position.shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def rotation(self) -> Rotation:
+        """The orientations as scipy's `Rotation`, of shape (n_steps,) or (n_steps * n_manipulators,)."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.orientation.reshape(-1, 4), scalar_first=True)

@@ -2,7 +2,12 @@
 
 import numpy as np
 
-from comove.coordination import CoordinatedMotion, load_coordinates, projected_coordinates
+from comove.coordination import (
+    CoordinatedMotion,
+    arms_coordinates,
+    load_coordinates,
+    projected_coordinates,
+)
 from comove.coordination.coordinates import DIRECTION
 from comove.primitives import motion_basis
 from comove.scenes.scene import Scene
@@ -48,6 +53,39 @@ MIXED = scene_of(
     load={**BAR, "held_by": ["c", "a"]},
     constraints=[{"type": "distance", "between": ["b", "d"], "distance": 0.3}],
 )
+TRAY = scene_of(
+    TRIANGLE + [0.0, 0.0, 0.3],
+    TRIANGLE @ QUARTER.T + [1.0, 0.5, 0.8],
+    load=FRAME,
+    constraints=[{"type": "upright"}],
+)
+LEANING_BAR = scene_of(
+    [[0.1, 0.4, 0.0], [0.1, 0.52, 0.16]],
+    [[0.9, 0.4, 0.1], [0.78, 0.4, 0.26]],
+    load={**BAR, "overhang": 0.05},
+    constraints=[{"type": "upright"}],
+)
+PLANAR_TRAY = scene_of(
+    [[0.1, 0.4], [0.26, 0.52]], [[0.9, 0.1], [1.06, 0.22]], load=BAR, constraints=[{"type": "upright"}]
+)
+POSE = scene_of(
+    [[0.1, 0.4, 0.0], [0.1, 0.6, 0.0]],
+    [[0.9, 0.4, 0.1], [0.9, 0.4, 0.3]],
+    constraints=[{"type": "relative_pose", "between": ["a", "b"]}],
+)
+LEVEL = scene_of(
+    [[0.0, 0.3, 0.2], [0.5, 0.0, 0.7], [0.0, 1.0, 0.2], [0.4, 0.4, 0.2]],
+    [[1.0, 0.3, 0.9], [0.5, 1.0, 0.7], [1.0, 1.0, 0.9], [0.8, 0.1, 0.9]],
+    constraints=[
+        {"type": "same_height", "between": ["a", "c"]},
+        {"type": "same_height", "between": ["d", "c"]},
+    ],
+)
+PLANAR_LEVEL = scene_of(
+    [[0.0, 0.3], [0.5, 0.0], [0.9, 0.3]],
+    [[1.0, 0.7], [0.5, 1.0], [0.2, 0.7]],
+    constraints=[{"type": "same_height", "between": ["c", "a"]}],
+)
 HANDS = scene_of([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0], [1.0, 1.0, 0.5]])
 
 SCENES = {
@@ -60,6 +98,15 @@ SCENES = {
     "point": (HANDS, load_coordinates),
     "mixed": (MIXED, load_coordinates),
     "mixed projected": (MIXED, projected_coordinates),
+    "upright": (TRAY, load_coordinates),
+    "upright bar": (LEANING_BAR, load_coordinates),
+    "planar upright": (PLANAR_TRAY, load_coordinates),
+    "planar upright projected": (PLANAR_TRAY, projected_coordinates),
+    "relative pose": (POSE, load_coordinates),
+    "level": (LEVEL, load_coordinates),
+    "level projected": (LEVEL, projected_coordinates),
+    "planar level": (PLANAR_LEVEL, load_coordinates),
+    "level arms": (PLANAR_LEVEL, arms_coordinates),
 }
 
 
@@ -67,8 +114,8 @@ def configurations(coordinates, rng, n, spread=1.0):
     """Random q, array of shape (n, n_columns), with directions of any length but none near zero."""
     q = spread * rng.standard_normal((n, coordinates.n_columns))
     for kind, columns, *_ in coordinates.parts:
-        turn = q[:, columns][:, coordinates.n_dims :]
         if kind >= DIRECTION:  # or a quaternion
+            turn = q[:, columns][:, coordinates.n_dims :]
             short = np.linalg.norm(turn, axis=1) < 0.2 * spread
             turn[short] += np.eye(turn.shape[1])[0] * spread
             q[:, columns.start + coordinates.n_dims : columns.stop] = turn

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.coordination import load_coordinates, projected_coordinates
+from comove.coordination import arms_coordinates, load_coordinates, projected_coordinates
 from comove.coordination.coordinates import (
     ANGLE,
+    POINT,
     QUATERNION,
     place_one,
     quaternion_product,
@@ -17,12 +18,16 @@ from comove.errors import OptionError
 from comove.scenes.groups import quaternion_of_rotation
 
 from .examples import (
+    LEVEL,
     MIXED,
     PLANAR_BAR,
+    PLANAR_TRAY,
     POLYGON,
+    POSE,
     SCENES,
     SPATIAL_BAR,
     SPATIAL_TRIANGLE,
+    TRAY,
     TRIANGLE,
     configurations,
     scene_of,
@@ -132,10 +137,12 @@ def test_hands_give_the_configuration_back(name, seed, turns):
     t = np.linspace(0, 1, 200)[:, None]
     q = rng.standard_normal(coordinates.n_columns) + t * rng.standard_normal(coordinates.n_columns)
     for kind, columns, *_ in coordinates.parts:
+        if kind == POINT:
+            continue
         turn, width = columns.start + coordinates.n_dims, columns.stop - columns.start - coordinates.n_dims
         if width == 1:
             q[:, turn] += 2 * np.pi * turns * t[:, 0]
-        elif width:
+        else:
             angle = np.pi * turns * t if kind == QUATERNION else 2 * np.pi * turns * t
             q[:, turn : turn + 2] = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
             q[:, turn + 2 : columns.stop] = 0.3
@@ -217,22 +224,89 @@ def test_a_turn_takes_the_other_sign_of_a_quaternion(turn):
 def test_load_configurations_rewritten():
     """Same nodes in other coordinates, for every scene that has both."""
     rng = np.random.default_rng(0)
-    for scene in (PLANAR_BAR, SPATIAL_BAR, MIXED, POLYGON):
+    for scene in (PLANAR_BAR, SPATIAL_BAR, MIXED, POLYGON, PLANAR_TRAY, LEVEL):
         own = load_coordinates(scene)
         q = configurations(own, rng, 10)
-        assert np.array_equal(own.from_load(q), q)
+        assert np.array_equal(own.from_load(q, own), q)
         if scene is POLYGON:
             continue
         other = projected_coordinates(scene)
-        nodes = own.nodes(q.T[None]), other.nodes(other.from_load(q).T[None])
+        nodes = own.nodes(q.T[None]), other.nodes(other.from_load(q, own).T[None])
         assert np.abs(nodes[0] - nodes[1]).max() < 1e-14
 
 
 def test_what_projection_does_not_serve():
     with pytest.raises(OptionError, match="two hands"):
         projected_coordinates(SPATIAL_TRIANGLE)
+    with pytest.raises(OptionError, match="no relative poses"):
+        projected_coordinates(POSE)
+    with pytest.raises(OptionError, match="upright"):
+        projected_coordinates(TRAY)
     with pytest.raises(OptionError, match="centred"):
         projected_coordinates(POLYGON)
+
+
+def test_what_free_hands_do_not_serve():
+    for scene, word in ((TRAY, "upright"), (PLANAR_TRAY, "upright"), (POSE, "relative pose")):
+        with pytest.raises(OptionError, match=word):
+            arms_coordinates(scene)
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(["upright", "upright bar", "planar upright", "planar upright projected"]),
+    seeds,
+    st.floats(0.01, 100),
+)
+def test_an_upright_load_keeps_its_tilt_whatever_the_configuration(name, seed, spread):
+    """All its points, corners included, keep their heights relative to each other; in the plane all of it."""
+    coordinates = coordinates_of(name)
+    scene, _ = SCENES[name]
+    q = configurations(coordinates, np.random.default_rng(seed), 5, spread)
+    nodes, start = coordinates.nodes(q.T[None])[0], scene.nodes_at("start")
+    kept = slice(2, 3) if coordinates.n_dims == 3 else slice(0, 2)
+    own, first = (x - x[..., :1, :] for x in (nodes, start))
+    assert np.abs((own - first)[..., kept]).max() <= 4e-15 * max(1.0, np.abs(nodes).max())
+
+
+@settings(max_examples=60)
+@given(st.sampled_from(["level", "level projected", "planar level", "level arms"]), seeds)
+def test_hands_at_one_height_are_there_whatever_the_configuration(name, seed):
+    """Exactly, and the others go where they like."""
+    coordinates = coordinates_of(name)
+    scene, _ = SCENES[name]
+    q = configurations(coordinates, np.random.default_rng(seed), 5)
+    heights = coordinates.nodes(q.T[None])[0][..., scene.n_dims - 1]
+    level = [0, 2, 3] if scene.n_dims == 3 else [0, 2]
+    assert (heights[:, level] == heights[:, :1]).all()
+    assert (heights[:, 1] != heights[:, 0]).all()
+    assert coordinates.n_columns == heights.shape[1] * scene.n_dims - len(level) + 1
+
+
+@settings(max_examples=30)
+@given(seeds)
+def test_projection_onto_one_height_is_least_squares(seed):
+    """Hands driven from free ones keep their places and meet at the mean of their heights."""
+    coordinates = projected_coordinates(LEVEL)
+    hands = np.random.default_rng(seed).uniform(-1, 1, (1, 4, 3))
+    expected = hands.copy()
+    expected[:, [0, 2, 3], 2] = hands[:, [0, 2, 3], 2].mean()
+    for q in (hands.reshape(1, -1) @ coordinates.search.T, coordinates.from_hands(hands)):
+        assert np.abs(coordinates.nodes(q.T[None])[0] - expected).max() < 1e-15
+
+
+def test_a_relative_pose_follows_hands_with_the_least_roll():
+    """Along a great circle no roll at all; the ends are those of the scene whatever the way between them."""
+    coordinates = load_coordinates(POSE)
+    ends = coordinates.boundary()[[0, 2]]
+    angle = np.linspace(0.0, np.pi / 2, 300)
+    along = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    hands = np.stack([-0.1 * along, 0.1 * along], axis=1)
+    quaternions = coordinates.from_hands(hands)[:, 3:]
+    assert abs(abs(quaternions[0] @ ends[0, 3:]) - 1) < 1e-12
+    assert abs(abs(quaternions[-1] @ ends[1, 3:]) - 1) < 1e-12
+    turned = 2 * np.arccos(np.abs((quaternions[1:] * quaternions[:-1]).sum(axis=1)))
+    assert turned.sum() == pytest.approx(np.pi / 2, abs=1e-3)
 
 
 @settings(max_examples=50)

@@ -6,13 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from comove.primitives.basis import (
-    ALPHA_Y,
-    N_INTERVALS,
-    forcing_functions,
-    hold_step,
-    motion_basis,
-)
+from comove.primitives.basis import motion_basis
+from comove.primitives.flow import ALPHA_Y
+from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.phase import ExponentialPhase, LinearPhase
 
 KNOTS = np.linspace(0.0, 1.0, N_INTERVALS + 1)
@@ -62,7 +58,7 @@ def test_every_column_solves_the_transformed_system(phase, metric):
     knots = np.concatenate([basis.boundary, basis.shape], axis=2)
     goal = np.zeros(24)
     goal[2] = 1.0
-    force = basis.forcing @ np.concatenate([basis.forcing_of_boundary, basis.forcing_of_shape], axis=1)
+    force = np.concatenate([basis.boundary_force, basis.shape_force], axis=1)
     assert np.array_equal(knots[:2, 0], np.eye(2, 24))
     assert np.allclose(knots[2], transformed_system(goal, *knots[:2], force), rtol=0, atol=1e-9)
 
@@ -160,26 +156,6 @@ def test_without_shape_weights_the_acceleration_is_least(phase, metric):
     assert np.abs(overlap / sizes).max() < 1e-9
 
 
-def test_forcing_functions_share_the_phase(phase):
-    """Equation (2): a weighted mean, gated by the phase; each function has its time."""
-    psi = forcing_functions(22, phase)
-    assert psi.min() >= 0.0
-    assert np.abs(psi.sum(axis=1) - phase(KNOTS)).max() < 1e-14
-    assert (np.diff(psi.argmax(axis=0)) >= 0).all()
-
-
-@settings(max_examples=50)
-@given(seeds, st.floats(1e-4, 3.0), st.floats(0.05, 0.95))
-def test_two_small_steps_are_one_large(seed, dt, share):
-    """The exact flow under a linear force: split anywhere, it ends in the same place."""
-    error, velocity, now, then = np.random.default_rng(seed).standard_normal((4, 2))
-    between = now + share * (then - now)
-    half = hold_step(share * dt, error, velocity, now, between)
-    split = hold_step((1 - share) * dt, *half, between, then)
-    whole = hold_step(dt, error, velocity, now, then)
-    assert np.allclose(split, whole, rtol=1e-9, atol=1e-11)
-
-
 @pytest.mark.parametrize("n_basis", [0, -1, 201])
 def test_numbers_of_weights_out_of_range(n_basis):
     with pytest.raises(ValueError, match="1 to 200"):
@@ -189,6 +165,6 @@ def test_numbers_of_weights_out_of_range(n_basis):
 def test_shared_matrices_cannot_be_changed():
     basis = motion_basis(5)
     assert basis is motion_basis(5)
-    for name in ("boundary", "shape", "forcing", "forcing_of_boundary", "forcing_of_shape"):
+    for name in ("boundary", "shape", "boundary_force", "shape_force"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(basis, name)[0, 0] = 1.0

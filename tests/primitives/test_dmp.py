@@ -11,7 +11,6 @@ from comove.demonstrations.demonstration import Demonstration
 from comove.demonstrations.lasa import lasa_names
 from comove.errors import DemonstrationError, OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase
-from comove.primitives.basis import N_INTERVALS
 
 seeds = st.integers(0, 2**32 - 1)
 phases = st.sampled_from([LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=3.0)])
@@ -114,64 +113,6 @@ def test_a_given_goal_velocity_is_met_at_that_instant():
     assert np.abs(path.position[-1] - dmp.goal).max() < 1e-12
 
 
-@settings(max_examples=10)
-@given(seeds, phases, st.sampled_from([1, 2, 3]))
-def test_online_equals_the_rollout_where_steps_meet_the_knots(seed, phase, per_interval):
-    dmp = random_dmp(seed, phase)
-    n_steps = per_interval * N_INTERVALS
-    expected, state = dmp.rollout(n_steps=n_steps + 1), dmp.initial_state()
-    for i in range(n_steps):
-        assert np.abs(state.position - expected.position[i]).max() < 1e-11
-        assert np.abs(state.velocity - expected.velocity[i]).max() * dmp.duration < 1e-9
-        state = dmp.step(state, dmp.duration / n_steps)
-    assert np.abs(state.position - dmp.goal).max() < 1e-11
-
-
-@settings(max_examples=10)
-@given(seeds, phases)
-def test_online_rests_at_the_goal_ever_after(seed, phase):
-    dmp = random_dmp(seed, phase)
-    state = dmp.initial_state()
-    for _ in range(N_INTERVALS + 400):
-        state = dmp.step(state, dmp.duration / N_INTERVALS)
-    assert np.abs(state.position - dmp.goal).max() < 1e-11
-    assert np.abs(state.velocity).max() * dmp.duration < 1e-10
-
-
-def test_online_is_of_second_order_in_the_step():
-    """Steps that miss the knots, on a smooth movement whose forcing ends near zero."""
-    dmp = DMP.fit(minimum_jerk(), n_basis=10, phase=LinearPhase())
-    numbers = np.array([23, 46, 92, 184])
-    errors = []
-    for n_steps in numbers:
-        expected, state, worst = dmp.rollout(n_steps=n_steps + 1), dmp.initial_state(), 0.0
-        for position in expected.position:
-            worst = max(worst, np.abs(state.position - position).max())
-            state = dmp.step(state, dmp.duration / n_steps)
-        errors.append(worst)
-    order = -np.polyfit(np.log(numbers), np.log(errors), 1)[0]
-    assert 1.8 < order < 2.2
-
-
-def test_online_follows_a_goal_that_moves():
-    dmp, state = random_dmp(5, LinearPhase()), None
-    state = dmp.initial_state()
-    for i in range(3 * N_INTERVALS):
-        if i == 300:
-            state = replace(state, goal=dmp.goal + 0.1)
-        state = dmp.step(state, dmp.duration / N_INTERVALS)
-    assert np.abs(state.position - dmp.goal - 0.1).max() < 1e-8
-
-
-def test_a_step_of_no_time_is_refused_or_changes_nothing():
-    dmp = random_dmp(6)
-    try:
-        state = dmp.step(dmp.initial_state(), 0.0)
-    except OptionError:
-        return
-    assert np.array_equal(state.position, dmp.start)
-
-
 @settings(max_examples=20)
 @given(seeds, phases)
 def test_a_fit_finds_the_weights_that_made_the_movement(seed, phase):
@@ -201,6 +142,23 @@ def test_the_fit_is_least_squares():
     for _ in range(20):
         other = replace(dmp, weights=dmp.weights + 1e-2 * rng.standard_normal(dmp.weights.shape))
         assert ((other.at(demo.time).position - demo.position) ** 2).sum() > squares
+
+
+@pytest.mark.parametrize("variant", ["closed-form", "rhythmic"])
+def test_long_recordings_are_fitted_as_short_ones(variant):
+    """Block by block the fit is the same as at once."""
+    s = np.linspace(0, 1, 50_001)
+    position = np.stack([np.sin(2 * np.pi * s), s * (1 - s) * np.cos(9 * s)], axis=1)
+    options = {"variant": variant, "n_basis": 30} | ({"period": 1.0} if variant == "rhythmic" else {})
+    long = DMP.fit(Recorded(s, position, np.zeros(2)), **options)
+    short = DMP.fit(Recorded(s[::20], position[::20], np.zeros(2)), **options)
+    assert np.abs(long.rollout().position - short.rollout().position).max() < 1e-4
+    miss = long.at(s).position - position
+    basis = long.basis.on_cycle(s)[0] if variant == "rhythmic" else long.basis.at(s)[1][0]
+    size = np.linalg.norm(basis, axis=0)[:, None] * np.linalg.norm(miss, axis=0)
+    assert (
+        np.abs(basis.T @ miss / size).max() < 1e-6
+    )  # what is left lies across everything the weights can do
 
 
 @pytest.mark.parametrize(("n_basis", "most"), [(10, 0.25), (20, 0.060), (50, 0.010)])
@@ -243,6 +201,30 @@ def test_bad_arguments_are_refused(wrong):
         random_dmp(0).rollout(**wrong)
     assert next(iter(wrong)) in caught.value.message
     assert caught.value.way_out
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"weights": np.zeros(5)},
+        {"start": np.zeros(3)},
+        {"goal_velocity": np.array([np.nan, 0])},
+        {"weights": np.full((2, 3), np.inf)},
+        {"duration": 0.0},
+        {"duration": [1.0]},
+        {"learned": 1.0},
+        {"variant": "prodmp"},
+    ],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_primitives_that_are_none(wrong):
+    with pytest.raises(OptionError) as caught:
+        replace(random_dmp(0), **wrong)
+    assert caught.value.way_out
+    with pytest.raises(OptionError, match="time"):
+        random_dmp(0).at([0.1, np.nan])
+    with pytest.raises(OptionError, match="time"):
+        random_dmp(0).at(0.1)
 
 
 def test_a_recording_without_a_movement_is_refused():

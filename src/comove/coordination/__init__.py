@@ -1,5 +1,17 @@
 """Coordinates that hold the constraints, and movements of several manipulators in them."""
 
+from comove.coordination.constraints import (
+    Constraint,
+    ConstraintError,
+    Distance,
+    Poses,
+    RelativePose,
+    SameHeight,
+    Separation,
+    Upright,
+    project,
+)
+from comove.coordination.cooperative import CooperativeDMP, CooperativeState
 from comove.coordination.coordinates import (
     Coordinates,
     arms_coordinates,
@@ -9,12 +21,23 @@ from comove.coordination.coordinates import (
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
 
 __all__ = [
+    "Constraint",
+    "ConstraintError",
+    "CooperativeDMP",
+    "CooperativeState",
     "CoordinatedDMP",
     "CoordinatedMotion",
     "Coordinates",
+    "Distance",
+    "Poses",
+    "RelativePose",
+    "SameHeight",
+    "Separation",
+    "Upright",
     "arms_coordinates",
     "load_coordinates",
     "modulate",
+    "project",
     "projected_coordinates",
     "rollouts",
 ]

@@ -5,13 +5,14 @@ The configuration q of a scene is the concatenation of one block a rigid group:
 ============ ============================== ====================================================
 block        q                              a point r of the group is at
 ============ ============================== ====================================================
-point        y (D)                          y
-angle        c (2), theta                   c + R(theta) r
+point        c (D)                          c + r: a hand, or a load that does not turn at all
+angle        c (D), theta                   c + R(theta) r, in space a turn about the vertical
 direction    c (D), v (D)                   c + R(v/|v|) r, in space only for r along the axis
 quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
 ============ ============================== ====================================================
 
 A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
+Hands that must be at one height share the column of their heights.
 The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
 vector between them) is the same thing as direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
 `projected_coordinates` holds that linear map. `arms_coordinates` leave every hand to itself, as the paper does: one
@@ -30,12 +31,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
+from comove.primitives.rotations import quaternion_product
+from comove.scenes.constraints import RelativePoseConstraint, SameHeightConstraint, UprightConstraint
 from comove.scenes.groups import (
     Pose,
     RigidGroup,
     fit_angle,
     fit_direction,
     fit_quaternion,
+    orientation_of,
     quaternion_of_rotation,
 )
 from comove.scenes.scene import Scene
@@ -43,6 +47,18 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 POINT, ANGLE, DIRECTION, QUATERNION = range(4)
+UNDRIVEN = {
+    "space": "projection in space serves loads held by two hands, and no relative poses",
+    "vertical": "projection in space does not keep a load upright or level",
+}
+KINDS = {
+    "none": POINT,
+    "fixed": POINT,
+    "plane": ANGLE,
+    "vertical": ANGLE,
+    "axis": DIRECTION,
+    "space": QUATERNION,
+}
 Kind = Literal["load", "projected", "arms"]
 
 
@@ -51,15 +67,18 @@ class Blocks(NamedTuple):
 
     Attributes
     ----------
-    kind, column, first : arrays of int, shape (n_blocks,): POINT, ANGLE, DIRECTION or QUATERNION; first
-        column of q; first entry in `node` and `point` (with one more at the end of `first`)
+    kind, first : arrays of int, shape (n_blocks,): POINT, ANGLE, DIRECTION or QUATERNION; first entry in
+        `node` and `point` (with one more at the end of `first`)
+    center : array of int, shape (n_blocks, 3), columns of q of the centre, the third unused in the plane
+    turn : array of int, shape (n_blocks,), first column of the orientation
     node : array of int, shape (n_nodes,), which node an entry is
     point : array, shape (n_nodes, 3), the entry in the group's frame [m]
     n_dims : 2 or 3
     """
 
     kind: NDArray[np.int64]
-    column: NDArray[np.int64]
+    center: NDArray[np.int64]
+    turn: NDArray[np.int64]
     first: NDArray[np.int64]
     node: NDArray[np.int64]
     point: Array
@@ -72,13 +91,13 @@ class Part(NamedTuple):
     Attributes
     ----------
     kind : POINT, ANGLE, DIRECTION or QUATERNION
-    columns : of q
+    columns : of q, the centre's and then the orientation's; a slice wherever they are neighbours
     nodes : array of int, shape (n,), which nodes belong to it
     points : array, shape (n, 3), these nodes in the group's frame [m]
     """
 
     kind: int
-    columns: slice
+    columns: slice | NDArray[np.int64]
     nodes: NDArray[np.int64]
     points: Array
 
@@ -157,7 +176,7 @@ class Coordinates:
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
             start, goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
             if kind == ANGLE:
-                goal[2] += 2 * np.pi * (turn - np.round((goal[2] - start[2]) / (2 * np.pi)))
+                goal[-1] += 2 * np.pi * (turn - np.round((goal[-1] - start[-1]) / (2 * np.pi)))
             if kind == QUATERNION and (start[3:] @ goal[3:] < 0) != (turn % 2 == 1):
                 goal[3:] *= -1
             values[0, columns], values[2, columns] = start, goal
@@ -175,7 +194,7 @@ class Coordinates:
         array, shape (n_steps, n_columns)
         """
         hands = np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - self.n_dims))], axis=2)
-        q = np.zeros((len(hands), self.n_columns))
+        q, shared = np.zeros((len(hands), self.n_columns)), np.zeros(self.n_columns)
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
             held = hands[:, list(group.members)]
             center, turn = held.mean(axis=1), np.zeros((len(hands), 0))
@@ -188,50 +207,65 @@ class Coordinates:
             elif kind == DIRECTION:
                 turn = fit_direction(group.grasps, held)
             elif kind == QUATERNION:
-                turn = fit_quaternion(group.grasps, held)
+                if orientation_of(group.grasps, 3) == "axis":
+                    ends = (quaternion_of_rotation(pose.rotation) for pose in (group.start, group.goal))
+                    turn = _least_roll(fit_direction(group.grasps, held), *ends)
+                else:
+                    turn = fit_quaternion(group.grasps, held)
                 signs = np.where((turn[1:] * turn[:-1]).sum(axis=1) < 0, -1.0, 1.0)
                 turn[1:] *= np.cumprod(signs)[:, None]
             if offset.any():
                 center = center - _turned(kind, np.stack([turn] * 3), offset[None])[0, :, 0]
-            q[:, columns] = np.concatenate([center[:, : self.n_dims], turn], axis=1)
-        return q
+            q[:, columns] += np.concatenate([center[:, : self.n_dims], turn], axis=1)
+            shared[columns] += 1.0
+        return q / shared
+
+    def centers(self, q: Array) -> Array:
+        """The blocks' centres one after the other, shared columns repeated.
+
+        Parameters
+        ----------
+        q : array, shape (n_rollouts, n_columns, n_steps)
+
+        Returns
+        -------
+        array, shape (n_rollouts, n_blocks * n_dims, n_steps), [m]
+        """
+        columns = self.blocks.center[:, : self.n_dims].ravel()
+        return q if np.array_equal(columns, np.arange(self.n_columns)) else q[:, columns]
 
     def same_as(self, other: Coordinates) -> bool:
         """Whether both write configurations of the same groups in the same way."""
         return all(np.array_equal(a, b) for a, b in zip(self.blocks, other.blocks, strict=True))
 
-    def from_load(self, q: Array) -> Array:
-        """Rewrite configurations of `load_coordinates` in these; arrays, shape (..., n_columns)."""
-        parts, column = [], 0
-        for group, (kind, *_) in zip(self.groups, self.parts, strict=True):
-            turned = kind == DIRECTION and group.orientation == "plane"
-            width = self.n_dims + (1 if turned else {POINT: 0, ANGLE: 1, DIRECTION: 3, QUATERNION: 4}[kind])
-            part = q[..., column : column + width]
-            if turned:
+    def from_load(self, q: Array, load: Coordinates) -> Array:
+        """Rewrite configurations of the same scene's `load_coordinates` in these; arrays, shape (..., n_columns)."""
+        result = np.empty((*q.shape[:-1], self.n_columns))
+        for own, theirs in zip(self.parts, load.parts, strict=True):
+            part = q[..., theirs.columns]
+            if own.kind == DIRECTION and theirs.kind == ANGLE:
                 part = np.concatenate([part[..., :2], np.cos(part[..., 2:]), np.sin(part[..., 2:])], axis=-1)
-            parts.append(part)
-            column += width
-        return np.concatenate(parts, axis=-1)
+            result[..., own.columns] = part
+        return result
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         """The blocks one by one."""
-        columns, first = [*self.blocks.column, self.n_columns], self.blocks.first
+        blocks = self.blocks
         return tuple(
             Part(
                 int(kind),
-                slice(int(columns[b]), int(columns[b + 1])),
-                self.blocks.node[first[b] : first[b + 1]],
-                self.blocks.point[first[b] : first[b + 1]],
+                _columns(blocks.center[b, : self.n_dims], blocks.turn[b], _width(kind, self.n_dims)),
+                blocks.node[blocks.first[b] : blocks.first[b + 1]],
+                blocks.point[blocks.first[b] : blocks.first[b + 1]],
             )
-            for b, kind in enumerate(self.blocks.kind)
+            for b, kind in enumerate(blocks.kind)
         )
 
 
 def load_coordinates(scene: Scene) -> Coordinates:
     """Coordinates about the load's centre: the fewest that describe the scene."""
-    kinds = {"none": POINT, "plane": ANGLE, "axis": DIRECTION, "space": QUATERNION}
-    return _coordinates(scene, "load", [kinds[g.orientation] for g in scene.groups])
+    return _coordinates(scene, "load", [KINDS[g.orientation] for g in scene.groups])
 
 
 def projected_coordinates(scene: Scene) -> Coordinates:
@@ -240,37 +274,35 @@ def projected_coordinates(scene: Scene) -> Coordinates:
     Raises
     ------
     OptionError
-        If three hands or more hold one load in space: there the projection has no linear driver.
+        Where the projection has no linear driver: in space with three hands or more on one load, with a relative
+        pose, and with a load that stays upright.
     """
     kinds = []
     for group in scene.groups:
-        if group.orientation == "space":
-            raise OptionError(
-                "projection in space serves loads held by two hands",
-                key="method",
-                way_out="use the method 'comove' for loads held by three or more",
-            )
-        kinds.append(POINT if group.orientation == "none" else DIRECTION)
+        if group.orientation in UNDRIVEN:
+            raise OptionError(UNDRIVEN[group.orientation], key="method", way_out="use the method 'comove'")
+        kinds.append(POINT if group.orientation in ("none", "fixed") else DIRECTION)
     coordinates = _coordinates(scene, "projected", kinds)
     n_dims, n_hands = scene.n_dims, len(scene.manipulators)
     matrix = np.zeros((coordinates.n_columns, n_hands, n_dims))
+    sharing = np.zeros(coordinates.n_columns)
     for group, (kind, columns, *_) in zip(scene.groups, coordinates.parts, strict=True):
-        members, row = list(group.members), columns.start
-        if kind == POINT:
-            matrix[row : row + n_dims, members[0]] = np.eye(n_dims)
-            continue
+        members, rows = list(group.members), np.arange(coordinates.n_columns)[columns]
+        sharing[rows] += 1.0
         middle = group.grasps.mean(axis=0)
         held = group.grasps - middle
         for member, r in zip(members, held, strict=True):
-            turn = np.eye(n_dims) * r[0] if n_dims == 3 else np.array([[r[0], r[1]], [-r[1], r[0]]])
-            matrix[row + n_dims : row + 2 * n_dims, member] = turn / (held**2).sum()
-            matrix[row : row + n_dims, member] = np.eye(n_dims) / len(members)
+            matrix[rows[:n_dims], member] = np.eye(n_dims) / len(members)
+            if kind == DIRECTION:
+                turn = np.eye(n_dims) * r[0] if n_dims == 3 else np.array([[r[0], r[1]], [-r[1], r[0]]])
+                matrix[rows[n_dims:], member] = turn / (held**2).sum()
         if np.linalg.norm(middle) > 1e-9:
             raise OptionError(
                 "projection needs grasps centred about the load's origin",
                 key="method",
                 way_out="use the method 'comove'",
             )
+    matrix /= sharing[:, None, None]
     return replace(coordinates, search=matrix.reshape(coordinates.n_columns, -1))
 
 
@@ -280,8 +312,16 @@ def arms_coordinates(scene: Scene) -> Coordinates:
     Raises
     ------
     OptionError
-        If the load has points beside the hands, which free hands do not determine.
+        If the load has points beside the hands, which free hands do not determine; if it must stay upright;
+        and if hands must keep their relative pose in space.
     """
+    for held, unheld in (("upright", UprightConstraint), ("relative pose", RelativePoseConstraint)):
+        if any(isinstance(c, unheld) for c in scene.constraints) and (held == "upright" or scene.n_dims == 3):
+            raise OptionError(
+                f"free hands do not hold the constraint '{held}'",
+                key="method",
+                way_out="use the method 'comove'",
+            )
     if any(len(group.corners) for group in scene.groups):
         raise OptionError(
             "free hands do not say where the rest of the load is",
@@ -315,25 +355,54 @@ def _coordinates(
     scene: Scene, name: Kind, kinds: list[int], groups: tuple[RigidGroup, ...] | None = None
 ) -> Coordinates:
     groups = scene.groups if groups is None else groups
-    n_dims, corner = scene.n_dims, len(scene.manipulators)
-    columns, scale, first, node, point = [0], [], [0], [], []
-    for group, kind in zip(groups, kinds, strict=True):
-        width = {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[kind]
-        columns.append(columns[-1] + n_dims + width)
-        scale += [1.0] * n_dims + [3.0 if kind == ANGLE else 1.5] * width
+    n_dims, corner, n_columns = scene.n_dims, len(scene.manipulators), 0
+    center, turn = np.zeros((len(groups), 3), dtype=np.int64), []
+    scale, first, node, point = [], [0], [], []
+    for b, (group, kind, level) in enumerate(zip(groups, kinds, _level_with(scene, groups), strict=True)):
+        own = n_dims if level == b else n_dims - 1  # the height is the last coordinate
+        center[b, :own] = range(n_columns, n_columns + own)
+        if level != b:
+            center[b, own] = center[level, own]
+        turn.append(n_columns + own)
+        n_columns = turn[-1] + _width(kind, n_dims)
+        scale += [1.0] * own + [3.0 if kind == ANGLE else 1.5] * _width(kind, n_dims)
         node += [*group.members, *range(corner, corner + len(group.corners))]
         corner += len(group.corners)
         point.append(group.points)
         first.append(len(node))
     blocks = Blocks(
         np.array(kinds, dtype=np.int64),
-        np.array(columns[:-1], dtype=np.int64),
+        center,
+        np.array(turn, dtype=np.int64),
         np.array(first, dtype=np.int64),
         np.array(node, dtype=np.int64),
         np.concatenate(point),
         n_dims,
     )
-    return Coordinates(name, blocks, groups, columns[-1], np.diag(scale))
+    return Coordinates(name, blocks, groups, n_columns, np.diag(scale))
+
+
+def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
+    """For every group the first one at the same height, by the demands on hands of different groups."""
+    group_of = {hand: b for b, group in enumerate(groups) for hand in group.members}
+    level = list(range(len(groups)))
+    for c in scene.constraints:
+        if isinstance(c, SameHeightConstraint):
+            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
+            level = [new if b == old else b for b in level]
+    return level
+
+
+def _width(kind: int, n_dims: int) -> int:
+    """How many columns an orientation has."""
+    return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
+
+
+def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArray[np.int64]:
+    """The columns of one block, as a slice where they are neighbours."""
+    columns = np.append(center, np.arange(turn, turn + width))
+    neighbours = (np.diff(columns) == 1).all()
+    return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -355,15 +424,14 @@ def place_one(blocks, q, size, nodes):
     """Nodes, array of shape (n_nodes, 3), of one configuration q, array of shape (n_columns,), in place."""
     n_dims = blocks.n_dims
     for b in range(blocks.kind.shape[0]):
-        kind, i = blocks.kind[b], blocks.column[b]
-        o = i + n_dims  # where the orientation stands
+        kind, o = blocks.kind[b], blocks.turn[b]
+        cx, cy = q[blocks.center[b, 0]], q[blocks.center[b, 1]]
+        cz = q[blocks.center[b, 2]] if n_dims == 3 else 0.0
         c, s = (cos(q[o]), sin(q[o])) if kind == ANGLE else (1.0, 0.0)
         for e in range(blocks.first[b], blocks.first[b + 1]):
             x, y, z = blocks.point[e, 0] * size, blocks.point[e, 1] * size, blocks.point[e, 2] * size
             node = nodes[blocks.node[e]]
-            if kind == POINT:
-                x = y = z = 0.0
-            elif kind == ANGLE:
+            if kind == ANGLE:
                 x, y = c * x - s * y, s * x + c * y
             elif kind == DIRECTION and n_dims == 2:
                 n = 1.0 / sqrt(q[o] ** 2 + q[o + 1] ** 2)
@@ -371,7 +439,7 @@ def place_one(blocks, q, size, nodes):
             elif kind == DIRECTION:
                 n = x / sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2)
                 x, y, z = q[o] * n, q[o + 1] * n, q[o + 2] * n
-            else:
+            elif kind == QUATERNION:
                 w, qx, qy, qz = q[o], q[o + 1], q[o + 2], q[o + 3]
                 n = 2.0 / (w * w + qx * qx + qy * qy + qz * qz)
                 tx, ty, tz = qy * z - qz * y, qz * x - qx * z, qx * y - qy * x
@@ -380,9 +448,9 @@ def place_one(blocks, q, size, nodes):
                     y + n * (w * ty + qz * tx - qx * tz),
                     z + n * (w * tz + qx * ty - qy * tx),
                 )
-            node[0] = q[i] + x
-            node[1] = q[i + 1] + y
-            node[2] = q[i + 2] + z if n_dims == 3 else 0.0
+            node[0] = cx + x
+            node[1] = cy + y
+            node[2] = cz + z
 
 
 def write_pose(kind: int, pose: Pose, n_dims: int) -> Array:
@@ -401,12 +469,13 @@ def _turned(kind: int, part: Array, points: Array) -> Array:
     """R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
     result = np.zeros((3, part.shape[1], len(points), 3))
     if kind == POINT:
+        result[0] = points
         return result
     if kind == ANGLE:
         angle, rate, change = (x[:, 0, None] for x in part)
         c, s = np.cos(angle), np.sin(angle)
         x, y = c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]
-        result[0, ..., 0], result[0, ..., 1] = x, y
+        result[0, ..., 0], result[0, ..., 1], result[0, ..., 2] = x, y, points[:, 2]
         result[1, ..., 0], result[1, ..., 1] = -rate * y, rate * x
         result[2, ..., 0], result[2, ..., 1] = -change * y - rate**2 * x, change * x - rate**2 * y
         return result
@@ -439,8 +508,17 @@ def unit_motion(part: Array) -> Array:
     return np.stack([u, rate, change])
 
 
-def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
-    w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(axis=-1)
-    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
-    return np.concatenate([w[..., None], v], axis=-1)
+def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
+    """Quaternions (n, 4) that turn the x axis along `directions` (n, 3), with the least roll about it.
+
+    The roll begins at the quaternion `start`; what is missing at the end to that of `goal` is spread evenly.
+    """
+    x, y, z = directions.T
+    none = np.zeros_like(x)
+    turns = np.where(x > 0, [1 + x, none, -z, y], [y, z, none, 1 - x]).T  # a half turn where x points back
+    turns = np.stack([start, *turns / np.linalg.norm(turns, axis=1, keepdims=True), goal])
+    between = quaternion_product(turns[:-1] * [1.0, -1.0, -1.0, -1.0], turns[1:])
+    roll = -np.cumsum(np.arctan(between[:, 1] / np.where(between[:, 0] == 0, 1e-300, between[:, 0])))
+    roll = roll[:-1] - (roll[-1] - np.pi * np.round(roll[-1] / np.pi)) * np.linspace(0.0, 1.0, len(x))
+    rolls = np.stack([np.cos(roll), np.sin(roll), none, none], axis=1)
+    return quaternion_product(turns[1:-1], rolls)

@@ -8,16 +8,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.coordinates import Coordinates
-from comove.primitives.basis import MotionBasis
+from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates
+from comove.errors import OptionError
+from comove.primitives.basis import MotionBasis, rollouts
 from comove.primitives.dmp import DMP
-from comove.scenes.groups import rotation_between
+from comove.primitives.online import Curve, DMPState, advance, begin
+from comove.primitives.rotations import similarity
+from comove.primitives.variants import Variant
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz, of what is handed out
+GOAL_MISS = 1e-6  # m, by which hands at a moved goal may break what the coordinates hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,83 @@ class CoordinatedMotion:
         """Hands and their derivatives by normalised time; array, shape (3, n_steps, n_manipulators, n_dims)."""
         nodes = self.coordinates.motion(self.at(s))
         return nodes[:, :, : len(self.scene.manipulators), : self.scene.n_dims]
+
+    @cached_property
+    def curve(self) -> Curve:
+        """What an execution follows, in configurations."""
+        basis = self.basis
+        force = basis.boundary_force @ self.boundary + basis.shape_force @ self.weights.T
+        return Curve(self.knots, force, self.boundary[2])
+
+    def initial_state(self) -> DMPState:
+        """The state at time 0, from which `step` goes on; its position is a configuration q."""
+        return begin(self.curve, self.boundary[0], self.boundary[1], self.scene.duration)
+
+    def step(self, state: DMPState, dt: float, *, rate: float = 1.0) -> DMPState:
+        """Advance by `dt` [s] online, exactly as `DMP.step` does.
+
+        What the coordinates hold by construction, they hold at any pace, in pauses, after pushes and while the goal
+        moves.
+        """
+        return advance(state, dt, rate)
+
+    def hands_at(self, state: DMPState) -> tuple[Array, Array]:
+        """Positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators, n_dims)."""
+        rate = state.rate / state.duration
+        q = np.stack([state.position, state.slope * rate, np.zeros_like(state.position)])[:, None]
+        position, velocity, _ = self.coordinates.motion(q)[
+            :, 0, : len(self.scene.manipulators), : self.scene.n_dims
+        ]
+        return position, velocity
+
+    def redirected(self, state: DMPState, goal: ArrayLike) -> DMPState:
+        """The state with a moved goal, array of shape (n_manipulators, n_dims), [m].
+
+        Raises
+        ------
+        OptionError
+            If hands at this goal would not meet what the coordinates hold.
+        """
+        q = self._configuration(state.curve.goal, goal)
+        miss = np.abs(self._hands_of(q) - goal).max()
+        if miss > GOAL_MISS:
+            raise OptionError(
+                f"the goal {np.asarray(goal).tolist()} breaks a constraint by {miss:.3g} m",
+                way_out="move all hands together",
+            )
+        boundary = self.boundary.copy()
+        boundary[2] = q
+        curve = replace(self, boundary=boundary).curve.after(state.curve, state.progress)
+        return replace(state, goal=q, curve=curve)
+
+    def displaced(self, state: DMPState, hands: ArrayLike) -> DMPState:
+        """The state after a push, with hands as measured, array of shape (n_manipulators, n_dims), [m].
+
+        The nearest configuration is taken, so that the constraints hold whatever was measured.
+        """
+        return replace(state, position=self._configuration(state.position, hands))
+
+    def _configuration(self, near: Array, hands: ArrayLike) -> Array:
+        """The configuration of given hands on the branch of another one, `near`."""
+        hands = np.asarray(hands, dtype=float)
+        now = self._hands_of(near)
+        if hands.shape != now.shape or not np.isfinite(hands).all():
+            raise OptionError(
+                f"hands of shape {hands.shape}",
+                way_out=f"give {len(now)} points of {self.scene.n_dims} finite numbers",
+            )
+        own, q = self.coordinates.from_hands(np.stack([now, hands]))
+        for kind, columns, *_ in self.coordinates.parts:
+            turn = np.arange(len(q))[columns][self.coordinates.n_dims :]
+            if kind == ANGLE:
+                q[turn] += near[turn] - own[turn]
+            elif len(turn):  # its length is free, and a quaternion's sign
+                q[turn] *= (own[turn] @ near[turn]) / (own[turn] @ own[turn])
+        return q
+
+    def _hands_of(self, q: Array) -> Array:
+        hands = self.coordinates.nodes(np.ascontiguousarray(q[None, :, None]))[0, 0]
+        return hands[: len(self.scene.manipulators), : self.scene.n_dims]
 
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
         """Sample the movement; at `SAMPLE_RATE` or finer unless `n_steps` is given."""
@@ -119,9 +200,9 @@ class CoordinatedDMP:
         q : array, shape (n_steps, n_columns); whole turns by which it differs at the goal are kept
         """
         boundary = self.boundary.copy()
-        for group, column in zip(self.coordinates.groups, self.coordinates.blocks.column, strict=True):
-            if group.orientation == "plane" and self.coordinates.kind == "load":
-                turn = slice(column + 2, column + 3)
+        for kind, columns, *_ in self.coordinates.parts:
+            if kind == ANGLE:
+                turn = slice(columns.stop - 1, columns.stop)
                 boundary[2, turn] += (
                     2
                     * np.pi
@@ -131,8 +212,8 @@ class CoordinatedDMP:
                 )
                 q = q.copy()
                 q[:, turn] += boundary[0, turn] - q[0, turn]
-            elif group.orientation == "space":
-                turn = slice(column + 3, column + 7)
+            elif kind == QUATERNION:
+                turn = slice(columns.stop - 4, columns.stop)
                 q = q.copy()
                 q[:, turn] *= np.sign(q[0, turn] @ boundary[0, turn]) or 1.0
                 boundary[2, turn] *= np.sign(q[-1, turn] @ boundary[2, turn]) or 1.0
@@ -159,26 +240,6 @@ class CoordinatedDMP:
         return rollouts(self.basis, self.boundary, weights, n_steps)
 
 
-def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
-    """Positions of many rollouts as one matrix product of weights and boundary values with the basis.
-
-    Parameters
-    ----------
-    boundary : array, shape (4, n_columns)
-    weights : array, shape (n_rollouts, n_columns, n_basis)
-
-    Returns
-    -------
-    array, shape (n_rollouts, n_columns, n_steps)
-    """
-    n_rollouts, n_columns, n_basis = weights.shape
-    inputs = np.empty((n_rollouts, n_columns, n_basis + 4))
-    inputs[:, :, :n_basis] = weights
-    inputs[:, :, n_basis:] = boundary.T
-    product = inputs.reshape(-1, n_basis + 4) @ basis.sampled(n_steps)
-    return product.reshape(n_rollouts, n_columns, n_steps)
-
-
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     """Carry a movement to other ends by the similarity (rotation and scale) that maps its ends to theirs.
 
@@ -187,23 +248,26 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     Parameters
     ----------
     start, goal : arrays, shape (n_dims,), [m]
+
+    Raises
+    ------
+    OptionError
+        If the movement is rhythmic.
     """
+    if dmp.variant is Variant.RHYTHMIC:
+        raise OptionError(
+            "a rhythmic movement leads from no start to no goal", key="demonstration", way_out="give one that ends"
+        )
     own, wanted = dmp.goal - dmp.start, goal - start
-    own_length, length = np.linalg.norm(own), np.linalg.norm(wanted)
-    turn = np.eye(len(start))
-    if own_length > 1e-9 * np.abs(dmp.weights).max(initial=1e-300):
-        if length > 0:
-            turn = _rotation(own / own_length, wanted / length)
-        turn = turn * (length / own_length)
+    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
+    turn = np.eye(len(start)) if closed else similarity(own, wanted)
     still = np.zeros_like(start)
     return replace(
-        dmp, weights=turn @ dmp.weights, start=start, goal=goal, start_velocity=still, goal_velocity=still
+        dmp,
+        weights=turn @ dmp.shape_weights,
+        learned=wanted,
+        start=start,
+        goal=goal,
+        start_velocity=still,
+        goal_velocity=still,
     )
-
-
-def _rotation(a: Array, b: Array) -> Array:
-    """The least rotation that turns the unit vector `a` into `b`, in the plane or in space."""
-    if len(a) == 3:
-        return rotation_between(a, b)
-    c, s = a @ b, a[0] * b[1] - a[1] * b[0]
-    return np.array([[c, -s], [s, c]])

@@ -1,7 +1,42 @@
 """Phase, basis and dynamic movement primitives."""
 
+from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
-from comove.primitives.dmp import DMP, DMPState
+from comove.primitives.dmp import DMP
+from comove.primitives.files import Primitive, Provenance, learn, read_primitive, write_primitive
+from comove.primitives.library import Library, Match, shape_distance
+from comove.primitives.limits import ViaPoint, constrained, largest, slowed
+from comove.primitives.online import DMPState, rate_for_lag
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
+from comove.primitives.variants import Variant
 
-__all__ = ["DMP", "DMPState", "ExponentialPhase", "LinearPhase", "MotionBasis", "Phase", "motion_basis"]
+__all__ = [
+    "AveragedDMP",
+    "DMP",
+    "DMPState",
+    "ExponentialPhase",
+    "Library",
+    "LinearPhase",
+    "Match",
+    "MotionBasis",
+    "Phase",
+    "Pose",
+    "PoseDMP",
+    "PoseState",
+    "Primitive",
+    "Provenance",
+    "VERTICAL",
+    "Variant",
+    "ViaPoint",
+    "average",
+    "constrained",
+    "largest",
+    "learn",
+    "motion_basis",
+    "rate_for_lag",
+    "read_primitive",
+    "shape_distance",
+    "slowed",
+    "write_primitive",
+]

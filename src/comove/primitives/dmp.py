@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.errors import DemonstrationError, OptionError
-from comove.primitives.basis import N_INTERVALS, MotionBasis, hold_step, motion_basis
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.primitives.basis import MotionBasis, rollouts
+from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
+from comove.primitives.rhythm import RhythmicBasis, estimated_period
+from comove.primitives.variants import NO_WAY, Variant
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+BLOCK = 4000  # samples that are fitted at a time
 
 
 class Recording(Protocol):
@@ -24,38 +32,20 @@ class Recording(Protocol):
     start_velocity: Array
 
 
-@dataclass(frozen=True)
-class DMPState:
-    """Where an execution stands.
-
-    Attributes
-    ----------
-    time : since the start [s]
-    position, velocity : arrays, shape (n_dims,), [m], [m/s]
-    goal : array, shape (n_dims,), [m]; may be moved while the movement runs
-    duration : [s]
-    force : array, shape (n_knots, n_dims), the forcing term at the knots, in units of duration
-    """
-
-    time: float
-    position: Array
-    velocity: Array
-    goal: Array
-    duration: float
-    force: Array
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DMP:
     """A movement in `n_dims` dimensions on one canonical system.
 
     Attributes
     ----------
     weights : array, shape (n_dims, n_basis), the free shape weights; any value meets both ends
-    start, goal : arrays, shape (n_dims,), [m]
+    start, goal : arrays, shape (n_dims,), [m]; the goal of a rhythmic movement is its centre
     start_velocity, goal_velocity : arrays, shape (n_dims,), [m/s]
-    duration : [s]
+    duration : [s]; the period of a rhythmic movement
     phase : canonical system
+    variant : of the transformed system
+    learned : array, shape (n_dims,), displacement from start to goal for which the weights hold [m]; the present
+        one unless given
     """
 
     weights: Array
@@ -65,9 +55,37 @@ class DMP:
     goal_velocity: Array
     duration: float
     phase: Phase = ExponentialPhase()
+    variant: Variant = Variant.CLOSED_FORM
+    learned: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variant", Variant.named(self.variant))
+        if not (np.isscalar(self.duration) and 0 < _number(self.duration) < np.inf):
+            raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
+        if self.learned is None:
+            object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
+        for name in ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned"):
+            array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
+            if array.ndim != (2 if name == "weights" else 1) or len(array) != len(self.weights):
+                raise OptionError(
+                    f"{name} of shape {array.shape} beside weights of shape {np.shape(self.weights)}",
+                    way_out="give weights (n_dims, n_basis), and n_dims numbers for each end",
+                )
+            if not np.isfinite(array).all():
+                raise OptionError(f"{name} = {array}", way_out="give finite numbers")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     @classmethod
-    def fit(cls, demonstration: Recording, *, n_basis: int = 20, phase: Phase | None = None) -> DMP:
+    def fit(
+        cls,
+        demonstration: Recording,
+        *,
+        n_basis: int = 20,
+        variant: Variant | str = Variant.CLOSED_FORM,
+        phase: Phase | None = None,
+        period: float | None = None,
+    ) -> DMP:
         """Fit the shape weights to one demonstration by least squares on its positions.
 
         Parameters
@@ -77,40 +95,105 @@ class DMP:
             and ends at rest at its last position.
         n_basis
             Free shape weights a dimension; what holds the ends is extra.
+        variant
+            Of the transformed system, or its name.
         phase
-            Canonical system; exponential unless given.
+            Canonical system; the variant's usual one unless given.
+        period
+            Of a rhythmic movement [s]; found in the recording, which may hold many, unless given.
 
         Raises
         ------
         DemonstrationError
             If the recording holds fewer than two samples or lasts no time.
         OptionError
-            If `n_basis` is out of range.
+            If `n_basis` or `period` is out of range, or the variant is not known.
+
+        Warns
+        -----
+        ComoveWarning
+            If the variant cannot learn a dimension, because the recorded ends coincide in it.
         """
         if isinstance(n_basis, bool) or not isinstance(n_basis, (int, np.integer)) or not 1 <= n_basis <= 200:
             raise OptionError(f"n_basis = {n_basis!r}", way_out="give a whole number from 1 to 200")
+        variant = Variant.named(variant)
         time = demonstration.time - demonstration.time[0]
         if len(time) < 2 or not time[-1] > 0:
             raise DemonstrationError("the recording lasts no time", way_out="give two samples or more")
-        position, duration = demonstration.position, float(time[-1])
+        position = demonstration.position
+        if variant is Variant.RHYTHMIC:
+            return cls._fit_cycle(time, position, n_basis, period)
+        if period is not None:
+            raise OptionError(f"period = {period!r} of a movement that ends", way_out="leave it out")
         dmp = cls(
             weights=np.zeros((position.shape[1], n_basis)),
-            start=position[0].copy(),
-            goal=position[-1].copy(),
-            start_velocity=np.array(demonstration.start_velocity, dtype=float),
+            start=position[0],
+            goal=position[-1],
+            start_velocity=demonstration.start_velocity,
             goal_velocity=np.zeros(position.shape[1]),
-            duration=duration,
-            phase=phase or ExponentialPhase(),
+            duration=float(time[-1]),
+            phase=phase or variant.usual_phase,
+            variant=variant,
         )
-        boundary, shape = dmp.basis.at(time / duration)
-        missing = position - boundary[0] @ dmp.boundary_values()
-        weights = np.linalg.lstsq(shape[0], missing, rcond=None)[0].T
+        values = dmp.boundary_values()
+
+        def design(block: slice) -> tuple[Array, Array]:
+            boundary, shape = dmp.basis.at(time[block] / dmp.duration)
+            return shape[0], position[block] - boundary[0] @ values
+
+        weights = _least_squares(design, len(time)).T
+        if variant is Variant.CLASSIC:
+            extent = np.ptp(position, axis=0).max()
+            untaught = np.abs(dmp.learned) <= NO_WAY * extent
+            weights = np.where(untaught[:, None], 0.0, weights)
+            moving = untaught & (np.ptp(position, axis=0) > NO_WAY * extent)
+            if moving.any():
+                which = ", ".join(map(str, np.flatnonzero(moving)))
+                warnings.warn(
+                    f"the recording ends where it started in dimension {which}: the classic form learns nothing "
+                    "there; use another variant",
+                    ComoveWarning,
+                    stacklevel=2,
+                )
         return replace(dmp, weights=weights)
 
-    @property
-    def basis(self) -> MotionBasis:
+    @classmethod
+    def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
+        period = estimated_period(time, position) if period is None else _number(period)
+        if not 0 < period <= time[-1] * (1 + 1e-9):
+            raise OptionError(
+                f"period = {period!r}", way_out=f"give one of at most the recording's {time[-1]:.4g} s"
+            )
+        still = np.zeros(position.shape[1])
+        dmp = cls(
+            np.zeros((len(still), n_basis)), still, still, still, still, period, variant=Variant.RHYTHMIC
+        )
+
+        def design(block: slice) -> tuple[Array, Array]:
+            cycle = dmp.basis.on_cycle(time[block] / period)[0]
+            return np.concatenate([cycle, np.ones((len(cycle), 1))], axis=1), position[block]
+
+        solved = _least_squares(design, len(time))
+        weights, centre = solved[:-1].T, solved[-1]
+        onset = dmp.basis.cycle[:2, 0] @ weights.T
+        return replace(
+            dmp, weights=weights, start=centre + onset[0], goal=centre, start_velocity=onset[1] / period
+        )
+
+    @cached_property
+    def basis(self) -> MotionBasis | RhythmicBasis:
         """The matrices behind the rollout."""
-        return motion_basis(self.weights.shape[1], "velocity", self.phase)
+        return self.variant.basis(self.weights.shape[1], self.phase)
+
+    @property
+    def n_dims(self) -> int:
+        """Number of coordinates."""
+        return len(self.start)
+
+    @cached_property
+    def shape_weights(self) -> Array:
+        """The weights as the variant scales and turns them for these ends, A(d) w; array, shape (n_dims, n_basis)."""
+        return self.scaling() @ self.weights
 
     def boundary_values(self) -> Array:
         """Start, start velocity, goal and goal velocity in unit duration; array, shape (4, n_dims)."""
@@ -129,7 +212,8 @@ class DMP:
     ) -> DMP:
         """The same shape weights between other ends; what is not given stays.
 
-        The start velocity is kept in units of duration, so that slowing down slows the start too.
+        Velocities at the ends are kept in units of duration, so that slowing down slows them too; where the variant
+        turns and scales the movement, it turns and scales them.
 
         Raises
         ------
@@ -140,13 +224,20 @@ class DMP:
         if not (np.isfinite(new_duration) and new_duration > 0):
             raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
         ratio = self.duration / new_duration
-        return replace(
+        moved = replace(
             self,
             start=self._vector("start", start, self.start),
             goal=self._vector("goal", goal, self.goal),
-            start_velocity=self._vector("start_velocity", start_velocity, self.start_velocity * ratio),
-            goal_velocity=self._vector("goal_velocity", goal_velocity, self.goal_velocity * ratio),
             duration=new_duration,
+        )
+        if self.variant is Variant.DMP_PLUS_PLUS:
+            ratio = ratio * moved.scaling() @ np.linalg.pinv(self.scaling())
+        else:
+            ratio = ratio * np.eye(self.n_dims)
+        return replace(
+            moved,
+            start_velocity=self._vector("start_velocity", start_velocity, ratio @ self.start_velocity),
+            goal_velocity=self._vector("goal_velocity", goal_velocity, ratio @ self.goal_velocity),
         )
 
     def rollout(
@@ -182,47 +273,90 @@ class DMP:
         )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
-    def at(self, time: ArrayLike) -> Trajectory:
-        """Positions and velocities at any times [s], array of shape (n_steps,); at rest after the end."""
-        time = np.asarray(time, dtype=float)
-        boundary, shape = self.basis.at(time / self.duration)
-        position, velocity, _ = boundary @ self.boundary_values() + shape @ self.weights.T
-        return Trajectory(time, position, velocity / self.duration)
+    def rollouts(self, weights: ArrayLike, n_steps: int = 201) -> Array:
+        """Positions of a whole population between the same ends, as one matrix product.
 
-    def initial_state(self) -> DMPState:
-        """The state at time 0, from which `step` goes on."""
-        basis = self.basis
-        weights = basis.forcing_of_boundary @ self.boundary_values() + basis.forcing_of_shape @ self.weights.T
-        return DMPState(
-            0.0, self.start, self.start_velocity, self.goal, self.duration, basis.forcing @ weights
-        )
+        Parameters
+        ----------
+        weights : array, shape (n_rollouts, n_dims, n_basis), in place of the own ones
 
-    def step(self, state: DMPState, dt: float) -> DMPState:
-        """Advance by `dt` [s] online, with the forcing term held first order over the step.
-
-        Agrees with `rollout` to second order in `dt`, and to rounding where the steps meet the knots.
+        Returns
+        -------
+        array, shape (n_rollouts, n_dims, n_steps), [m], at even times
 
         Raises
         ------
         OptionError
-            If `dt` is not positive.
+            If `weights` has another shape.
         """
-        if not dt > 0:
-            raise OptionError(f"dt = {dt}", way_out="give a positive number of seconds")
-        ds, s = dt / state.duration, state.time / state.duration
-        if s >= 1.0 - 1e-9:  # the forcing is cut off at the end
-            now = then = np.zeros_like(state.position)
-        else:
-            now, then = _force_at(state.force, s), _force_at(state.force, s + ds)
-        error, velocity = hold_step(
-            ds, state.position - state.goal, state.velocity * state.duration, now, then
-        )
-        return replace(
-            state,
-            time=state.time + dt,
-            position=error + state.goal,
-            velocity=velocity / state.duration,
-        )
+        weights = np.asarray(weights, dtype=float)
+        if weights.ndim != 3 or weights.shape[1:] != self.weights.shape:
+            raise OptionError(
+                f"weights of shape {weights.shape}",
+                way_out=f"give (n_rollouts, {self.n_dims}, {self.weights.shape[1]})",
+            )
+        scaling = self.scaling()
+        if not np.array_equal(scaling, np.eye(self.n_dims)):
+            weights = scaling @ weights
+        return rollouts(self.basis, self.boundary_values(), weights, n_steps)
+
+    def at(self, time: ArrayLike) -> Trajectory:
+        """Positions and velocities at any times [s], array of shape (n_steps,).
+
+        A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
+        """
+        time = np.asarray(time, dtype=float)
+        if time.ndim != 1 or not np.isfinite(time).all():
+            raise OptionError(f"time of shape {time.shape}", way_out="give an array of finite numbers [s]")
+        boundary, shape = self.basis.at(time / self.duration)
+        position, velocity, _ = boundary @ self.boundary_values() + shape @ self.shape_weights.T
+        return Trajectory(time, position, velocity / self.duration)
+
+    @cached_property
+    def curve(self) -> Curve:
+        """What an execution follows: the movement itself, of a rhythmic one the limit cycle."""
+        basis, weights = self.basis, self.shape_weights
+        if isinstance(basis, RhythmicBasis):
+            knots = basis.cycle @ weights.T
+            knots[0] += self.goal
+            return Curve(knots, basis.shape_force @ weights.T, self.goal, periodic=True)
+        values = self.boundary_values()
+        knots = basis.boundary @ values + basis.shape @ weights.T
+        return Curve(knots, basis.boundary_force @ values + basis.shape_force @ weights.T, self.goal)
+
+    def initial_state(self) -> DMPState:
+        """The state at time 0, from which `step` goes on."""
+        return begin(self.curve, self.start, self.start_velocity * self.duration, self.duration)
+
+    def step(
+        self, state: DMPState, dt: float, *, rate: float = 1.0, coupling: ArrayLike | None = None
+    ) -> DMPState:
+        """Advance by `dt` [s] online: exactly as `rollout`, whatever the steps.
+
+        Parameters
+        ----------
+        state
+            Where the execution stands. Replace its `position` by what was measured after a push, its `goal` by where
+            the goal has moved, its `duration` to go on at another pace.
+        rate
+            Pace of the phase: 1 as recorded, 2 twice as fast, 0 paused, negative backwards. Slow down by
+            `rate_for_lag` while a robot lags behind.
+        coupling
+            An acceleration [m/s^2] that acts during the step, shape (n_dims,).
+
+        Raises
+        ------
+        OptionError
+            If `dt` is not positive, or something is not finite.
+        """
+        if not np.array_equal(state.goal, state.curve.goal):
+            curve = self.towards(goal=state.goal).curve.after(state.curve, state.progress)
+            state = replace(state, curve=curve)
+        return advance(state, dt, rate, None if coupling is None else np.asarray(coupling, dtype=float))
+
+    def scaling(self) -> Array:
+        extent = np.abs(self.learned).max() + np.abs(self.weights).max(initial=0.0)
+        return self.variant.scaling(self.learned, self.goal - self.start, extent)
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         if value is None:
@@ -243,8 +377,23 @@ def _number(value: object) -> float:
         return float("nan")
 
 
-def _force_at(force: Array, s: float) -> Array:
-    """The forcing term at normalised time `s`, linear between the knots."""
-    position = min(s, 1.0) * N_INTERVALS
-    k = min(int(position), N_INTERVALS - 1)
-    return force[k] + (position - k) * (force[k + 1] - force[k])
+def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int) -> Array:
+    """Least squares; of long recordings by normal equations, block by block, so that they take no more memory.
+
+    The weights are so well scaled (condition numbers of a few hundred) that squaring them costs nothing that matters.
+
+    Parameters
+    ----------
+    design : gives the matrix (n_block, n) and the target (n_block, n_dims) of some of the samples
+
+    Returns
+    -------
+    array, shape (n, n_dims)
+    """
+    if n_steps <= BLOCK:
+        return np.linalg.lstsq(*design(slice(None)), rcond=None)[0]
+    gram, moment = 0.0, 0.0
+    for first in range(0, n_steps, BLOCK):
+        matrix, target = design(slice(first, first + BLOCK))
+        gram, moment = gram + matrix.T @ matrix, moment + matrix.T @ target
+    return np.linalg.lstsq(gram, moment, rcond=None)[0]

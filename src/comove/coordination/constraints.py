@@ -1,0 +1,213 @@
+"""Constraints between manipulators that move for themselves, and the projection onto them.
+
+A constraint is a function of the manipulators' poses whose values vanish where it is met; an inequality is the part
+by which it is broken, ``max(0, h)``. `project` moves all poses of all samples to a near point where every
+constraint is met, by Gauss-Newton on positions and orientations: in each step the least correction that meets the
+linearised constraints,
+
+    xi = -W J^T (J W J^T)^+ residual,      y <- y + xi_y,      R <- exp(xi_r) R,
+
+with a metric W in which a radian counts as `TURN_LENGTH` metres. J is taken by central differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ComoveError, OptionError, near_name
+from comove.primitives.poses import VERTICAL, Pose
+from comove.primitives.rotations import conjugate, exponential, matrices, quaternion_product
+
+Array = NDArray[np.float64]
+
+TURN_LENGTH = 0.3  # m, that a radian counts as
+TOLERANCE = 1e-12  # m or rad, of what is met
+MAX_ITERATIONS = 50
+DIFFERENCE = 1e-6  # m or rad
+
+
+class ConstraintError(ComoveError):
+    """Constraints that cannot be met together near the movement."""
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of several manipulators at several samples: what a constraint sees.
+
+    Attributes
+    ----------
+    manipulators : names
+    positions : array, shape (n_steps, n_manipulators, 3), [m]
+    orientations : array, shape (n_steps, n_manipulators, 4), unit quaternions w x y z
+    """
+
+    manipulators: tuple[str, ...]
+    positions: Array
+    orientations: Array
+
+    def position(self, name: str) -> Array:
+        """Positions of one manipulator; array, shape (n_steps, 3), [m]."""
+        return self.positions[:, self._index(name)]
+
+    def rotation(self, name: str) -> Array:
+        """Rotation matrices of one manipulator; array, shape (n_steps, 3, 3)."""
+        return matrices(self.orientations[:, self._index(name)])
+
+    def orientation(self, name: str) -> Array:
+        """Quaternions of one manipulator; array, shape (n_steps, 4)."""
+        return self.orientations[:, self._index(name)]
+
+    def _index(self, name: str) -> int:
+        if name not in self.manipulators:
+            raise OptionError(f"there is no manipulator {name!r}", way_out=near_name(name, self.manipulators))
+        return self.manipulators.index(name)
+
+
+Constraint = Callable[[Poses], Array]
+"""Takes `Poses`, gives an array (n_steps,) or (n_steps, n_values) that is zero where the constraint is met."""
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Two hands stay `distance` apart [m]."""
+
+    first: str
+    second: str
+    distance: float
+
+    def __call__(self, poses: Poses) -> Array:
+        return (
+            np.linalg.norm(poses.position(self.second) - poses.position(self.first), axis=1) - self.distance
+        )
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Two hands stay at least `distance` apart [m]."""
+
+    first: str
+    second: str
+    distance: float
+
+    def __call__(self, poses: Poses) -> Array:
+        return np.maximum(0.0, -Distance(self.first, self.second, self.distance)(poses))
+
+
+@dataclass(frozen=True)
+class SameHeight:
+    """Two hands are at the same height."""
+
+    first: str
+    second: str
+
+    def __call__(self, poses: Poses) -> Array:
+        return poses.position(self.second)[:, 2] - poses.position(self.first)[:, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePose:
+    """The second hand keeps `pose` in the frame of the first."""
+
+    first: str
+    second: str
+    pose: Pose
+
+    def __call__(self, poses: Poses) -> Array:
+        away = poses.position(self.second) - poses.position(self.first)
+        missed = np.einsum("tji,tj->ti", poses.rotation(self.first), away) - self.pose.position
+        relative = quaternion_product(
+            conjugate(poses.orientation(self.first)), poses.orientation(self.second)
+        )
+        turn = quaternion_product(relative, conjugate(self.pose.orientation))
+        return np.concatenate([missed, 2 * turn[:, 1:] * np.where(turn[:, :1] < 0, -1.0, 1.0)], axis=1)
+
+
+@dataclass(frozen=True)
+class Upright:
+    """The hand's `axis`, in its own frame, points up: a tray stays level."""
+
+    name: str
+    axis: tuple[float, float, float] = VERTICAL
+
+    def __call__(self, poses: Poses) -> Array:
+        pointing = poses.rotation(self.name) @ (np.asarray(self.axis) / np.linalg.norm(self.axis))
+        tilt, sine = pointing[:, :2], np.linalg.norm(pointing[:, :2], axis=1, keepdims=True)
+        return np.where(
+            pointing[:, 2:] < 0, tilt / np.maximum(sine, 1e-9) * (2 - sine), tilt
+        )  # not upside down
+
+
+def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
+    """The poses moved onto all constraints, at every sample.
+
+    Raises
+    ------
+    ConstraintError
+        If they cannot be met together; names the constraint that is missed most.
+    OptionError
+        If a constraint does not give one row of finite numbers a sample.
+    """
+    if not constraints:
+        return poses
+    residual = _residual(poses, constraints)
+    for _ in range(MAX_ITERATIONS):
+        off = np.flatnonzero(np.abs(residual).max(axis=1) > TOLERANCE)
+        if not off.size:
+            return poses
+        part = Poses(poses.manipulators, poses.positions[off], poses.orientations[off])
+        jacobian = _jacobian(part, constraints)
+        metric = np.tile(np.repeat([1.0, TURN_LENGTH**-2], 3), len(poses.manipulators))
+        weighted = metric[:, None] * jacobian.transpose(0, 2, 1)
+        step = -weighted @ (np.linalg.pinv(jacobian @ weighted, rcond=1e-9) @ residual[off, :, None])
+        moved = _moved(part, step[:, :, 0])
+        positions, orientations = poses.positions.copy(), poses.orientations.copy()
+        positions[off], orientations[off] = moved.positions, moved.orientations
+        poses = Poses(poses.manipulators, positions, orientations)
+        residual = _residual(poses, constraints)
+    worst = np.abs(residual).max()
+    if worst <= 1e3 * TOLERANCE:  # rounding of large coordinates
+        return poses
+    sizes = [np.abs(_rows(constraint, poses)).max() for constraint in constraints]
+    missed = constraints[int(np.argmax(sizes))]
+    raise ConstraintError(
+        f"the constraints cannot be met together: {missed} is missed by {max(sizes):.3g}; "
+        "drop one, or begin from a movement that nearly meets them"
+    )
+
+
+def _residual(poses: Poses, constraints: Sequence[Constraint]) -> Array:
+    return np.concatenate([_rows(constraint, poses) for constraint in constraints], axis=1)
+
+
+def _rows(constraint: Constraint, poses: Poses) -> Array:
+    values = np.asarray(constraint(poses), dtype=float)
+    n_steps = len(poses.positions)
+    if values.ndim not in (1, 2) or len(values) != n_steps or not np.isfinite(values).all():
+        raise OptionError(
+            f"the constraint {constraint} gives an array of shape {values.shape} for {n_steps} samples",
+            way_out="give finite numbers, of shape (n_steps,) or (n_steps, n_values)",
+        )
+    return values.reshape(n_steps, -1)
+
+
+def _jacobian(poses: Poses, constraints: Sequence[Constraint]) -> Array:
+    """Derivatives of the residuals; array, shape (n_steps, n_residuals, 6 n_manipulators)."""
+    width = 6 * len(poses.manipulators)
+    columns = []
+    for j in range(width):
+        step = np.zeros((len(poses.positions), width))
+        step[:, j] = DIFFERENCE
+        ahead, behind = (_residual(_moved(poses, side * step), constraints) for side in (1, -1))
+        columns.append((ahead - behind) / (2 * DIFFERENCE))
+    return np.stack(columns, axis=2)
+
+
+def _moved(poses: Poses, step: Array) -> Poses:
+    """The poses after translations and turns; step (n_steps, 6 n_manipulators)."""
+    step = step.reshape(len(step), -1, 6)
+    turned = quaternion_product(exponential(step[..., 3:]), poses.orientations)
+    return Poses(poses.manipulators, poses.positions + step[..., :3], turned)

@@ -1,0 +1,314 @@
+"""Manipulators with orientations, moving together in cooperative coordinates on one phase.
+
+Every hand's pose is that of a common frame times its own pose in that frame,
+
+    T_i(s) = X(s) G_i(s),
+
+where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
+prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
+construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
+move for themselves have no X; constraints between them are met by projection, sample by sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.coordination.constraints import TURN_LENGTH, Constraint, ConstraintError, Poses, project
+from comove.demonstrations import Demonstration
+from comove.errors import OptionError, near_name
+from comove.primitives import rotations
+from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
+from comove.trajectory import PoseTrajectory
+
+Array = NDArray[np.float64]
+
+NUDGE = 1e-6  # durations, over which velocities of projected movements are taken
+MAX_STRETCH = 10.0  # of a step by the projection
+JUMP = 0.05  # m
+
+
+@dataclass(frozen=True, eq=False)
+class CooperativeState:
+    """Where an execution stands.
+
+    Attributes
+    ----------
+    parts : states of the movements, by the name of the hand, "" for the load
+    """
+
+    parts: Mapping[str, PoseState]
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return next(iter(self.parts.values())).time
+
+    @property
+    def progress(self) -> float:
+        """Phase in durations."""
+        return next(iter(self.parts.values())).progress
+
+
+@dataclass(frozen=True, eq=False)
+class CooperativeDMP:
+    """Several manipulators in space on one phase.
+
+    Attributes
+    ----------
+    load : movement of the common frame; None where every hand moves for itself
+    hands : by name, the pose in that frame: constant, or a movement of the same duration
+    constraints : what is met by projection
+    """
+
+    load: PoseDMP | None
+    hands: Mapping[str, Pose | PoseDMP]
+    constraints: tuple[Constraint, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hands", dict(self.hands))
+        object.__setattr__(self, "constraints", tuple(self.constraints))
+        if not self.hands or "" in self.hands:
+            raise OptionError("hands without names", way_out="name every manipulator, and one at least")
+        for name, hand in self.hands.items():
+            if not isinstance(hand, (Pose, PoseDMP)):
+                raise OptionError(
+                    f"the hand {name!r} is {type(hand).__name__}", way_out="give a Pose or a PoseDMP"
+                )
+            length = len(hand.position) if isinstance(hand, Pose) else hand.n_dims
+            if length != 3:
+                raise OptionError(f"the hand {name!r} is planar", way_out="give poses in space")
+        if self.load is not None and (not isinstance(self.load, PoseDMP) or self.load.n_dims != 3):
+            raise OptionError(
+                "the load's movement is none in space", way_out="give a PoseDMP of three dimensions"
+            )
+        movements = self._movements()
+        if not movements:
+            raise OptionError("nothing moves", way_out="give the load's movement, or one for every hand")
+        if self.load is None and len(movements) < len(self.hands):
+            still = next(name for name in self.hands if name not in movements)
+            raise OptionError(
+                f"the hand {still!r} does not move", way_out="give it a movement, or give the load one"
+            )
+        durations = {movement.duration for movement in movements.values()}
+        if len(durations) > 1:
+            raise OptionError(
+                f"the movements last {', '.join(f'{d:g}' for d in sorted(durations))} s",
+                way_out="bring them to one duration by towards(duration=...)",
+            )
+
+    @classmethod
+    def rigid(cls, load: PoseDMP, grasps: Mapping[str, Pose]) -> CooperativeDMP:
+        """Hands that hold a rigid load at `grasps`, poses in the load's frame."""
+        return cls(load, grasps)
+
+    @classmethod
+    def from_hand(
+        cls,
+        demonstration: PoseRecording,
+        name: str,
+        grasps: Mapping[str, Pose],
+        *,
+        n_basis: int = 20,
+        **options,
+    ) -> CooperativeDMP:
+        """Hands that carry a load as one hand was shown to: from a single-arm demonstration to all manipulators.
+
+        Parameters
+        ----------
+        demonstration
+            The poses of the hand `name`.
+        grasps
+            Poses of all hands in the load's frame.
+        n_basis, options
+            As for `PoseDMP.fit`.
+        """
+        if name not in grasps:
+            raise OptionError(f"there is no hand {name!r}", way_out=near_name(name, grasps))
+        held = grasps[name]
+        orientation = rotations.quaternion_product(
+            np.asarray(demonstration.orientation), rotations.conjugate(held.orientation)
+        )
+        position = demonstration.position - rotations.matrices(orientation) @ held.position
+        load = Demonstration(demonstration.time, position, orientation=orientation)
+        return cls(PoseDMP.fit(load, n_basis=n_basis, **options), grasps)
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return next(iter(self._movements().values())).duration
+
+    @property
+    def manipulators(self) -> tuple[str, ...]:
+        """Names of the hands."""
+        return tuple(self.hands)
+
+    def towards(
+        self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
+    ) -> CooperativeDMP:
+        """The same movement between other poses of the load, or at another pace."""
+        if self.load is None and (start is not None or goal is not None):
+            raise OptionError(
+                "hands that move for themselves have no common start or goal",
+                way_out="change the movement of each",
+            )
+        load = None if self.load is None else self.load.towards(start=start, goal=goal, duration=duration)
+        hands = {
+            name: hand.towards(duration=duration) if isinstance(hand, PoseDMP) else hand
+            for name, hand in self.hands.items()
+        }
+        return replace(self, load=load, hands=hands)
+
+    def rollout(
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        n_steps: int = 201,
+    ) -> PoseTrajectory:
+        """Play the movement of all hands, between other poses of the load if they are given."""
+        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
+            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        dmp = self.towards(start=start, goal=goal, duration=duration)
+        return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
+
+    def at(self, time: ArrayLike) -> PoseTrajectory:
+        """Poses and velocities of all hands at any times [s], array of shape (n_steps,).
+
+        Raises
+        ------
+        ConstraintError
+            If the constraints cannot be met together near the movement.
+        """
+        time = np.asarray(time, dtype=float)
+        poses, velocity, spin = self._free(time)
+        if self.constraints:
+            nudge = NUDGE * self.duration
+            poses, behind, ahead = (
+                project(self._free(time + by)[0], self.constraints) for by in (0.0, -nudge, nudge)
+            )
+            _require_no_jump(self._free(time)[0], poses, time)
+            span = (np.minimum(time, nudge) + nudge)[:, None, None]  # times before the start are held there
+            velocity = (ahead.positions - behind.positions) / span
+            turn = rotations.quaternion_product(ahead.orientations, rotations.conjugate(behind.orientations))
+            spin = 2 * turn[..., 1:] * np.where(turn[..., :1] < 0, -1.0, 1.0) / span
+        return PoseTrajectory(
+            time,
+            poses.positions,
+            velocity,
+            self.manipulators,
+            orientation=poses.orientations,
+            angular_velocity=spin,
+        )
+
+    def initial_state(self) -> CooperativeState:
+        """The state at time 0, from which `step` goes on."""
+        return CooperativeState(
+            {name: movement.initial_state() for name, movement in self._movements().items()}
+        )
+
+    def step(self, state: CooperativeState, dt: float, *, rate: float = 1.0) -> CooperativeState:
+        """Advance by `dt` [s] online, exactly; `rate` is the pace of the phase, as for `DMP.step`."""
+        movements = self._movements()
+        return CooperativeState(
+            {name: movements[name].step(part, dt, rate=rate) for name, part in state.parts.items()}
+        )
+
+    def redirected(self, state: CooperativeState, goal: Pose, name: str = "") -> CooperativeState:
+        """The state with a moved goal: of the load, or of the hand `name` that moves for itself."""
+        return self._changed(state, name, self._movement(name).redirected(state.parts[name], goal))
+
+    def displaced(self, state: CooperativeState, pose: Pose, name: str = "") -> CooperativeState:
+        """The state of a load, or of a hand, that was pushed to `pose`."""
+        return self._changed(state, name, self._movement(name).displaced(state.parts[name], pose))
+
+    def poses(self, state: CooperativeState) -> dict[str, Pose]:
+        """Poses of all hands in a state.
+
+        Raises
+        ------
+        ConstraintError
+            If the constraints cannot be met together near them.
+        """
+        movements = self._movements()
+        now = {name: movements[name].pose(part) for name, part in state.parts.items()}
+        placed = [
+            _composed(now.get("", Pose(np.zeros(3))), now.get(name, hand))
+            for name, hand in self.hands.items()
+        ]
+        positions, orientations = (np.stack(values)[None] for values in zip(*placed, strict=True))
+        poses = project(Poses(self.manipulators, positions, orientations), self.constraints)
+        return {
+            name: Pose(poses.positions[0, i], poses.orientations[0, i])
+            for i, name in enumerate(self.manipulators)
+        }
+
+    def _free(self, time: Array) -> tuple[Poses, Array, Array]:
+        """Poses without projection, and velocities and angular velocities, (n_steps, n_manipulators, 3)."""
+        n_steps = len(time)
+        frame = None if self.load is None else self.load.at(time)
+        positions, orientations, velocities, spins = [], [], [], []
+        for hand in self.hands.values():
+            if isinstance(hand, PoseDMP):
+                own = hand.at(time)
+                p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity
+            else:
+                p, q = np.tile(hand.position, (n_steps, 1)), np.tile(hand.orientation, (n_steps, 1))
+                v = w = np.zeros((n_steps, 3))
+            if frame is not None:
+                turn = rotations.matrices(frame.orientation)
+                p, v, w = (np.einsum("tij,tj->ti", turn, vectors) for vectors in (p, v, w))
+                v = frame.velocity + np.cross(frame.angular_velocity, p) + v
+                p, w = frame.position + p, frame.angular_velocity + w
+                q = rotations.quaternion_product(frame.orientation, q)
+            for values, value in zip((positions, orientations, velocities, spins), (p, q, v, w), strict=True):
+                values.append(value)
+        positions, orientations, velocities, spins = (
+            np.stack(values, axis=1) for values in (positions, orientations, velocities, spins)
+        )
+        return Poses(self.manipulators, positions, orientations), velocities, spins
+
+    def _movements(self) -> dict[str, PoseDMP]:
+        load = {} if self.load is None else {"": self.load}
+        return load | {name: hand for name, hand in self.hands.items() if isinstance(hand, PoseDMP)}
+
+    def _movement(self, name: str) -> PoseDMP:
+        movements = self._movements()
+        if name not in movements:
+            what = f"the hand {name!r}" if name else "the load"
+            raise OptionError(f"{what} has no movement of its own", way_out=near_name(name, movements))
+        return movements[name]
+
+    def _changed(self, state: CooperativeState, name: str, part: PoseState) -> CooperativeState:
+        return CooperativeState({**state.parts, name: part})
+
+
+def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
+    """Position and orientation of `hand`, given in `frame`."""
+    return (
+        frame.position + rotations.matrices(frame.orientation) @ hand.position,
+        rotations.quaternion_product(frame.orientation, hand.orientation),
+    )
+
+
+def _require_no_jump(free: Poses, projected: Poses, time: Array) -> None:
+    """Refuse a projection that jumps between samples where the movement itself does not."""
+    jumps = _steps(projected) > MAX_STRETCH * _steps(free) + JUMP
+    if jumps.any():
+        sample = int(np.flatnonzero(jumps)[0])
+        raise ConstraintError(
+            f"the projection onto the constraints jumps after {time[sample]:.4g} s; "
+            "begin from a movement that nearly meets them"
+        )
+
+
+def _steps(poses: Poses) -> Array:
+    """The largest step of a hand from sample to sample, a radian counting as `TURN_LENGTH`; (n_steps - 1,)."""
+    moved = np.linalg.norm(np.diff(poses.positions, axis=0), axis=2)
+    cosine = np.abs((poses.orientations[1:] * poses.orientations[:-1]).sum(axis=2))
+    return (moved + TURN_LENGTH * 2 * np.arccos(np.minimum(cosine, 1.0))).max(axis=1)

@@ -1,0 +1,106 @@
+"""Several demonstrations of one movement: their mean and their spread.
+
+Every demonstration is fitted for itself; phase and basis are common, so the mean of the weights and ends is the
+mean of the movements at equal phases, and deviations from it span the movements that people would take for the same
+one (a probabilistic movement primitive in the DMP's own weights; Li et al., 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import DemonstrationError
+from comove.primitives.dmp import DMP, Recording
+from comove.primitives.phase import Phase
+from comove.primitives.variants import Variant
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedDMP:
+    """The mean of several movements.
+
+    Attributes
+    ----------
+    mean : the mean movement, which lasts as long as they do on average
+    members : the movements, as they were fitted
+    """
+
+    mean: DMP
+    members: tuple[DMP, ...]
+
+    def spread(self, n_steps: int = 201) -> Array:
+        """Standard deviation of the members about the mean at even phases; array, shape (n_steps, n_dims), [m]."""
+        s = np.linspace(0.0, 1.0, n_steps)
+        positions = np.stack([member.at(s * member.duration).position for member in self.members])
+        return positions.std(axis=0, ddof=1)
+
+    def sample(self, rng: np.random.Generator) -> DMP:
+        """Draw a movement from the Gaussian that the members span; ends and duration vary with the shape."""
+        share = rng.standard_normal(len(self.members)) / np.sqrt(len(self.members) - 1)
+        share -= share.mean()
+        mean = _mixed(self.mean, self.members, share + 1 / len(self.members))
+        shortest = min(member.duration for member in self.members)
+        return mean if mean.duration >= 0.5 * shortest else mean.towards(duration=0.5 * shortest)
+
+
+def average(
+    demonstrations: Sequence[Recording],
+    *,
+    n_basis: int = 20,
+    variant: Variant | str = Variant.CLOSED_FORM,
+    phase: Phase | None = None,
+) -> AveragedDMP:
+    """Fit several demonstrations and average them.
+
+    Parameters
+    ----------
+    demonstrations
+        Two or more, of one number of coordinates.
+    n_basis, variant, phase
+        As for `DMP.fit`.
+
+    Raises
+    ------
+    DemonstrationError
+        If there are fewer than two, or their coordinates differ.
+    """
+    if len(demonstrations) < 2:
+        raise DemonstrationError(
+            f"{len(demonstrations)} demonstration has no spread", way_out="give two or more, or use DMP.fit"
+        )
+    widths = sorted({demonstration.position.shape[1] for demonstration in demonstrations})
+    if len(widths) > 1:
+        raise DemonstrationError(
+            f"the demonstrations have {' and '.join(map(str, widths))} coordinates",
+            way_out="give recordings of one kind",
+        )
+    members = tuple(
+        DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase)
+        for demonstration in demonstrations
+    )
+    return AveragedDMP(_mixed(members[0], members, np.full(len(members), 1 / len(members))), members)
+
+
+def _mixed(like: DMP, members: Sequence[DMP], shares: Array) -> DMP:
+    """The combination of movements at equal phases with shares that sum to 1."""
+    duration = float(shares @ [member.duration for member in members])
+
+    def mix(values: Sequence[Array]) -> Array:
+        return np.tensordot(shares, np.stack(values), axes=1)
+
+    return replace(
+        like,
+        weights=mix([member.weights for member in members]),
+        start=mix([member.start for member in members]),
+        goal=mix([member.goal for member in members]),
+        start_velocity=mix([member.start_velocity * member.duration for member in members]) / duration,
+        goal_velocity=mix([member.goal_velocity * member.duration for member in members]) / duration,
+        learned=mix([member.learned for member in members]),
+        duration=duration,
+    )

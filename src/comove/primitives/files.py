@@ -1,0 +1,603 @@
+"""A learned primitive as one file: JSON that says what it is, where it comes from, and notices when it was changed.
+
+Numbers are written in full precision: what is read is bit for bit what was written, and equal primitives make equal
+files. `sha256` covers everything else in the file. `trace` is where the movement passes, so that weights meant for
+another basis are noticed, and other programs can draw the movement without knowing any.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.demonstrations import Demonstration
+from comove.errors import LibraryError, OptionError, near_name
+from comove.primitives.dmp import DMP
+from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.poses import PoseDMP
+from comove.primitives.rotations import conjugate, quaternion_product
+from comove.primitives.variants import Variant
+
+Array = NDArray[np.float64]
+
+FORMAT, VERSION = "comove primitive", 1
+MAX_BYTES = 8 * 2**20
+MAX_NAME = 100
+MAX_DIMS, MAX_BASIS = 64, 200
+BLOCK = 20_000  # samples that are compared at once
+TRACED = 11  # positions, at even shares of the duration
+SAME = 1e-6  # by which the trace may be missed, in the movement's extent
+LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"
+COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a primitive was learned from, and how well.
+
+    Attributes
+    ----------
+    source : the recording's file name, or `lasa:SHAPE:DEMO`
+    recording : what the recording calls itself
+    notes : what was done to the recording, in words
+    sha256 : of the recording's numbers
+    n_samples : of the recording
+    n_basis : shape weights a dimension
+    error_rms, error_max : distance between primitive and recording, root of the mean square and largest, in its unit
+    turn_rms, turn_max : likewise between orientations [rad], None where none were learned
+    version : of comove
+    """
+
+    source: str
+    recording: str
+    notes: tuple[str, ...]
+    sha256: str
+    n_samples: int
+    n_basis: int
+    error_rms: float
+    error_max: float
+    turn_rms: float | None = None
+    turn_max: float | None = None
+    version: str = __version__
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """A movement with its name and its history: what a file holds.
+
+    Attributes
+    ----------
+    name : what to call it
+    dmp : the movement
+    unit : of its positions
+    provenance : what it was learned from, None where it was made otherwise
+    notes : how it was made otherwise, in words
+    """
+
+    name: str
+    dmp: DMP | PoseDMP
+    unit: str = "m"
+    provenance: Provenance | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def kind(self) -> str:
+        """What moves: "position" or "pose"."""
+        return "pose" if isinstance(self.dmp, PoseDMP) else "position"
+
+    @property
+    def positions(self) -> DMP:
+        """The movement of the position."""
+        return self.dmp.translation if isinstance(self.dmp, PoseDMP) else self.dmp
+
+
+def learn(
+    demonstration: Demonstration,
+    *,
+    name: str = "",
+    source: str = "",
+    n_basis: int = 20,
+    variant: Variant | str = Variant.CLOSED_FORM,
+    phase: Phase | None = None,
+    period: float | None = None,
+    poses: bool = False,
+) -> Primitive:
+    """Fit a primitive to a recording, and note where it comes from and how well it fits.
+
+    Parameters
+    ----------
+    demonstration : the recording
+    name : of the primitive; the recording's unless given
+    source : the recording's file name, noted
+    n_basis, variant, phase, period : as for `DMP.fit`
+    poses : learn orientations as well
+
+    Raises
+    ------
+    DemonstrationError, OptionError
+        As `DMP.fit` and `PoseDMP.fit`.
+    """
+    options = {"n_basis": n_basis, "variant": variant, "phase": phase}
+    if poses and period is not None:
+        raise OptionError(f"period = {period!r} of poses", way_out="leave it out")
+    dmp = PoseDMP.fit(demonstration, **options) if poses else DMP.fit(demonstration, period=period, **options)
+    measures = {}
+    for what, error in _errors(dmp, demonstration).items():
+        measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}
+    provenance = Provenance(
+        source=source,
+        recording=demonstration.name,
+        notes=demonstration.notes,
+        sha256=checksum(demonstration),
+        n_samples=demonstration.n_steps,
+        n_basis=int(n_basis),
+        **measures,
+    )
+    return Primitive(name or demonstration.name, dmp, demonstration.unit, provenance)
+
+
+def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration) -> dict[str, Array]:
+    """Distances from the recording at its samples and, of poses, angles; arrays, shape (n_steps,)."""
+    error, turn = np.zeros((2, demonstration.n_steps))
+    for first in range(0, demonstration.n_steps, BLOCK):
+        block = slice(first, first + BLOCK)
+        played = dmp.at(demonstration.time[block])
+        error[block] = np.linalg.norm(played.position - demonstration.position[block], axis=1)
+        if isinstance(dmp, PoseDMP):
+            between = quaternion_product(played.orientation, conjugate(demonstration.orientation[block]))
+            turn[block] = 2 * np.arctan2(np.linalg.norm(between[:, 1:], axis=1), np.abs(between[:, 0]))
+    return {"error": error, "turn": turn} if isinstance(dmp, PoseDMP) else {"error": error}
+
+
+def checksum(demonstration: Demonstration) -> str:
+    """SHA-256 of a recording's numbers: shapes and bytes of time, position and, where there is one, orientation."""
+    digest = hashlib.sha256()
+    for array in (demonstration.time, demonstration.position, demonstration.orientation):
+        if array is not None:
+            digest.update(f"{array.shape}\n".encode() + np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def write_primitive(path: str | os.PathLike[str], primitive: Primitive, *, replace: bool = True) -> None:
+    """Write a primitive: the whole file or none.
+
+    Parameters
+    ----------
+    path : of the file, usually ending in .json
+    replace : replace a file that is there already; otherwise it is refused, whoever made it meanwhile
+
+    Raises
+    ------
+    LibraryError
+        If the file cannot be written, is there already, or the primitive holds what cannot be read again.
+    """
+    path = Path(path)
+    data = dumps(primitive, path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
+    try:
+        if path.exists() and not path.is_file():
+            raise LibraryError("it is there already and is no file", file=path, way_out="choose another name")
+        try:
+            with open(draft, "xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            if not replace:
+                _claim(draft, path)
+            else:
+                os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+    except FileExistsError as error:
+        raise LibraryError(
+            "it is there already", file=path, way_out="choose another name, or replace it"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise LibraryError(
+            f"it cannot be written: {getattr(error, 'strerror', None) or error}",
+            file=path,
+            way_out="name a file in a folder that you may write",
+        ) from error
+
+
+def _claim(draft: Path, path: Path) -> None:
+    """Give the draft its name; `FileExistsError` if somebody else was first."""
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        open(path, "xb").close()
+        os.replace(draft, path)
+
+
+def read_primitive(path: str | os.PathLike[str]) -> Primitive:
+    """Read a primitive.
+
+    Raises
+    ------
+    LibraryError
+        If the file is missing, no primitive, incomplete or changed; names the key and the way out.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():
+            what = "it is a folder" if path.is_dir() else "there is no such file"
+            raise LibraryError(what, file=path, way_out=f"check the path (relative to {Path.cwd()})")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise LibraryError(
+                f"it has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB of any primitive",
+                file=path,
+                way_out="name the file of a primitive",
+            )
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise LibraryError(
+            f"it cannot be read: {getattr(error, 'strerror', None) or error}",
+            file=path,
+            way_out="check the path, and that you may read it",
+        ) from error
+    return loads(data, path)
+
+
+def is_primitive(path: str | os.PathLike[str]) -> bool:
+    """Whether a file calls itself a primitive, sound or not."""
+    try:
+        with open(path, "rb") as file:
+            return f'"format": "{FORMAT}"'.encode() in file.read(200)
+    except (OSError, ValueError):
+        return False
+
+
+def dumps(primitive: Primitive, file: object = None) -> bytes:
+    """The contents of a primitive's file."""
+    write, _ = _KINDS[primitive.kind]
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "kind": primitive.kind,
+        "name": primitive.name,
+        "unit": primitive.unit,
+        "movement": write(primitive.dmp),
+        "trace": _trace(primitive).tolist(),
+        "provenance": None if primitive.provenance is None else asdict(primitive.provenance),
+        "notes": list(primitive.notes),
+    }
+    try:
+        content["sha256"] = _sha256(content)
+    except ValueError as error:
+        raise LibraryError(
+            "the primitive holds numbers that are not finite", file=file, way_out="learn it again"
+        ) from error
+    _read(json.loads(json.dumps(content)), file)  # nothing is written that would be refused
+    return (_laid_out(content) + "\n").encode()
+
+
+def loads(data: bytes, file: object = None) -> Primitive:
+    """The primitive in the contents of a file; errors name `file`."""
+    try:
+        content = json.loads(data.decode(), parse_constant=_no_constant, object_pairs_hook=_no_repetition)
+    except RecursionError:
+        content = None
+    except ValueError as error:  # a truncated file, bytes that are no text, NaN, a key given twice
+        at = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
+        what = "it breaks off or is no JSON" if at or isinstance(error, UnicodeDecodeError) else str(error)
+        raise LibraryError(what + at, file=file, way_out=COPY_ANEW) from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise LibraryError(
+            "it is no primitive of comove", file=file, key="format", way_out=f"{FORMAT!r} belongs there"
+        )
+    if content.get("version") != VERSION or isinstance(content["version"], bool):
+        raise LibraryError(
+            f"the version {_shown(content.get('version'))} is not known",
+            file=file,
+            key="version",
+            way_out=f"this comove {__version__} reads version {VERSION}: update it, or {LEARN_AGAIN}",
+        )
+    return _read(content, file)
+
+
+def require_name(name: str, file: object = None) -> str:
+    """Return `name` if it can name a file everywhere.
+
+    Raises
+    ------
+    LibraryError
+        If it is empty, too long, hidden, or holds anything but letters, digits, blanks and ``. _ + -``.
+    """
+    fit = (
+        isinstance(name, str) and 0 < len(name) <= MAX_NAME and name[0] not in ". -+" and name[-1] not in ". "
+    )
+    if (
+        not fit
+        or ".." in name
+        or not all(c.isalnum() or c in " ._+-" for c in name)
+        or not name.isprintable()
+    ):
+        raise LibraryError(
+            f"{_shown(name)} cannot name a primitive",
+            file=file,
+            key="name",
+            way_out=f"begin with a letter or digit; up to {MAX_NAME} letters, digits, blanks and . _ + -",
+        )
+    return name
+
+
+def _read(content: dict[str, Any], file: object) -> Primitive:
+    """Check everything but format and version."""
+    known = (
+        "format",
+        "version",
+        "kind",
+        "name",
+        "unit",
+        "movement",
+        "trace",
+        "provenance",
+        "notes",
+        "sha256",
+    )
+    part = _Part(content, "", file).with_keys(known)
+    stated = part.text("sha256")
+    kind = part.text("kind")
+    if kind not in _KINDS:
+        raise part.wrong("kind", f"{_shown(kind)} is not known", near_name(kind, _KINDS))
+    name = require_name(part.text("name"), file)
+    dmp = _KINDS[kind][1](part.part("movement"))
+    primitive = Primitive(
+        name, dmp, part.text("unit"), _provenance(part.value("provenance"), file), part.texts("notes")
+    )
+    trace = part.array("trace", (TRACED, len(dmp.weights)))
+    found = _sha256({key: value for key, value in content.items() if key != "sha256"})
+    if found != stated:
+        raise part.wrong("sha256", "the file was changed: its checksum does not fit", COPY_ANEW)
+    extent = max(np.ptp(trace, axis=0).max(), np.abs(trace).max(), 1e-300)
+    with np.errstate(over="ignore", invalid="ignore"):
+        missed = np.abs(_trace(primitive) - trace).max() / extent
+    if not missed <= SAME:
+        raise part.wrong(
+            "trace", "the weights give another movement: they belong to another basis", LEARN_AGAIN
+        )
+    return primitive
+
+
+def _trace(primitive: Primitive) -> Array:
+    """Coordinates at even shares of the duration, those of the position first; array, shape (TRACED, n_columns)."""
+    parts = [primitive.positions]
+    if isinstance(primitive.dmp, PoseDMP):
+        parts.append(primitive.dmp.turning)
+    time = np.linspace(0.0, primitive.dmp.duration, TRACED)
+    return np.concatenate([part.at(time).position for part in parts], axis=1)
+
+
+def _write_position(dmp: DMP) -> dict[str, Any]:
+    phase = {"name": "linear"}
+    if isinstance(dmp.phase, ExponentialPhase):
+        phase = {"name": "exponential", "alpha": float(dmp.phase.alpha)}
+    return {
+        "variant": str(dmp.variant),
+        "phase": phase,
+        "duration": float(dmp.duration),
+        **{name: getattr(dmp, name).tolist() for name in _VECTORS},
+        "weights": dmp.weights.tolist(),
+    }
+
+
+def _read_position(part: _Part, n_dims: int | None = None) -> DMP:
+    part.with_keys(("variant", "phase", "duration", *_VECTORS, "weights"))
+    variant = part.text("variant")
+    names = [known.value for known in Variant]
+    if variant not in names:
+        raise part.wrong("variant", f"{_shown(variant)} is not known", near_name(variant, names))
+    duration = part.number("duration")
+    if not duration > 0:
+        raise part.wrong(
+            "duration", f"{duration!r} is no duration", "a positive number of seconds belongs there"
+        )
+    weights = part.array("weights", (n_dims, None))
+    n_dims, n_basis = weights.shape
+    if n_dims > MAX_DIMS or n_basis > MAX_BASIS:
+        way_out = f"at most {MAX_DIMS} lists of {MAX_BASIS} weights belong there"
+        raise part.wrong("weights", f"{n_dims} lists of {n_basis} weights", way_out)
+    vectors = {name: part.array(name, (n_dims,)) for name in _VECTORS}
+    return DMP(
+        weights=weights, duration=duration, phase=_phase(part.part("phase")), variant=variant, **vectors
+    )
+
+
+def _phase(part: _Part) -> Phase:
+    name = part.text("name")
+    if name == "linear":
+        part.with_keys(("name",))
+        return LinearPhase()
+    if name != "exponential":
+        raise part.wrong("name", f"{_shown(name)} is not known", near_name(name, ("linear", "exponential")))
+    alpha = part.with_keys(("name", "alpha")).number("alpha")
+    if not 0 <= alpha <= 100:
+        raise part.wrong("alpha", f"{alpha!r} is no decay rate", "a number from 0 to 100 belongs there")
+    return ExponentialPhase(alpha)
+
+
+def _write_pose(dmp: PoseDMP) -> dict[str, Any]:
+    return {
+        "translation": _write_position(dmp.translation),
+        "turning": _write_position(dmp.turning),
+        "reference_wxyz": np.asarray(dmp.reference).tolist(),
+        "axis": None if dmp.axis is None else np.asarray(dmp.axis).tolist(),
+    }
+
+
+def _read_pose(part: _Part) -> PoseDMP:
+    part.with_keys(("translation", "turning", "reference_wxyz", "axis"))
+    axis = None if part.value("axis") is None else part.array("axis", (3,))
+    translation = _read_position(part.part("translation"))
+    if translation.n_dims not in (2, 3):
+        message = f"a pose in {translation.n_dims} dimensions"
+        raise part.wrong("translation.weights", message, "2 or 3 lists of weights belong there")
+    turning = _read_position(part.part("turning"), 3 if axis is None else 1)
+    if turning.duration != translation.duration:
+        message = f"{turning.duration!r} is not the {translation.duration!r} of the translation"
+        raise part.wrong("turning.duration", message, LEARN_AGAIN)
+    reference = part.array("reference_wxyz", (4,))
+    for key, vector in (("reference_wxyz", reference), ("axis", axis)):
+        if vector is not None and not abs(np.linalg.norm(vector) - 1.0) <= 1e-9:
+            raise part.wrong(key, f"its norm is {np.linalg.norm(vector):.6g}", "a unit vector belongs there")
+    return PoseDMP(translation, turning, reference, axis)
+
+
+_VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")
+_KINDS: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[[_Part], Any]]]
+
+
+def _provenance(value: object, file: object) -> Provenance | None:
+    if value is None:
+        return None
+    part = _Part(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
+    return Provenance(
+        **{key: part.text(key) for key in ("source", "recording", "sha256", "version")},
+        notes=part.texts("notes"),
+        **{key: part.count(key) for key in ("n_samples", "n_basis")},
+        **{key: part.number(key) for key in ("error_rms", "error_max")},
+        **{key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")},
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A mapping in the file, and how to ask it; errors name file and key."""
+
+    content: Any
+    key: str
+    file: object
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.content, dict):
+            raise LibraryError(
+                f"{_shown(self.content)} is no mapping",
+                file=self.file,
+                key=self.key,
+                way_out=COPY_ANEW,
+            )
+
+    def with_keys(self, known: Sequence[str]) -> _Part:
+        """Demand these keys and no others."""
+        for key in self.content:
+            if key not in known:
+                raise self.wrong(key, "the key is not known", near_name(key, known))
+        for key in known:
+            self.value(key)
+        return self
+
+    def value(self, key: str) -> Any:
+        if key not in self.content:
+            raise self.wrong(key, "the key is missing", COPY_ANEW)
+        return self.content[key]
+
+    def part(self, key: str) -> _Part:
+        return _Part(self.value(key), self._path(key), self.file)
+
+    def text(self, key: str) -> str:
+        value = self.value(key)
+        if not isinstance(value, str) or len(value) > 10_000:
+            raise self.wrong(key, f"{_shown(value)} is no text", "a text in quotes belongs there")
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        value = self.value(key)
+        if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+            raise self.wrong(key, f"{_shown(value)} is no list of texts", "texts in quotes belong there")
+        return tuple(value)
+
+    def count(self, key: str) -> int:
+        value = self.value(key)
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise self.wrong(
+                key, f"{_shown(value)} is no number of things", "a whole number from 1 on belongs there"
+            )
+        return value
+
+    def number(self, key: str) -> float:
+        return float(self.array(key, ()))
+
+    def array(self, key: str, shape: tuple[int | None, ...]) -> Array:
+        """Finite numbers in nested lists; None in `shape` stands for any length from 1 on."""
+        value = self.value(key)
+        found: tuple[int, ...] = ()
+        level = [value]
+        for wanted in shape:
+            lengths = {len(entry) if isinstance(entry, list) else -1 for entry in level}
+            if len(lengths) != 1 or min(lengths) < 1 or (wanted is not None and lengths != {wanted}):
+                raise self._misshaped(key, value, shape)
+            found += (lengths.pop(),)
+            level = [entry for row in level for entry in row]
+        for entry in level:
+            if isinstance(entry, bool) or not isinstance(entry, (int, float)):
+                raise self._misshaped(key, entry, shape)
+            if not abs(entry) <= 1e300:
+                raise self.wrong(key, f"{_shown(entry)} is not finite", "finite numbers belong there")
+        return np.array(level, dtype=float).reshape(found)
+
+    def wrong(self, key: str, message: str, way_out: str) -> LibraryError:
+        return LibraryError(message, file=self.file, key=self._path(key), way_out=way_out)
+
+    def _path(self, key: str) -> str:
+        return f"{self.key}.{key}" if self.key else key
+
+    def _misshaped(self, key: str, value: object, shape: tuple[int | None, ...]) -> LibraryError:
+        sizes = " lists of ".join("some" if size is None else str(size) for size in shape)
+        wanted = f"{sizes} numbers belong" if shape else "a number belongs"
+        return self.wrong(key, f"{_shown(value)} has another shape", f"{wanted} there")
+
+
+_KINDS = {"position": (_write_position, _read_position), "pose": (_write_pose, _read_pose)}
+
+
+def _sha256(content: Mapping[str, Any]) -> str:
+    """Of the canonical content: keys in order, no blanks, numbers as Python's `repr`."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _laid_out(value: Any, indent: str = "") -> str:
+    """JSON for people: mappings and lists of lists a line each entry, numbers of one list in one line."""
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        lines = [f"{inner}{json.dumps(key)}: {_laid_out(entry, inner)}" for key, entry in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+    if isinstance(value, (list, tuple)) and any(isinstance(entry, (list, str)) for entry in value):
+        return "[\n" + ",\n".join(inner + _laid_out(entry, inner) for entry in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"it holds {text}, which is no number")
+
+
+def _no_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"it holds the key {_shown(twice)} twice")
+    return content
+
+
+def renamed(primitive: Primitive, name: str) -> Primitive:
+    """The same primitive by another name."""
+    return replace(primitive, name=require_name(name))

@@ -1,0 +1,104 @@
+"""The flow of the transformed system in closed form: the one formula behind every rollout and every step.
+
+With ``omega = alpha_y / 2``, ``e = y - g`` and a forcing ``f0 + f1 t``,
+
+    e(t)  = ((1 + omega t) e0 + t v0) exp(-omega t) + f0 c0(t) + f1 c1(t),
+
+where c0 and c1 are the responses to a unit step and a unit ramp. Times are in durations.
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+import numba
+import numpy as np
+
+from comove.primitives.forcing import INTERVAL, N_INTERVALS
+
+ALPHA_Y = 25.0
+OMEGA = ALPHA_Y / 2.0
+
+
+@numba.njit(cache=True)
+def responses(t):
+    """exp(-omega t), c0(t) and c1(t), by series where the closed forms cancel."""
+    x = OMEGA * t
+    decay = exp(-x)
+    if x >= 1.0:
+        return decay, (1.0 - (1.0 + x) * decay) / OMEGA**2, (x - 2.0 + (x + 2.0) * decay) / OMEGA**3
+    term, c0, c1 = x * x / 2.0, 0.0, 0.0
+    for k in range(2, 22):  # term = x^k / k! with alternating sign
+        c0 += (k - 1) * term
+        term = -term * x / (k + 1)
+        c1 -= (k - 1) * term
+    return decay, c0 / OMEGA**2, c1 / OMEGA**3
+
+
+@numba.njit(cache=True)
+def flow(t, response, error, velocity, force, slope):
+    """Error and velocity after the time `t`, whose `responses` are given, under the forcing ``force + slope t``."""
+    decay, c0, c1 = response
+    rate = velocity + OMEGA * error
+    return (
+        (error + t * rate) * decay + force * c0 + slope * c1,
+        (velocity - OMEGA * t * rate) * decay + force * t * decay + slope * c0,
+    )
+
+
+@numba.njit(cache=True)
+def propagated(psi, goal):
+    """Position and velocity at the knots from rest under every column of a forcing towards every column's goal.
+
+    Parameters
+    ----------
+    psi : array, shape (n_knots, n_columns)
+    goal : array, shape (n_columns,)
+
+    Returns
+    -------
+    array, shape (3, n_knots, n_columns); acceleration last
+    """
+    n_knots, n_columns = psi.shape
+    knots = np.zeros((3, n_knots, n_columns))
+    response = responses(INTERVAL)
+    for k in range(n_knots):
+        for j in range(n_columns):
+            error, velocity = knots[0, k, j] - goal[j], knots[1, k, j]
+            knots[2, k, j] = -(OMEGA**2) * error - 2 * OMEGA * velocity + psi[k, j]
+            if k + 1 < n_knots:
+                slope = (psi[k + 1, j] - psi[k, j]) / INTERVAL
+                error, velocity = flow(INTERVAL, response, error, velocity, psi[k, j], slope)
+                knots[0, k + 1, j], knots[1, k + 1, j] = goal[j] + error, velocity
+    return knots
+
+
+@numba.njit(cache=True)
+def values_at(knots, force, goal, s):
+    """Position and two derivatives anywhere on motions that are known at the knots.
+
+    Parameters
+    ----------
+    knots : array, shape (3, n_knots, n_columns)
+    force : array, shape (n_knots, n_columns), linear between the knots, nothing after the last
+    goal : array, shape (n_columns,)
+    s : array, shape (n_steps,), from 0 on
+
+    Returns
+    -------
+    array, shape (3, n_steps, n_columns)
+    """
+    n_columns = knots.shape[2]
+    values = np.empty((3, s.shape[0], n_columns))
+    for i in range(s.shape[0]):
+        k = min(int(s[i] * N_INTERVALS), N_INTERVALS)
+        t = max(s[i] - k * INTERVAL, 0.0)
+        response = responses(t)
+        for j in range(n_columns):
+            f0, slope = 0.0, 0.0
+            if k < N_INTERVALS:
+                f0, slope = force[k, j], (force[k + 1, j] - force[k, j]) / INTERVAL
+            error, velocity = flow(t, response, knots[0, k, j] - goal[j], knots[1, k, j], f0, slope)
+            values[0, i, j], values[1, i, j] = error + goal[j], velocity
+            values[2, i, j] = -(OMEGA**2) * error - 2 * OMEGA * velocity + f0 + slope * t
+    return values

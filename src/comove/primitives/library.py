@@ -1,0 +1,388 @@
+"""A folder of primitives, and which of them come nearest to what is wanted.
+
+The folder holds one file `NAME.dmp.json` a primitive; the file's name is the primitive's. Other files are left alone.
+
+The distance between a movement and a wish is the root of the sum of the squares of
+
+- the shape distance to a given movement: both as curves of `N_SHAPE` even shares of the duration, moved to the
+  origin and scaled to unit root mean square, the root mean square distance after the best rotation (partial
+  Procrustes distance: a metric on shapes, zero for similar movements, not for mirrored ones; at most sqrt(2) from two
+  dimensions on);
+- the distances of start and goal from the wanted ones, in units of the way between these, or of the median way of the
+  movements compared where only one is given (or both coincide);
+- ln(duration / wanted duration).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.demonstrations import Demonstration
+from comove.errors import LibraryError, OptionError, near_name
+from comove.primitives.dmp import DMP
+from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
+from comove.primitives.poses import PoseDMP
+
+Array = NDArray[np.float64]
+
+SUFFIX = ".dmp.json"
+N_SHAPE = 101
+SHOWN = 20  # names that a message lists
+
+Movement = Primitive | DMP | PoseDMP | Demonstration
+
+
+@dataclass(frozen=True)
+class Match:
+    """A movement of a library and how far it is from what is wanted.
+
+    Attributes
+    ----------
+    name : of the primitive
+    distance : all terms together
+    shape : Procrustes distance to the wanted shape; None, as below, where nothing was asked for
+    start, goal : distances from the wanted ones, in the movement's unit
+    duration : over the wanted one
+    """
+
+    name: str
+    distance: float
+    shape: float | None = None
+    start: float | None = None
+    goal: float | None = None
+    duration: float | None = None
+
+
+class Library:
+    """The primitives in a folder; every question is answered by what lies there now.
+
+    Parameters
+    ----------
+    folder : made by the first `add` if it is not there
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]):
+        self.folder = Path(folder)
+
+    def __repr__(self) -> str:
+        return f"Library({str(self.folder)!r})"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the primitives, damaged ones too, sorted."""
+        return tuple(sorted(name.removesuffix(SUFFIX) for name in self._entries() if _is_ours(name)))
+
+    @property
+    def foreign(self) -> tuple[str, ...]:
+        """Names of the files in the folder that are no primitives, sorted; they are left alone."""
+        ours = _is_ours
+        return tuple(sorted(name for name in self._entries() if not ours(name) and not name.startswith(".")))
+
+    @property
+    def damaged(self) -> dict[str, LibraryError]:
+        """What is wrong with the primitives that cannot be read, by name."""
+        return self.read_all()[1]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[Primitive]:
+        """The primitives that can be read, by name; `damaged` says what the others lack."""
+        return iter(self.read_all()[0])
+
+    def __getitem__(self, name: str) -> Primitive:
+        return self.get(name)
+
+    def read_all(self) -> tuple[list[Primitive], dict[str, LibraryError]]:
+        """The primitives that can be read, and what is wrong with the others, by name."""
+        primitives, damaged = [], {}
+        for name in self.names:
+            try:
+                primitives.append(self.get(name))
+            except LibraryError as error:
+                damaged[name] = error
+        return primitives, damaged
+
+    def path(self, name: str) -> Path:
+        """Where the primitive of a name lies, or would lie.
+
+        Raises
+        ------
+        LibraryError
+            If it cannot name a file.
+        """
+        return self.folder / f"{require_name(name, self.folder)}{SUFFIX}"
+
+    def get(self, name: str) -> Primitive:
+        """Read a primitive.
+
+        Raises
+        ------
+        LibraryError
+            If there is none (proposes the near name), or its file is damaged.
+        """
+        path = self.path(name)
+        if not path.is_file():
+            raise LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name))
+        return renamed(read_primitive(path), name)
+
+    def add(self, primitive: Primitive, name: str | None = None, *, replace: bool = False) -> Path:
+        """Put a primitive into the folder, whole or not at all, whoever else does the same meanwhile.
+
+        Parameters
+        ----------
+        name : its name in the library; its own unless given
+        replace : replace the one of this name
+
+        Returns
+        -------
+        Path
+            of its file.
+
+        Raises
+        ------
+        LibraryError
+            If there is one of this name, or of the same name in other capitals, or it cannot be written.
+        """
+        name = primitive.name if name is None else name
+        path = self.path(name)
+        taken = [other for other in self.names if other.casefold() == name.casefold()]
+        if taken and not (replace and taken == [name]):
+            raise self._taken(taken[0])
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LibraryError(
+                f"the folder cannot be made: {error.strerror}",
+                file=self.folder,
+                way_out="name another folder",
+            ) from error
+        try:
+            write_primitive(path, renamed(primitive, name), replace=replace)
+        except LibraryError as error:
+            if isinstance(error.__cause__, FileExistsError):
+                raise self._taken(name) from error
+            raise
+        return path
+
+    def remove(self, name: str) -> None:
+        """Delete a primitive, damaged or not.
+
+        Raises
+        ------
+        LibraryError
+            If there is none, or it cannot be deleted.
+        """
+        path = self.path(name)
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            raise LibraryError(
+                f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name)
+            ) from None
+        except OSError as error:
+            raise LibraryError(
+                f"it cannot be deleted: {error.strerror}", file=path, way_out="ask for the right to do so"
+            ) from error
+
+    def find(
+        self,
+        *,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        duration: float | None = None,
+        shape: Movement | None = None,
+        limit: int | None = None,
+    ) -> list[Match]:
+        """Rank the primitives by their distance from what is wanted, nearest first.
+
+        Primitives of another dimension than what is wanted are left out, damaged ones too.
+
+        Parameters
+        ----------
+        start, goal : wanted ends, arrays, shape (n_dims,), in the movements' unit
+        duration : wanted [s]
+        shape : a movement that they shall resemble
+        limit : how many to return; all unless given
+
+        Raises
+        ------
+        OptionError
+            If nothing is wanted, or something is out of range.
+        """
+        return rank(list(self), start=start, goal=goal, duration=duration, shape=shape, limit=limit)
+
+    def _entries(self) -> list[str]:
+        try:
+            return [entry.name for entry in os.scandir(self.folder)]
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise LibraryError(
+                f"it cannot be read: {error.strerror}",
+                file=self.folder,
+                way_out="name the folder of a library",
+            ) from error
+
+    def _known(self, name: str) -> str:
+        names = self.names
+        if not names:
+            return "the library is empty: comove library add DEMO"
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        near = near_name(name, names)
+        return near if not more else f"{near.partition('known: ')[0]}known: {', '.join(names[:SHOWN])}{more}"
+
+    def _taken(self, name: str) -> LibraryError:
+        return LibraryError(
+            f"there is a primitive {name!r} already",
+            file=self.folder,
+            way_out="choose another name, or replace it (--replace)",
+        )
+
+
+def rank(
+    primitives: Sequence[Primitive],
+    *,
+    start: ArrayLike | None = None,
+    goal: ArrayLike | None = None,
+    duration: float | None = None,
+    shape: Movement | None = None,
+    limit: int | None = None,
+) -> list[Match]:
+    """Rank primitives as `Library.find` does."""
+    wanted = {"start": _point("start", start), "goal": _point("goal", goal)}
+    wanted = {name: point for name, point in wanted.items() if point is not None}
+    if not wanted and duration is None and shape is None:
+        raise OptionError("nothing is asked for", way_out="give a start, a goal, a duration or a shape")
+    if duration is not None and not (np.isfinite(duration) and duration > 0):
+        raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
+    if limit is not None and (
+        isinstance(limit, bool) or not isinstance(limit, (int, np.integer)) or limit < 1
+    ):
+        raise OptionError(f"limit = {limit!r}", way_out="give a whole number from 1 on")
+    dims = {len(point) for point in wanted.values()} | (
+        {_curve(shape).shape[1]} if shape is not None else set()
+    )
+    if len(dims) > 1:
+        raise OptionError(
+            "start, goal and shape differ in their dimensions", way_out="give them in one dimension"
+        )
+    primitives = [p for p in primitives if not dims or p.positions.n_dims in dims]
+    if not primitives:
+        return []
+    terms: dict[str, Array] = {}
+    if shape is not None:
+        terms["shape"] = shape_distances([_curve(p) for p in primitives], [_curve(shape)])[:, 0]
+    ends = {name: np.stack([getattr(p.positions, name) for p in primitives]) for name in wanted}
+    for name, point in wanted.items():
+        terms[name] = np.linalg.norm(ends[name] - point, axis=1)
+    if duration is not None:
+        terms["duration"] = np.array([p.dmp.duration for p in primitives]) / duration
+    scaled = dict(terms)
+    for name in wanted:
+        scaled[name] = terms[name] / _way(wanted, primitives)
+    if duration is not None:
+        scaled["duration"] = np.log(terms["duration"])
+    distance = np.sqrt(sum(term**2 for term in scaled.values()))
+    order = sorted(range(len(primitives)), key=lambda i: (distance[i], primitives[i].name))
+    return [
+        Match(
+            primitives[i].name, float(distance[i]), **{name: float(term[i]) for name, term in terms.items()}
+        )
+        for i in order[:limit]
+    ]
+
+
+def shape_distance(a: Movement, b: Movement) -> float:
+    """Distance between the shapes of two movements, whatever their place, size, turn and duration."""
+    curves = _curve(a), _curve(b)
+    if curves[0].shape != curves[1].shape:
+        raise OptionError(
+            "the movements differ in their dimensions", way_out="compare movements of one dimension"
+        )
+    return float(shape_distances([curves[0]], [curves[1]])[0, 0])
+
+
+def shape_distances(a: ArrayLike, b: ArrayLike) -> Array:
+    """Partial Procrustes distances between all curves of two sets.
+
+    Parameters
+    ----------
+    a : array, shape (n_a, n_samples, n_dims)
+    b : array, shape (n_b, n_samples, n_dims)
+
+    Returns
+    -------
+    array, shape (n_a, n_b)
+        Root mean square distance of the curves, each centred and of unit root mean square, after the best rotation.
+        A curve that does not move has distance 1 from all that do.
+    """
+    a, b = _normalised(np.asarray(a, dtype=float)), _normalised(np.asarray(b, dtype=float))
+    products = np.einsum("itx,jty->ijxy", a, b)
+    left, _, right = np.linalg.svd(products)
+    mirrors = np.linalg.det(left @ right) < 0
+    left[..., -1] *= np.where(mirrors, -1.0, 1.0)[..., None]
+    rotation = left @ right
+    # The sum of squares itself: from the singular values alone, half of the digits would be lost near zero.
+    apart = a[:, None] - np.einsum("jty,ijxy->ijtx", b, rotation)
+    return np.sqrt((apart**2).sum(axis=(2, 3)))
+
+
+def _normalised(curves: Array) -> Array:
+    centred = curves - curves.mean(axis=1, keepdims=True)
+    size = np.sqrt((centred**2).sum(axis=(1, 2), keepdims=True))
+    reach = np.abs(curves).max(axis=(1, 2), keepdims=True)
+    return np.where(size > 1e-12 * reach, centred / np.where(size > 0, size, 1.0), 0.0)
+
+
+def _curve(movement: Movement) -> Array:
+    """Positions at even shares of the duration; array, shape (N_SHAPE, n_dims)."""
+    if isinstance(movement, Demonstration):
+        even = np.linspace(0.0, movement.duration, N_SHAPE)
+        return np.stack([np.interp(even, movement.time, column) for column in movement.position.T], axis=1)
+    dmp = movement.positions if isinstance(movement, Primitive) else movement
+    dmp = dmp.translation if isinstance(dmp, PoseDMP) else dmp
+    if not isinstance(dmp, DMP):
+        raise OptionError(f"shape = {movement!r}", way_out="give a primitive, a DMP or a Demonstration")
+    return dmp.at(np.linspace(0.0, dmp.duration, N_SHAPE)).position
+
+
+def _point(name: str, value: ArrayLike | None) -> Array | None:
+    if value is None:
+        return None
+    try:
+        point = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        point = np.full((1, 1), np.nan)
+    if point.ndim != 1 or not len(point) or not np.isfinite(point).all():
+        raise OptionError(f"{name} = {value!r}", way_out="give finite numbers, one for each coordinate")
+    return point
+
+
+def _way(wanted: dict[str, Array], primitives: Sequence[Primitive]) -> float:
+    """The length in which misses of the ends count."""
+    if len(wanted) == 2:
+        way = float(np.linalg.norm(wanted["goal"] - wanted["start"]))
+        if way > 0:
+            return way
+    ways = [float(np.linalg.norm(p.positions.goal - p.positions.start)) for p in primitives]
+    return float(np.median(ways)) or 1.0
+
+
+def _is_ours(name: str) -> bool:
+    if not name.endswith(SUFFIX):
+        return False
+    try:
+        require_name(name.removesuffix(SUFFIX))
+    except LibraryError:
+        return False
+    return True

@@ -1,0 +1,263 @@
+"""Via-points and limits on a primitive, by small quadratic programmes in its weights.
+
+Position, velocity and acceleration are linear in the shape weights, so via-points are linear equations and limits
+of every coordinate are linear inequalities. Of all movements that keep them, the one nearest to the given movement
+is taken, in the metric in which the weights are orthonormal (the velocity's). Between two knots the acceleration is
+``(P + Q t) exp(-omega t)``, so the largest velocity and acceleration over continuous time are known exactly; where
+they exceed a limit between the knots, the limit at the knots is lowered and the programme solved again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import OptionError
+from comove.primitives.basis import MotionBasis
+from comove.primitives.dmp import DMP
+from comove.primitives.flow import OMEGA
+from comove.primitives.forcing import INTERVAL
+
+Array = NDArray[np.float64]
+
+MAX_ROUNDS = 8  # of lowering the limits at the knots
+SLACK = 1e-9  # of a limit, by which it is undercut: rounding
+MET = 1e-9  # of the movement's size, by which via-points may be missed: rounding
+
+
+@dataclass(frozen=True)
+class ViaPoint:
+    """Where a movement passes.
+
+    Attributes
+    ----------
+    time : [s], between start and end
+    position : array, shape (n_dims,), [m]
+    velocity : array, shape (n_dims,), [m/s]; any where not given
+    """
+
+    time: float
+    position: ArrayLike
+    velocity: ArrayLike | None = None
+
+
+def largest(dmp: DMP) -> tuple[Array, Array]:
+    """Largest velocity and acceleration of every coordinate over continuous time.
+
+    Returns
+    -------
+    velocity, acceleration : arrays, shape (n_dims,), [m/s] and [m/s^2]
+
+    Raises
+    ------
+    OptionError
+        For rhythmic movements.
+    """
+    _require_an_end(dmp)
+    velocity, acceleration = _largest(dmp.curve.knots)
+    return velocity / dmp.duration, acceleration / dmp.duration**2
+
+
+def slowed(dmp: DMP, *, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None) -> DMP:
+    """The same path in the shortest time, its own or longer, that keeps limits of every coordinate.
+
+    Parameters
+    ----------
+    velocity, acceleration : a number or an array of shape (n_dims,), [m/s] and [m/s^2]
+    """
+    fastest, hardest = largest(dmp)
+    longer = [1.0]
+    if velocity is not None:
+        longer.append(float((fastest / _limit("velocity", velocity, dmp)).max()))
+    if acceleration is not None:
+        longer.append(float(np.sqrt((hardest / _limit("acceleration", acceleration, dmp)).max())))
+    return dmp.towards(duration=dmp.duration * max(longer))
+
+
+def constrained(
+    dmp: DMP,
+    *,
+    via: Sequence[ViaPoint] = (),
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+) -> DMP:
+    """The movement nearest to `dmp`, with its ends and its duration, that passes via-points and keeps limits.
+
+    Parameters
+    ----------
+    via
+        Where it passes, exactly.
+    velocity, acceleration
+        Limits of every coordinate at every instant; a number or an array of shape (n_dims,), [m/s], [m/s^2].
+
+    Raises
+    ------
+    OptionError
+        If no weights do all of it, or an argument is out of range.
+    """
+    _require_an_end(dmp)
+    limits = [
+        None if velocity is None else _limit("velocity", velocity, dmp) * dmp.duration,
+        None if acceleration is None else _limit("acceleration", acceleration, dmp) * dmp.duration**2,
+    ]
+    rows, targets = _via_rows(dmp, via)
+    basis, values, weights = dmp.basis, dmp.boundary_values(), dmp.shape_weights
+    new = np.stack(
+        [
+            _solved(
+                basis, values[:, d], weights[d], (rows, targets[:, d]), [_of(limit, d) for limit in limits], d
+            )
+            for d in range(dmp.n_dims)
+        ]
+    )
+    scaling = dmp.scaling()
+    learned = np.linalg.pinv(scaling) @ new
+    if np.abs(scaling @ learned - new).max() > 1e-9 * (1.0 + np.abs(new).max()):
+        raise OptionError(
+            f"the variant {dmp.variant} learns nothing where the goal is the start",
+            way_out="use the closed form",
+        )
+    return replace(dmp, weights=learned)
+
+
+def _solved(
+    basis: MotionBasis,
+    boundary: Array,
+    weights: Array,
+    via: tuple[Array, Array],
+    limits: list[float | None],
+    dimension: int,
+) -> Array:
+    """Shape weights of one coordinate, nearest to `weights`; arrays, shape (n_basis,)."""
+    equalities, targets = via[0][:, 4:], via[1] - via[0][:, :4] @ boundary
+    lowered = list(limits)
+    for _ in range(MAX_ROUNDS):
+        rows, lower, upper = [equalities], [targets], [targets]
+        for order, limit in enumerate(lowered, start=1):
+            if limit is not None:
+                coast = basis.boundary[order] @ boundary
+                rows.append(basis.shape[order])
+                lower.append(-limit - coast)
+                upper.append(limit - coast)
+        solution = _nearest(
+            weights, np.concatenate(rows), np.concatenate(lower), np.concatenate(upper), len(targets)
+        )
+        if solution is None:
+            wanted = [f"{len(np.unique(targets))} via-points"] if len(targets) else []
+            wanted += [
+                name for name, limit in zip(("velocity", "acceleration"), limits, strict=True) if limit
+            ]
+            raise OptionError(
+                f"no movement of {len(weights)} weights keeps {' and '.join(wanted)} in dimension {dimension}",
+                way_out="give it more time or more weights, or ask for less",
+            )
+        knots = basis.boundary @ boundary + basis.shape @ solution
+        peaks = [float(peak[0]) for peak in _largest(knots[:, :, None])]
+        excess = [
+            0.0 if limit is None else peak / limit - 1 for peak, limit in zip(peaks, limits, strict=True)
+        ]
+        if max(excess) <= 0.0:
+            return solution
+        lowered = [
+            limit and limit * (1 - 2 * max(over, 0.0) - SLACK)
+            for limit, over in zip(lowered, excess, strict=True)
+        ]
+    raise OptionError(
+        f"the limits in dimension {dimension} cannot be kept between the knots", way_out="give it more time"
+    )
+
+
+def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: int) -> Array | None:
+    """``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, the first `n_equal` rows with equality."""
+    import daqp
+
+    # Equations are met by elimination, exactly; the programme is left with the inequalities.
+    particular, free = weights, np.eye(len(weights))
+    if n_equal:
+        equal = rows[:n_equal]
+        _, singular, right = np.linalg.svd(equal)
+        rank = int((singular > 1e-10 * max(singular.max(initial=0.0), 1e-300)).sum())
+        particular = weights + np.linalg.lstsq(equal, lower[:n_equal] - equal @ weights, rcond=1e-10)[0]
+        if np.abs(equal @ particular - lower[:n_equal]).max() > MET * (1.0 + np.abs(lower[:n_equal]).max()):
+            return None
+        free = right[rank:].T
+    rows, lower, upper = rows[n_equal:], lower[n_equal:], upper[n_equal:]
+    value = rows @ particular
+    if not ((value < lower) | (value > upper)).any():
+        return particular
+    if not free.shape[1]:
+        return None
+    scale = np.maximum(np.abs(upper - lower) / 2, 1e-300)  # rows in units of their limits
+    matrix = np.ascontiguousarray((rows @ free) / scale[:, None])
+    solution, _, flag, _ = daqp.solve(
+        np.eye(free.shape[1]),
+        np.zeros(free.shape[1]),
+        matrix,
+        (upper - value) / scale,
+        (lower - value) / scale,
+        np.zeros(len(rows), dtype=np.int32),
+    )
+    return particular + free @ solution if flag > 0 else None
+
+
+def _largest(knots: Array) -> tuple[Array, Array]:
+    """Largest |y'| and |y''| in unit duration; knots (3, n_knots, n_dims)."""
+    _, velocity, acceleration = knots
+    p = acceleration[:-1]
+    q = (acceleration[1:] * np.exp(OMEGA * INTERVAL) - p) / INTERVAL
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turning, bending = -p / q, 1 / OMEGA - p / q
+    fastest = np.abs(velocity).max(axis=0)
+    hardest = np.abs(acceleration).max(axis=0)
+    for t, order in ((turning, 1), (bending, 2)):
+        t = np.where((t > 0) & (t < INTERVAL), t, 0.0)  # elsewhere: the knot itself
+        decay = np.exp(-OMEGA * t)
+        if order == 2:
+            hardest = np.maximum(hardest, np.abs((p + q * t) * decay).max(axis=0))
+        else:
+            gained = -(p / OMEGA + q / OMEGA**2) * np.expm1(-OMEGA * t) - q * t * decay / OMEGA
+            fastest = np.maximum(fastest, np.abs(velocity[:-1] + gained).max(axis=0))
+    return fastest, hardest
+
+
+def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
+    """Rows of [B Phi] and what they must give; arrays, shapes (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
+    rows, targets = [np.zeros((0, 4 + dmp.weights.shape[1]))], [np.zeros((0, dmp.n_dims))]
+    for point in via:
+        if not 0 < point.time < dmp.duration:
+            raise OptionError(
+                f"a via-point at {point.time!r} s of a movement of {dmp.duration:g} s",
+                way_out="give a time between start and end",
+            )
+        boundary, shape = dmp.basis.at([point.time / dmp.duration])
+        for order, value in enumerate((point.position, point.velocity)):
+            if value is None:
+                continue
+            vector = np.asarray(value, dtype=float)
+            if vector.shape != (dmp.n_dims,) or not np.isfinite(vector).all():
+                raise OptionError(f"a via-point at {value!r}", way_out=f"give {dmp.n_dims} finite numbers")
+            rows.append(np.concatenate([boundary[order], shape[order]], axis=1))
+            targets.append(vector[None] * dmp.duration**order)
+    return np.concatenate(rows), np.concatenate(targets)
+
+
+def _limit(name: str, value: ArrayLike, dmp: DMP) -> Array:
+    try:
+        limit = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        limit = np.zeros(1)
+    if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
+        raise OptionError(f"{name} = {value!r}", way_out=f"give a positive number, or {dmp.n_dims} of them")
+    return np.broadcast_to(limit, dmp.start.shape)
+
+
+def _of(limit: Array | None, dimension: int) -> float | None:
+    return None if limit is None else float(limit[dimension])
+
+
+def _require_an_end(dmp: DMP) -> None:
+    if not isinstance(dmp.basis, MotionBasis):
+        raise OptionError("a rhythmic movement has no end", way_out="give a movement that ends")

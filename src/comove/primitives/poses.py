@@ -1,0 +1,376 @@
+"""Movements of position and orientation: two primitives on one phase.
+
+The orientation is written as a rotation vector r relative to a reference, ``R = exp(r) R_ref``: the logarithm form
+of the quaternion DMP (Ude et al., 2014), in Koutras and Doulgeri's (2020) version that makes r obey the linear
+system itself. Both ends are exact and a rollout is linear in the weights, as for positions. The reference is the
+goal's orientation, so that r ends at zero; r is continuous beyond half a turn, and signs of quaternions do not
+matter.
+
+A movement that turns about a fixed axis, as everything in the plane and a tray that stays level do, has the angle
+about that axis as its only coordinate of orientation: SE(2), or a level SE(3).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.demonstrations.demonstration import Demonstration
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.primitives import rotations
+from comove.primitives.dmp import DMP
+from comove.primitives.online import DMPState
+from comove.primitives.phase import Phase
+from comove.primitives.variants import Variant
+from comove.trajectory import PoseTrajectory
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+VERTICAL = (0.0, 0.0, 1.0)
+UNIT = 1e-3  # by which the norm of a quaternion may be off
+WANDERING = (
+    0.3  # rad a sample, beyond which a step of the rotation vector that is no step of the body is a jump
+)
+
+
+class PoseRecording(Protocol):
+    """What a primitive of poses is fitted to.
+
+    Attributes
+    ----------
+    time : array, shape (n_steps,), [s]
+    position : array, shape (n_steps, n_dims), [m]
+    orientation : array, shape (n_steps, 4), unit quaternions w x y z
+    start_velocity : array, shape (n_dims,), [m/s]
+    """
+
+    time: Array
+    position: Array
+    orientation: Array | None
+    start_velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A position and an orientation.
+
+    Attributes
+    ----------
+    position : array, shape (n_dims,), [m]; 2 or 3 coordinates
+    orientation : array, shape (4,), unit quaternion w x y z
+    """
+
+    position: Array
+    orientation: Array = (1.0, 0.0, 0.0, 0.0)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        position = np.array(self.position, dtype=float)
+        orientation = np.array(self.orientation, dtype=float)
+        if position.shape not in ((2,), (3,)) or not np.isfinite(position).all():
+            raise OptionError(f"position = {self.position!r}", way_out="give 2 or 3 finite numbers")
+        norm = np.linalg.norm(orientation)
+        if orientation.shape != (4,) or not abs(norm - 1.0) <= UNIT:
+            raise OptionError(
+                f"orientation = {self.orientation!r}",
+                way_out="give a unit quaternion, in the order w, x, y, z",
+            )
+        for name, array in (("position", position), ("orientation", orientation / norm)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def of(cls, position: ArrayLike, rotation: Rotation | float | None = None) -> Pose:
+        """A pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
+        if rotation is None:
+            return cls(position)
+        if isinstance(rotation, (int, float)):
+            return cls(position, (np.cos(rotation / 2), 0.0, 0.0, np.sin(rotation / 2)))
+        return cls(position, rotation.as_quat(scalar_first=True))
+
+    @property
+    def rotation(self) -> Rotation:
+        """The orientation as scipy's `Rotation`."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.orientation, scalar_first=True)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseState:
+    """Where the execution of a movement of poses stands.
+
+    Attributes
+    ----------
+    translation : of the position
+    turning : of the rotation vector, or of the angle
+    """
+
+    translation: DMPState
+    turning: DMPState
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return self.translation.time
+
+    @property
+    def progress(self) -> float:
+        """Phase in durations."""
+        return self.translation.progress
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDMP:
+    """A movement on SE(2) or SE(3) on one canonical system.
+
+    Attributes
+    ----------
+    translation : the position's primitive, n_dims = 2 or 3
+    turning : that of the rotation vector relative to `reference` (3 coordinates), or of the angle about `axis` (1)
+        [rad]
+    reference : array, shape (4,), the orientation at which `turning` is zero, w x y z
+    axis : array, shape (3,), unit vector that the movement turns about; None where it turns freely
+    """
+
+    translation: DMP
+    turning: DMP
+    reference: Array
+    axis: Array | None = None
+
+    @classmethod
+    def fit(
+        cls,
+        demonstration: PoseRecording,
+        *,
+        n_basis: int = 20,
+        variant: Variant | str = Variant.CLOSED_FORM,
+        phase: Phase | None = None,
+        axis: Sequence[float] | None = None,
+    ) -> PoseDMP:
+        """Fit position and orientation of a recording.
+
+        Parameters
+        ----------
+        demonstration
+            A recording with orientations. Signs of its quaternions do not matter.
+        n_basis, variant, phase
+            As for `DMP.fit`; no rhythmic movements.
+        axis
+            Turn about this axis only, `VERTICAL` for a tray that stays level; the rest of the recorded turn is left
+            out, and said. In the plane it is always the vertical.
+
+        Raises
+        ------
+        DemonstrationError
+            If the recording holds no orientations, or turns beyond a whole turn about a wandering axis.
+        OptionError
+            If an option is out of range.
+
+        Warns
+        -----
+        ComoveWarning
+            If turning about `axis` leaves out more than a hundredth of a radian.
+        """
+        if Variant.named(variant) is Variant.RHYTHMIC:
+            raise OptionError("variant = 'rhythmic' of poses", way_out="use a variant that ends")
+        orientation, n_dims = getattr(demonstration, "orientation", None), demonstration.position.shape[1]
+        if orientation is None:
+            raise DemonstrationError(
+                "the recording holds no orientations", way_out="record them, or fit a DMP to the positions"
+            )
+        if n_dims not in (2, 3):
+            raise DemonstrationError(
+                f"the recording has {n_dims} coordinates of position",
+                way_out="give 2 or 3 beside orientations",
+            )
+        reference = orientation[-1] / np.linalg.norm(orientation[-1])
+        reference = reference * np.sign(
+            reference[np.flatnonzero(np.abs(reference) > 1e-9)[0]]
+        )  # w > 0, if not zero
+        relative = rotations.quaternion_product(orientation, rotations.conjugate(reference))
+        about = None if axis is None and n_dims == 3 else _unit(VERTICAL if axis is None else axis)
+        if about is None:
+            turning = rotations.continuous_logarithm(relative)
+            _require_continuous(turning, relative)
+        else:
+            turning, left_out = _angles(relative, about)
+            if left_out > 0.01:
+                warnings.warn(
+                    f"the movement tilts by up to {left_out:.3g} rad away from its axis, which is left out",
+                    ComoveWarning,
+                    stacklevel=2,
+                )
+        options = {"n_basis": n_basis, "variant": variant, "phase": phase}
+        turned = Demonstration(demonstration.time, turning, unit="rotation vector")
+        return cls(DMP.fit(demonstration, **options), DMP.fit(turned, **options), reference, about)
+
+    @property
+    def n_dims(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.translation.n_dims
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return self.translation.duration
+
+    @property
+    def weights(self) -> Array:
+        """Free shape weights, those of the position first; array, shape (n_dims + 3 or 1, n_basis)."""
+        return np.concatenate([self.translation.weights, self.turning.weights])
+
+    @property
+    def start(self) -> Pose:
+        """Where the movement begins."""
+        return Pose(self.translation.start, self._orientation(self.turning.start))
+
+    @property
+    def goal(self) -> Pose:
+        """Where it ends."""
+        return Pose(self.translation.goal, self._orientation(self.turning.goal))
+
+    def towards(
+        self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
+    ) -> PoseDMP:
+        """The same shape weights between other poses; what is not given stays.
+
+        Raises
+        ------
+        OptionError
+            If the duration is not positive, a pose has another dimension, or turns away from the axis.
+        """
+        poses = {"start": start, "goal": goal}
+        given = {name: self._checked(name, pose) for name, pose in poses.items() if pose is not None}
+        translation = self.translation.towards(
+            duration=duration, **{name: pose.position for name, pose in given.items()}
+        )
+        turns = {"start": self.turning.start, "goal": self.turning.goal}
+        turns |= {name: self._turn(pose, turns[name]) for name, pose in given.items()}
+        return replace(
+            self, translation=translation, turning=self.turning.towards(duration=duration, **turns)
+        )
+
+    def rollout(
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        n_steps: int = 201,
+    ) -> PoseTrajectory:
+        """Play the movement, between other poses if they are given; exact at every sample."""
+        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
+            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        dmp = self.towards(start=start, goal=goal, duration=duration)
+        return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
+
+    def at(self, time: ArrayLike) -> PoseTrajectory:
+        """Poses and velocities at any times [s], array of shape (n_steps,); at rest after the end."""
+        moved, turned = self.translation.at(time), self.turning.at(time)
+        vectors, rates = self._vectors(turned.position), self._vectors(turned.velocity)
+        return PoseTrajectory(
+            moved.time,
+            moved.position,
+            moved.velocity,
+            orientation=rotations.quaternion_product(rotations.exponential(vectors), self.reference),
+            angular_velocity=rotations.angular_velocity(vectors, rates),
+        )
+
+    def initial_state(self) -> PoseState:
+        """The state at time 0, from which `step` goes on."""
+        return PoseState(self.translation.initial_state(), self.turning.initial_state())
+
+    def step(self, state: PoseState, dt: float, *, rate: float = 1.0) -> PoseState:
+        """Advance by `dt` [s] online, exactly, as `DMP.step` does."""
+        return PoseState(
+            self.translation.step(state.translation, dt, rate=rate),
+            self.turning.step(state.turning, dt, rate=rate),
+        )
+
+    def pose(self, state: PoseState) -> Pose:
+        """The pose of a state."""
+        return Pose(state.translation.position, self._orientation(state.turning.position))
+
+    def twist(self, state: PoseState) -> tuple[Array, Array]:
+        """Velocity [m/s] and angular velocity [rad/s] of a state; arrays, shapes (n_dims,) and (3,)."""
+        turning = state.turning
+        vector, rate = self._vectors(turning.position), self._vectors(turning.velocity)
+        return state.translation.velocity, rotations.angular_velocity(vector, rate)
+
+    def redirected(self, state: PoseState, goal: Pose) -> PoseState:
+        """The state with a goal that has moved; it is reached by the shortest turn from the former goal."""
+        goal = self._checked("goal", goal)
+        return PoseState(
+            replace(state.translation, goal=goal.position),
+            replace(state.turning, goal=self._turn(goal, state.turning.goal)),
+        )
+
+    def displaced(self, state: PoseState, pose: Pose) -> PoseState:
+        """The state of a body that was pushed to `pose`."""
+        pose = self._checked("pose", pose)
+        return PoseState(
+            replace(state.translation, position=pose.position),
+            replace(state.turning, position=self._turn(pose, state.turning.position)),
+        )
+
+    def _vectors(self, turning: Array) -> Array:
+        return turning if self.axis is None else turning * self.axis
+
+    def _orientation(self, turning: Array) -> Array:
+        return rotations.quaternion_product(rotations.exponential(self._vectors(turning)), self.reference)
+
+    def _turn(self, pose: Pose, near: Array) -> Array:
+        """The coordinates of a pose's orientation that are nearest to `near`."""
+        relative = rotations.quaternion_product(pose.orientation, rotations.conjugate(self.reference))
+        vector = rotations.logarithm(relative, self._vectors(near))
+        return vector if self.axis is None else np.array([vector @ self.axis])
+
+    def _checked(self, name: str, pose: Pose) -> Pose:
+        if not isinstance(pose, Pose) or len(pose.position) != self.n_dims:
+            raise OptionError(f"{name} = {pose!r}", way_out=f"give a Pose in {self.n_dims} dimensions")
+        if self.axis is not None:
+            relative = rotations.quaternion_product(pose.orientation, rotations.conjugate(self.reference))
+            _, away = _angles(relative[None], self.axis)
+            if away > UNIT:
+                raise OptionError(
+                    f"the {name} is tilted by {away:.3g} rad away from the movement's axis",
+                    way_out="give an orientation that turns about the axis only",
+                )
+        return pose
+
+
+def _unit(axis: Sequence[float]) -> Array:
+    vector = np.asarray(axis, dtype=float)
+    length = np.linalg.norm(vector)
+    if vector.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise OptionError(f"axis = {axis!r}", way_out="give three numbers, not all of them zero")
+    return vector / length
+
+
+def _angles(relative: Array, axis: Array) -> tuple[Array, float]:
+    """Angles about the axis, (n_steps, 1), continuous and near zero at the end, and the largest tilt away from it."""
+    along = relative[:, 1:] @ axis
+    angles = np.unwrap(2 * np.arctan2(along, relative[:, 0])[::-1], period=2 * np.pi)[::-1]
+    angles = angles - 2 * np.pi * np.round(angles[-1] / (2 * np.pi))
+    across = np.linalg.norm(relative[:, 1:] - along[:, None] * axis, axis=1)
+    return angles[:, None], float(2 * np.arcsin(np.minimum(across, 1.0)).max())
+
+
+def _require_continuous(vectors: Array, relative: Array) -> None:
+    steps = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
+    turned = 2 * np.arccos(np.minimum(np.abs((relative[1:] * relative[:-1]).sum(axis=1)), 1.0))
+    jumps = np.flatnonzero(steps > 10 * turned + WANDERING)
+    if jumps.size:
+        raise DemonstrationError(
+            f"sample {jumps[0] + 1} is a whole turn away from the goal and the axis wanders there",
+            key="orientation",
+            way_out="cut the recording in two, so that each part turns by less than a whole turn",
+        )

@@ -1,0 +1,138 @@
+"""Rhythmic movements: the limit cycle of the transformed system under a periodic forcing term.
+
+With ``f(s) = psi(s) w`` of period 1 the system of equation (1a) has exactly one periodic solution, and every other
+solution runs into it: the difference is a free critically damped motion, gone like ``exp(-alpha_y s / 2)``. Both are
+known in closed form. The goal is the centre of the cycle: the free weights leave its mean alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from comove.primitives.basis import from_rest, released
+from comove.primitives.flow import values_at
+from comove.primitives.forcing import N_INTERVALS, von_mises
+
+Array = NDArray[np.float64]
+
+CORRELATED = 0.5  # least autocorrelation that is taken for a period
+LONGEST = 0.55  # of a recording, that a period may last to be seen in it
+N_EVEN = 4096  # samples on which a period is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class RhythmicBasis:
+    """Matrices that turn boundary values and shape weights into a motion of unit period.
+
+    Attributes
+    ----------
+    cycle : array, shape (3, n_knots, n_basis): position, velocity and acceleration on the limit cycle caused by a
+        unit shape weight; the last knot is the first one, a period later
+    shape_force : array, shape (n_knots, n_basis), the forcing term that belongs to it
+    """
+
+    cycle: Array
+    shape_force: Array
+
+    @property
+    def n_basis(self) -> int:
+        """Number of free shape weights a dimension."""
+        return self.cycle.shape[2]
+
+    def sampled(self, n_steps: int) -> Array:
+        """Positions at even samples of the first period; array, shape (n_basis + 4, n_steps)."""
+        boundary, shape = self.at(np.linspace(0.0, 1.0, n_steps))
+        return np.concatenate([shape[0], boundary[0]], axis=1).T
+
+    def at(self, s: ArrayLike) -> tuple[Array, Array]:
+        """Boundary and shape matrices at times in periods, from 0 on, exact between the knots as well.
+
+        The boundary values are start, start velocity, centre, and one that means nothing here.
+
+        Returns
+        -------
+        boundary : array, shape (3, n_steps, 4)
+        shape : array, shape (3, n_steps, n_basis)
+        """
+        s = np.maximum(np.asarray(s, dtype=float), 0.0)
+        free = released(s)
+        boundary = np.zeros((3, len(s), 4))
+        boundary[:, :, :2] = free
+        boundary[:, :, 2] = -free[:, :, 0]
+        boundary[0, :, 2] += 1.0
+        return boundary, self.on_cycle(s) - free @ self.cycle[:2, 0]
+
+    def on_cycle(self, s: Array) -> Array:
+        """The limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""
+        return values_at(self.cycle, self.shape_force, np.zeros(self.n_basis), s - np.floor(s))
+
+
+@lru_cache(maxsize=32)
+def rhythmic_basis(n_basis: int) -> RhythmicBasis:
+    """Build (once) the basis with `n_basis` free shape weights a dimension, orthonormal in velocity."""
+    psi = von_mises(n_basis + 1)
+    weights = from_rest(psi)
+    free = released(np.linspace(0.0, 1.0, N_INTERVALS + 1))
+    onset = np.linalg.solve(np.eye(2) - free[:2, -1], weights[:2, -1])  # which returns after a period
+    cycle = weights + free @ onset
+    mean = 0.5 * (cycle[0, 1:] + cycle[0, :-1]).mean(axis=0)
+    null_space = np.linalg.svd(mean[None])[2][1:].T
+    _, singular, right = np.linalg.svd(cycle[1] @ null_space, full_matrices=False)
+    of_shape = null_space @ (right.T / singular) * np.sqrt(N_INTERVALS)
+    arrays = cycle @ of_shape, psi @ of_shape
+    for array in arrays:
+        array.setflags(write=False)
+    return RhythmicBasis(*arrays)
+
+
+def estimated_period(time: Array, position: Array) -> float:
+    """Period of a recorded movement: the first high peak of its autocorrelation, refined by how well it repeats.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], from 0
+    position : array, shape (n_steps, n_dims)
+
+    Returns
+    -------
+    float
+        [s]; the whole duration where nothing repeats.
+    """
+    even = np.linspace(0.0, time[-1], min(N_EVEN, 8 * len(time)))
+    x = np.stack([np.interp(even, time, column) for column in position.T], axis=1)
+    x = x - x.mean(axis=0)
+    n = len(even)
+    spectrum = np.abs(np.fft.rfft(x, 2 * n, axis=0)) ** 2
+    products = np.fft.irfft(spectrum.sum(axis=1))[:n]
+    energy = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=1))])
+    lags = np.arange(n)
+    both = np.sqrt((energy[n - lags]) * (energy[n] - energy[lags]))
+    correlation = products / np.maximum(both, 1e-300)
+    lags = lags[1 : int(LONGEST * n)]
+    inner = correlation[lags]
+    fallen = np.flatnonzero(inner < CORRELATED)
+    if not fallen.size:
+        return float(time[-1])
+    high = inner[fallen[0] :] >= max(CORRELATED, 0.9 * inner[fallen[0] :].max(initial=0.0))
+    if not high.any():
+        return float(time[-1])
+    first = fallen[0] + int(np.argmax(high))
+    stretch = inner[first:]
+    peak = first + int(np.argmax(stretch[: max(2, first // 2)]))
+    guess = even[lags[peak]]
+
+    def misfit(period: float) -> float:
+        later = even[even <= even[-1] - period]
+        now = np.stack([np.interp(later, even, column) for column in x.T])
+        then = np.stack([np.interp(later + period, even, column) for column in x.T])
+        return float(((then - now) ** 2).mean())
+
+    bounds = 0.95 * guess, min(1.05 * guess, 0.98 * time[-1])
+    if bounds[0] >= bounds[1]:
+        return float(guess)
+    return float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9 * guess}).x)

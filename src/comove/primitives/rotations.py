@@ -1,0 +1,131 @@
+"""Rotations: quaternions, rotation vectors that stay continuous, and similarities.
+
+Quaternions are w x y z; rotation vectors point along the axis and are as long as the angle [rad]. A body that turns
+with ``R(t) = exp(r(t))`` has the angular velocity ``J(r) r'`` in the world's frame, J the left Jacobian of SO(3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SMALL = 1e-3  # rad, below which the limit replaces what would cancel
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
+    w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(axis=-1)
+    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w[..., None], v], axis=-1)
+
+
+def conjugate(quaternion: Array) -> Array:
+    """The inverse of unit quaternions; arrays, shape (..., 4)."""
+    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def same_hemisphere(quaternions: Array) -> Array:
+    """The same orientations without sign flips between neighbours; array, shape (n_steps, 4).
+
+    The last one keeps its sign.
+    """
+    return quaternions * _signs_from_the_end((quaternions[1:] * quaternions[:-1]).sum(axis=1))
+
+
+def exponential(vectors: Array) -> Array:
+    """Quaternions of rotation vectors of any length; (..., 3) -> (..., 4)."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * vectors], axis=-1)
+
+
+def logarithm(quaternion: Array, near: Array | None = None) -> Array:
+    """The rotation vector of one orientation, shape (4,), that is nearest to the vector `near`, shape (3,).
+
+    The shortest one where `near` is not given.
+    """
+    near = np.zeros(3) if near is None else near
+    if quaternion[0] < 0.0:
+        quaternion = -quaternion
+    sine = np.linalg.norm(quaternion[1:])
+    angle = 2 * np.arctan2(sine, quaternion[0])
+    length = np.linalg.norm(near)
+    if sine < 1e-12:  # no turn, or whole turns about any axis
+        turns = np.round(length / (2 * np.pi))
+        return 2 * quaternion[1:] + (2 * np.pi * turns * near / length if turns else 0.0)
+    axis = quaternion[1:] / sine
+    turns = np.round((axis @ near - angle) / (2 * np.pi))
+    return axis * (angle + 2 * np.pi * turns)
+
+
+def continuous_logarithm(quaternions: Array) -> Array:
+    """Rotation vectors of a movement, without jumps; the last one is the shortest.
+
+    Parameters
+    ----------
+    quaternions : array, shape (n_steps, 4), whatever their signs
+
+    Returns
+    -------
+    array, shape (n_steps, 3)
+        Where the angle passes a whole turn, it goes on about the same axis; about a wandering axis there is no such
+        continuation, and the vectors jump.
+    """
+    q = same_hemisphere(np.where(quaternions[-1:, :1] < 0.0, -1.0, 1.0) * quaternions)
+    sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
+    axis = q[:, 1:] / np.maximum(sine, 1e-300)
+    turned = np.flatnonzero(sine[:, 0] > 1e-12)
+    if turned.size:  # where nothing is turned, the axis is that of the next sample that is
+        axis = axis[turned[np.minimum(np.searchsorted(turned, np.arange(len(q))), turned.size - 1)]]
+    axis *= _signs_from_the_end((axis[1:] * axis[:-1]).sum(axis=1))  # about a fixed axis the angle has a sign
+    angle = 2 * np.arctan2((q[:, 1:] * axis).sum(axis=1), q[:, 0])
+    return axis * np.unwrap(angle[::-1])[::-1, None]
+
+
+def _signs_from_the_end(dots: Array) -> Array:
+    """Signs that make neighbours agree; the last is 1; (n_steps - 1,) -> (n_steps, 1)."""
+    return np.append(np.cumprod(np.where(dots[::-1] < 0.0, -1.0, 1.0))[::-1], 1.0)[:, None]
+
+
+def angular_velocity(vectors: Array, rates: Array) -> Array:
+    """J(r) r' for rotation vectors r and their rates r'; arrays, shape (..., 3)."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    first = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    second = np.where(angle < SMALL, 1 / 6, (1 - np.sinc(angle / np.pi)) / np.maximum(angle, SMALL) ** 2)
+    crossed = np.cross(vectors, rates)
+    return rates + first * crossed + second * np.cross(vectors, crossed)
+
+
+def matrices(quaternions: Array) -> Array:
+    """Rotation matrices of unit quaternions; (..., 4) -> (..., 3, 3)."""
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def similarity(a: Array, b: Array) -> Array:
+    """The least rotation times scale that carries the vector `a` to `b`; array, shape (n, n).
+
+    In one dimension, where nothing turns, it is b/a. Opposite vectors leave the axis open: a fixed one is taken.
+    """
+    if len(a) == 1:
+        return (b / a)[:, None]
+    length, wanted = np.linalg.norm(a), np.linalg.norm(b)
+    if wanted == 0.0:
+        return np.zeros((len(a), len(a)))
+    a, b = a / length, b / wanted
+    aside = b - (b @ a) * a
+    if not np.linalg.norm(aside) > 0.0:
+        aside[np.argmin(np.abs(a))] = 1.0
+    for _ in range(2):  # once more, for vectors that nearly coincide
+        aside = aside - (aside @ a) * a
+        aside = aside / np.linalg.norm(aside)
+    cosine, sine = b @ a, b @ aside
+    turn = sine * (np.outer(aside, a) - np.outer(a, aside))
+    turn += (cosine - 1.0) * (np.outer(a, a) + np.outer(aside, aside))
+    return wanted / length * (np.eye(len(a)) + turn)

@@ -1,0 +1,114 @@
+"""The variants of the dynamic movement primitive on one notation.
+
+In unit duration, with goal g, start y0, displacement d = g - y0 and that of the demonstration d*:
+
+============= ============================================================== =============== ===================
+variant       y'' = alpha_y (beta_y (g - y) - y') + ...                      forcing functions  A(d)
+============= ============================================================== =============== ===================
+closed-form   f                                                              Gaussians       1
+classic       A f                                                            Gaussians       diag(d / d*)
+pastor        f - alpha_y beta_y d x                                         Gaussians       1
+dmp++         A f - alpha_y beta_y d x                                       mollifiers      \\|d\\|/\\|d*\\| R(d*, d)
+rhythmic      f, periodic                                                    von Mises       1
+============= ============================================================== =============== ===================
+
+with ``f(s) = psi(s) w`` and the phase x. All of them meet both ends exactly: two more forcing functions than free
+weights hold them (one for the mean of a rhythmic cycle). R is the least rotation that turns d* into d.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError, near_name
+from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.forcing import mollifiers
+from comove.primitives.phase import ExponentialPhase, Phase
+from comove.primitives.rhythm import RhythmicBasis, rhythmic_basis
+from comove.primitives.rotations import similarity
+
+Array = NDArray[np.float64]
+
+NO_WAY = 1e-9  # displacements below this share of the movement's extent count as none
+
+
+class Variant(StrEnum):
+    """A variant of the dynamic movement primitive.
+
+    CLOSED_FORM
+        The shape is added to the way to the goal whatever that is: moving the goal bends the movement smoothly
+        (Li et al., 2023, have the same boundary conditions in closed form). The default.
+    CLASSIC
+        The shape scales with the displacement, dimension by dimension (Ijspeert et al., 2013): it is mirrored where
+        the displacement changes sign, vanishes where the goal is the start, and grows without bound where the
+        demonstration's ends nearly coincide. A dimension whose recorded ends coincide is not learned.
+    PASTOR
+        As the closed form, and the goal's pull fades in (Hoffmann et al., 2009; Pastor et al., 2009): starts gently
+        for far goals.
+    DMP_PLUS_PLUS
+        The whole movement turns and scales with the displacement (Ginesi et al., 2021): the path is similar to
+        the taught one, and shrinks to a point where the goal is the start. Where the recorded ends coincide there is
+        nothing to turn by, and the shape stays as it is.
+    RHYTHMIC
+        A limit cycle about the goal (Ijspeert et al., 2013); `duration` is the period.
+    """
+
+    CLOSED_FORM = "closed-form"
+    CLASSIC = "classic"
+    PASTOR = "pastor"
+    DMP_PLUS_PLUS = "dmp++"
+    RHYTHMIC = "rhythmic"
+
+    @classmethod
+    def named(cls, name: str) -> Variant:
+        """The variant of a name.
+
+        Raises
+        ------
+        OptionError
+            If there is none.
+        """
+        try:
+            return cls(name)
+        except ValueError:
+            raise OptionError(
+                f"variant = {name!r}", way_out=near_name(str(name), [variant.value for variant in cls])
+            ) from None
+
+    @property
+    def usual_phase(self) -> Phase:
+        """What `DMP.fit` takes: for the forms of the literature a phase that falls to a hundredth."""
+        return ExponentialPhase() if self is Variant.CLOSED_FORM else ExponentialPhase(alpha=4.6)
+
+    def basis(self, n_basis: int, phase: Phase) -> MotionBasis | RhythmicBasis:
+        """The matrices behind the rollouts of this variant."""
+        return _BASES[self](n_basis, phase=phase)
+
+    def scaling(self, learned: Array, displacement: Array, extent: float) -> Array:
+        """A(d): what the learned forcing term is multiplied by; array, shape (n_dims, n_dims).
+
+        Parameters
+        ----------
+        learned, displacement : arrays, shape (n_dims,), d* and d
+        extent : of the learned movement, against which a displacement counts as none
+        """
+        n_dims, none = len(learned), NO_WAY * extent
+        if self is Variant.CLASSIC:
+            taught = np.abs(learned) > none
+            return np.diag(np.where(taught, displacement / np.where(taught, learned, 1.0), 0.0))
+        if self is Variant.DMP_PLUS_PLUS and np.linalg.norm(learned) > none:
+            return similarity(learned, displacement)
+        return np.eye(n_dims)
+
+
+_BASES = {
+    Variant.CLOSED_FORM: motion_basis,
+    Variant.CLASSIC: motion_basis,
+    Variant.PASTOR: partial(motion_basis, fading_goal=True),
+    Variant.DMP_PLUS_PLUS: partial(motion_basis, kernels=mollifiers, fading_goal=True),
+    Variant.RHYTHMIC: lambda n_basis, phase: rhythmic_basis(n_basis),
+}

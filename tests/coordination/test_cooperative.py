@@ -1,0 +1,286 @@
+"""Hands with orientations on one phase: relative poses hold whatever happens, prescribed ones are followed."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comove.coordination.constraints import (
+    TURN_LENGTH,
+    ConstraintError,
+    Distance,
+    Poses,
+    RelativePose,
+    SameHeight,
+    Separation,
+    Upright,
+    project,
+)
+from comove.coordination.cooperative import CooperativeDMP
+from comove.demonstrations import Demonstration
+from comove.errors import OptionError
+from comove.primitives.poses import VERTICAL, Pose, PoseDMP
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def recording(seed=0, reach=2.0, duration=3.0):
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 1, 301)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    bends = np.stack([np.sin(np.pi * k * way) for k in (1, 2, 3)], axis=1)
+    position = np.outer(way, rng.uniform(0.3, 1, 3)) + bends @ rng.uniform(-0.2, 0.2, (3, 3))
+    vectors = np.outer(1 - way, rng.uniform(-1, 1, 3)) + bends @ rng.uniform(-0.5, 0.5, (3, 3))
+    turns = Rotation.from_rotvec(vectors * reach / np.linalg.norm(vectors, axis=1).max())
+    return Demonstration(duration * s, position, orientation=turns.as_quat(scalar_first=True))
+
+
+def random_pose(rng, reach=0.4):
+    return Pose.of(rng.uniform(-reach, reach, 3), Rotation.random(random_state=rng.integers(2**31)))
+
+
+def carried(n_hands, seed=0):
+    rng = np.random.default_rng(seed)
+    grasps = {f"hand{i}": random_pose(rng) for i in range(n_hands)}
+    return CooperativeDMP.rigid(PoseDMP.fit(recording(seed)), grasps)
+
+
+def relative_error(poses, grasps):
+    """Largest error of a relative pose, [m] or [rad]: hands against the first one, by scipy."""
+    first, worst = next(iter(grasps)), 0.0
+    for name, grasp in grasps.items():
+        seen = poses[first].rotation.inv()
+        held = grasps[first].rotation.inv()
+        away = seen.apply(poses[name].position - poses[first].position)
+        wanted = held.apply(grasp.position - grasps[first].position)
+        turn = (seen * poses[name].rotation) * (held * grasp.rotation).inv()
+        worst = max(worst, np.linalg.norm(away - wanted), turn.magnitude())
+    return worst
+
+
+@pytest.mark.parametrize("n_hands", [2, 3, 4, 5, 6])
+def test_a_rigid_load_whatever_happens(n_hands):
+    """Double and half speed, a stop, backwards, a goal that jumps, a push of the load."""
+    dmp = carried(n_hands)
+    goal = random_pose(np.random.default_rng(99), reach=1.0)
+    state, rates = dmp.initial_state(), [1.0, 2.0, 0.5, 0.0, -1.0, 1.0, 1.0]
+    for k in range(700):
+        state = dmp.step(state, 0.01, rate=rates[k // 100])
+        if k == 150:
+            state = dmp.redirected(state, goal)
+        if k == 520:
+            load = dmp.load.pose(state.parts[""])
+            pushed = Pose.of(load.position + 0.05, load.rotation * Rotation.from_rotvec([0.1, 0, 0]))
+            state = dmp.displaced(state, pushed)
+        assert relative_error(dmp.poses(state), dmp.hands) < 1e-12
+    state = dmp.step(state, 10.0)
+    load = dmp.load.pose(state.parts[""])
+    assert np.abs(load.position - goal.position).max() < 1e-9
+    assert (load.rotation * goal.rotation.inv()).magnitude() < 1e-9
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds, st.integers(1, 6))
+def test_rollouts_hold_the_load_too(seed, n_hands):
+    dmp = carried(n_hands, seed)
+    path = dmp.rollout(goal=random_pose(np.random.default_rng(seed + 1)), duration=1.5, n_steps=23)
+    assert path.position.shape == (23, n_hands, 3) and path.manipulators == dmp.manipulators
+    for k in range(23):
+        poses = {
+            name: Pose(path.position[k, i], path.orientation[k, i])
+            for i, name in enumerate(path.manipulators)
+        }
+        assert relative_error(poses, dmp.hands) < 1e-12
+    assert np.abs(path.velocity[-1]).max() < 1e-9 and np.abs(path.angular_velocity[-1]).max() < 1e-9
+
+
+def test_steps_equal_the_rollout():
+    dmp = carried(3)
+    state = dmp.step(dmp.step(dmp.initial_state(), 0.7), 0.6)
+    path = dmp.at([1.3])
+    for i, pose in enumerate(dmp.poses(state).values()):
+        assert np.abs(pose.position - path.position[0, i]).max() < 1e-12
+        assert (
+            pose.rotation * Rotation.from_quat(path.orientation[0, i], scalar_first=True).inv()
+        ).magnitude() < 1e-9
+
+
+def differences(dmp, time, h=1e-5):
+    """Velocities and angular velocities of all hands by differences."""
+    ahead, behind = dmp.at(time + h), dmp.at(time - h)
+    turns = (ahead.rotation * behind.rotation.inv()).as_rotvec() / (2 * h)
+    return (ahead.position - behind.position) / (2 * h), turns.reshape(ahead.position.shape)
+
+
+def test_one_hand_turns_the_lid_while_both_move():
+    """Seen from the holder, the turner does what its own movement says; velocities are those of the path."""
+    s = np.linspace(0, 1, 301)
+    turns = Rotation.from_rotvec(np.outer(7 * s**3 * (10 - 15 * s + 6 * s**2), VERTICAL))
+    lid = Demonstration(3 * s, np.tile([0, 0, 0.1], (301, 1)), orientation=turns.as_quat(scalar_first=True))
+    turner = PoseDMP.fit(lid, n_basis=25)
+    dmp = CooperativeDMP(PoseDMP.fit(recording(1)), {"holder": Pose([0, 0, -0.1]), "turner": turner})
+    time = np.linspace(0.1, 2.9, 29)
+    path, own = dmp.at(time), turner.at(time)
+    holder, hand = (Rotation.from_quat(path.orientation[:, i], scalar_first=True) for i in (0, 1))
+    assert (holder.inv() * hand * own.rotation.inv()).magnitude().max() < 1e-12
+    assert np.abs(holder.inv().apply(path.position[:, 1] - path.position[:, 0]) - [0, 0, 0.2]).max() < 1e-9
+    velocity, spin = differences(dmp, time)
+    assert np.abs(velocity - path.velocity).max() < 1e-6 and np.abs(spin - path.angular_velocity).max() < 1e-5
+
+
+def test_from_the_demonstration_of_one_hand():
+    """The hand that was shown does what was shown; the others hold on."""
+    shown, rng = recording(2), np.random.default_rng(3)
+    grasps = {"left": random_pose(rng), "right": random_pose(rng)}
+    dmp = CooperativeDMP.from_hand(shown, "left", grasps, n_basis=50)
+    path = dmp.at(shown.time)
+    assert np.abs(path.position[:, 0] - shown.position).max() < 2e-3
+    left = Rotation.from_quat(path.orientation[:, 0], scalar_first=True)
+    assert (left * shown.rotation.inv()).magnitude().max() < 2e-3
+    with pytest.raises(OptionError, match="did you mean 'left'"):
+        CooperativeDMP.from_hand(shown, "lefft", grasps)
+
+
+def alone(constraints, seed=4):
+    """Two hands that move for themselves, half a metre apart."""
+    one = PoseDMP.fit(recording(seed, reach=0.6))
+    start, goal = one.start, one.goal
+    other = one.towards(
+        start=Pose.of(start.position + [0.1, 0.5, 0.05], start.rotation),
+        goal=Pose.of(goal.position + [0.05, 0.45, -0.1], goal.rotation),
+    )
+    return CooperativeDMP(None, {"left": one, "right": other}, constraints)
+
+
+def average_height(poses):
+    """A user's own constraint: the mean height is a quarter of a metre."""
+    return 0.5 * (poses.position("left")[:, 2] + poses.position("right")[:, 2]) - 0.25
+
+
+CASES = {
+    "distance": [Distance("left", "right", 0.5)],
+    "height": [SameHeight("left", "right")],
+    "both": [SameHeight("left", "right"), Distance("left", "right", 0.45)],
+    "separation": [Separation("left", "right", 0.52)],
+    "pose": [RelativePose("left", "right", Pose.of([0.1, 0.45, 0.0], Rotation.from_rotvec([0.2, 0, 0])))],
+    "level": [Upright("left"), Upright("right")],
+    "own": [average_height],
+}
+
+
+@pytest.mark.parametrize("constraints", CASES.values(), ids=CASES)
+def test_constraints_between_independent_hands(constraints):
+    dmp = alone(constraints)
+    path = dmp.rollout(n_steps=101)
+    poses = Poses(path.manipulators, path.position, path.orientation)
+    for constraint in constraints:
+        assert np.abs(constraint(poses)).max() < 1e-10
+    time = np.linspace(0.1, 2.9, 15)
+    velocity, spin = differences(dmp, time)
+    assert np.abs(velocity - dmp.at(time).velocity).max() < 1e-4 * (1 + np.abs(velocity).max())
+    assert np.abs(spin - dmp.at(time).angular_velocity).max() < 1e-4 * (1 + np.abs(spin).max())
+
+
+@pytest.mark.parametrize("constraints", CASES.values(), ids=CASES)
+def test_and_online_at_any_pace(constraints):
+    dmp = alone(constraints)
+    state = dmp.initial_state()
+    for k, rate in enumerate([1.0, 2.0, 0.0, -1.0, 0.5, 1.0, 1.0, 1.0]):
+        state = dmp.step(state, 0.3, rate=rate)
+        if k == 4:
+            moved = dmp.hands["left"].goal
+            state = dmp.redirected(state, Pose.of(moved.position + [0.1, 0, 0], moved.rotation), "left")
+        poses = dmp.poses(state)
+        single = Poses(
+            dmp.manipulators, *(np.stack([getattr(p, what) for p in poses.values()])[None] for what in
+                                ("position", "orientation"))
+        )  # fmt: skip
+        for constraint in constraints:
+            assert np.abs(constraint(single)).max() < 1e-10
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds)
+def test_the_projection_is_the_nearest_point_for_a_distance(seed):
+    """Both hands move by half of what is missing, along the line between them."""
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-1, 1, (4, 2, 3))
+    positions[:, 1] += 2.0
+    poses = Poses(("a", "b"), positions, np.tile([1.0, 0, 0, 0], (4, 2, 1)))
+    moved = project(poses, [Distance("a", "b", 0.7)])
+    middle, away = positions.mean(axis=1), positions[:, 1] - positions[:, 0]
+    half = 0.35 * away / np.linalg.norm(away, axis=1, keepdims=True)
+    assert np.abs(moved.positions - np.stack([middle - half, middle + half], axis=1)).max() < 1e-6
+    assert np.abs(moved.orientations - poses.orientations).max() < 1e-9
+
+
+def test_a_radian_counts_as_a_length():
+    """The tip of a pointer is to be lowered: it moves and turns as much as the metric says."""
+
+    def tip(poses):
+        return poses.position("a")[:, 2] + 0.6 * poses.rotation("a")[:, 2, 0] + 1e-4
+
+    moved = project(Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]])), [tip])
+    share = (0.6 / TURN_LENGTH) ** 2
+    assert moved.positions[0, 0, 2] == pytest.approx(-1e-4 / (1 + share), rel=1e-3)
+    assert moved.rotation("a")[0, 2, 0] * 0.6 == pytest.approx(-1e-4 * share / (1 + share), rel=1e-3)
+
+
+def test_what_is_met_is_left_alone():
+    poses = Poses(("a", "b"), np.array([[[0, 0, 0], [0, 0.8, 0.0]]]), np.tile([1.0, 0, 0, 0], (1, 2, 1)))
+    assert project(poses, [Separation("a", "b", 0.5), SameHeight("a", "b")]) is poses
+
+
+def test_a_tray_is_not_turned_upside_down():
+    turned = Rotation.from_rotvec([[2.0, 0.5, 0]]).as_quat(scalar_first=True)
+    moved = project(Poses(("a",), np.zeros((1, 1, 3)), turned[None]), [Upright("a")])
+    assert np.abs(moved.rotation("a")[0] @ VERTICAL - VERTICAL).max() < 1e-9
+
+
+def test_constraints_that_contradict_each_other():
+    with pytest.raises(ConstraintError, match="cannot be met together"):
+        alone([Distance("left", "right", 0.4), Distance("left", "right", 0.5)]).rollout()
+
+
+def test_projections_that_jump_are_refused():
+    one = PoseDMP.fit(recording(5, reach=3.0))
+    other = one.towards(start=Pose([0, 0.4, 0.1]), goal=Pose([1, 0.5, 0.4]))
+    wanted = Pose.of([0.1, 0.4, 0], Rotation.from_rotvec([0, 3.0, 0.0]))
+    dmp = CooperativeDMP(None, {"a": one, "b": other}, [RelativePose("a", "b", wanted)])
+    try:
+        path = dmp.rollout(n_steps=601)
+    except ConstraintError as error:
+        assert "jumps after" in str(error)
+    else:
+        steps = np.linalg.norm(np.diff(path.position, axis=0), axis=2)
+        assert steps.max() < 0.1
+
+
+def test_what_is_refused():
+    load, grasp = PoseDMP.fit(recording(0)), Pose([0, 0, 0.1])
+    for hands, constraints, message in [
+        ({}, (), "names"),
+        ({"": grasp}, (), "names"),
+        ({"a": Pose([0.0, 1.0])}, (), "planar"),
+        ({"a": load.towards(duration=9.0)}, (), "3, 9 s"),
+        ({"a": np.zeros(3)}, (), "'a' is ndarray"),
+    ]:
+        with pytest.raises(OptionError, match=message):
+            CooperativeDMP(load, hands, constraints)
+    with pytest.raises(OptionError, match="nothing moves"):
+        CooperativeDMP(None, {"a": grasp})
+    with pytest.raises(OptionError, match="'b' does not move"):
+        CooperativeDMP(None, {"a": load, "b": grasp})
+    dmp = CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: poses.position("c")[:, 0]])
+    with pytest.raises(OptionError, match="no manipulator 'c'"):
+        dmp.rollout()
+    dmp = CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: 3.0])
+    with pytest.raises(OptionError, match=r"shape \(n_steps,\)"):
+        dmp.rollout()
+    with pytest.raises(OptionError, match="no common start or goal"):
+        dmp.rollout(goal=grasp)
+    with pytest.raises(OptionError, match="the load has no movement"):
+        dmp.redirected(dmp.initial_state(), grasp)
+    with pytest.raises(OptionError, match="n_steps"):
+        dmp.rollout(n_steps=0)

@@ -1,0 +1,89 @@
+"""A coordinated movement executed step by step: the load stays rigid whatever happens."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comove.errors import OptionError
+from comove.scenes.constraints import SameHeightConstraint
+from tests.coordination.examples import PLANAR_BAR, SCENES, random_motion
+
+seeds = st.integers(0, 2**32 - 1)
+each = pytest.mark.parametrize("name", SCENES)
+
+
+def broken(scene, coordinates, hands):
+    """By how much hands break what the coordinates hold: distances in every group, and common heights."""
+    worst = 0.0
+    for group in coordinates.groups:
+        held = hands[list(group.members)]
+        apart = np.linalg.norm(held[:, None] - held[None], axis=2)
+        grasps = np.linalg.norm(group.grasps[:, None] - group.grasps[None], axis=2)
+        worst = max(worst, np.abs(apart - grasps).max())
+    for constraint in scene.constraints:
+        if isinstance(constraint, SameHeightConstraint):
+            worst = max(worst, abs(hands[constraint.first, -1] - hands[constraint.second, -1]))
+    return worst
+
+
+@each
+@settings(max_examples=10, deadline=None)
+@given(seeds, st.integers(1, 30))
+def test_steps_of_any_length_are_exact(name, seed, n_steps):
+    motion = random_motion(name, seed, 0.2)
+    scene = motion.scene
+    state = motion.initial_state()
+    times = np.sort(np.random.default_rng(seed).uniform(0, scene.duration, n_steps))
+    for time in times:
+        state = motion.step(state, time - state.time) if time > state.time else state
+        position, velocity, _ = motion.hands([time / scene.duration])
+        at, speed = motion.hands_at(state)
+        assert np.abs(at - position[0]).max() < 1e-10
+        assert np.abs(speed - velocity[0] / scene.duration).max() < 1e-8
+
+
+@each
+def test_what_the_coordinates_hold_holds_whatever_happens(name):
+    """Double and half speed, a stop, backwards, a push that tears at the load, and a goal that jumps."""
+    motion = random_motion(name, 3, 0.2)
+    scene = motion.scene
+    state = motion.initial_state()
+    for k, rate in enumerate(np.repeat([1.0, 2.0, 0.0, -1.0, 0.5, 1.0, 1.0], 40)):
+        state = motion.step(state, scene.duration / 150, rate=rate)
+        hands, _ = motion.hands_at(state)
+        if k == 60:
+            state = motion.displaced(
+                state, hands + 0.01 * np.random.default_rng(0).standard_normal(hands.shape)
+            )
+        if k == 170:
+            moved = scene.goal + 0.1 * np.arange(1, scene.n_dims + 1)
+            state = motion.redirected(state, moved)
+        assert broken(scene, motion.coordinates, motion.hands_at(state)[0]) < 1e-9
+    state = motion.step(state, 2 * scene.duration)
+    hands, speed = motion.hands_at(state)
+    assert np.abs(hands - moved).max() < 1e-9 and np.abs(speed).max() < 1e-9
+
+
+@each
+def test_a_push_moves_the_load_to_the_nearest_place(name):
+    """Where the hands are measured on a rigid place of the load, the load is there."""
+    motion = random_motion(name, 4, 0.2)
+    scene = motion.scene
+    state = motion.step(motion.initial_state(), 0.4 * scene.duration)
+    elsewhere, _ = motion.hands_at(motion.step(state, 0.05 * scene.duration))
+    pushed = motion.displaced(state, elsewhere)
+    assert np.abs(motion.hands_at(pushed)[0] - elsewhere).max() < 1e-9
+    assert pushed.progress == state.progress
+    later = motion.step(pushed, 3 * scene.duration)
+    assert np.abs(motion.hands_at(later)[0] - scene.goal).max() < 1e-9
+
+
+def test_goals_that_break_the_load_are_refused():
+    motion = random_motion("angle", 5, 0.2)
+    state = motion.initial_state()
+    with pytest.raises(OptionError, match="breaks a constraint"):
+        motion.redirected(state, PLANAR_BAR.goal + [[0.1, 0], [0, 0]])
+    for wrong in (PLANAR_BAR.goal[:1], np.full((2, 2), np.nan)):
+        with pytest.raises(OptionError, match="2 points of 2 finite numbers"):
+            motion.redirected(state, wrong)

@@ -1,0 +1,252 @@
+"""Execution step by step equals the rollout whatever the steps, and keeps its promises when it is disturbed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from comove.errors import OptionError
+from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, rate_for_lag
+from comove.primitives.flow import ALPHA_Y
+from comove.primitives.forcing import N_INTERVALS
+
+seeds = st.integers(0, 2**32 - 1)
+variants = st.sampled_from([variant for variant in Variant if variant is not Variant.RHYTHMIC])
+
+
+def random_dmp(seed, variant=Variant.CLOSED_FORM, phase=None, n_dims=2, n_basis=12):
+    rng = np.random.default_rng(seed)
+    start, goal, velocity = rng.uniform(-1, 1, (3, n_dims))
+    weights = rng.standard_normal((n_dims, n_basis))
+    phase = phase or ExponentialPhase()
+    return DMP(weights, start, goal, velocity, np.zeros(n_dims), rng.uniform(0.5, 20), phase, variant)
+
+
+def run(dmp, state, times, **options):
+    """States at the given times, by one step between each two."""
+    states = []
+    for dt in np.diff(times, prepend=state.time):
+        state = dmp.step(state, dt, **options) if dt > 0 else state
+        states.append(state)
+    return states
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds, variants, st.integers(1, 60))
+def test_steps_of_any_length_are_exact(seed, variant, n_steps):
+    """No order of convergence: a single step from start to end is as exact as thousands."""
+    dmp = random_dmp(seed, variant)
+    times = np.sort(np.random.default_rng(seed).uniform(0, 1.5 * dmp.duration, n_steps))
+    expected = dmp.at(times)
+    size = 1 + np.abs(dmp.curve.knots).max(axis=(1, 2))
+    for k, state in enumerate(run(dmp, dmp.initial_state(), times)):
+        assert np.abs(state.position - expected.position[k]).max() < 1e-13 * size[0]
+        assert np.abs(state.velocity - expected.velocity[k]).max() * dmp.duration < 1e-12 * size[1]
+        assert state.progress == pytest.approx(times[k] / dmp.duration)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, variants, st.floats(0.01, 3))
+def test_the_goal_is_held_ever_after(seed, variant, after):
+    dmp = random_dmp(seed, variant)
+    state = run(dmp, dmp.initial_state(), np.linspace(0, dmp.duration * (1 + after), 77))[-1]
+    assert np.abs(state.position - dmp.goal).max() < 1e-11
+    assert np.abs(state.velocity).max() * dmp.duration < 1e-10
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.lists(st.floats(-3, 3), min_size=5, max_size=40))
+def test_pace_changes_the_time_and_not_the_path(seed, rates):
+    """Slower, faster, paused, backwards: the position is that of the phase."""
+    dmp, state = random_dmp(seed), None
+    state = dmp.initial_state()
+    for rate in rates:
+        state = dmp.step(state, dmp.duration / 20, rate=rate)
+        there = dmp.at([state.progress * dmp.duration])
+        assert state.progress >= 0.0
+        assert np.abs(state.position - there.position[0]).max() < 1e-11
+        assert np.abs(state.velocity - rate * there.velocity[0]).max() * dmp.duration < 1e-9
+    assert state.time == pytest.approx(len(rates) * dmp.duration / 20)
+
+
+def test_paused_is_at_rest_and_goes_on():
+    dmp = random_dmp(1)
+    moving = dmp.step(dmp.initial_state(), 0.3 * dmp.duration)
+    paused = dmp.step(moving, 5.0, rate=0.0)
+    assert np.array_equal(paused.position, moving.position) and not paused.velocity.any()
+    after = dmp.step(paused, 0.1 * dmp.duration)
+    assert np.abs(after.position - dmp.at([0.4 * dmp.duration]).position[0]).max() < 1e-12
+
+
+def test_backwards_returns_to_the_start_and_stays_there():
+    dmp = random_dmp(2)
+    state = run(dmp, dmp.initial_state(), np.linspace(0, 3 * dmp.duration, 30))[-1]
+    for _ in range(15):
+        state = dmp.step(state, 0.1 * dmp.duration, rate=-1.0)
+    assert state.progress == 0.0
+    assert np.abs(state.position - dmp.start).max() < 1e-11
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.floats(0.05, 0.9))
+def test_a_push_dies_out_as_the_system_says(seed, when):
+    """Against the transformed system integrated from the pushed state by an independent method."""
+    dmp, push = random_dmp(seed), np.array([0.3, -0.2])
+    state = dmp.step(dmp.initial_state(), when * dmp.duration)
+    state = replace(state, position=state.position + push)
+    knots = np.linspace(0, 1, N_INTERVALS + 1)
+
+    def system(s, y):
+        f = np.array([np.interp(s, knots, column) for column in dmp.curve.force.T])
+        return np.concatenate([y[2:], ALPHA_Y * (ALPHA_Y / 4 * (dmp.goal - y[:2]) - y[2:]) + f])
+
+    end = min(when + 0.1, 1.0)
+    solved = solve_ivp(
+        system,
+        (when, end),
+        np.concatenate([state.position, state.slope]),
+        rtol=1e-9,
+        atol=1e-10,
+        max_step=1e-3,
+    )
+    stepped = dmp.step(state, (end - when) * dmp.duration)
+    assert np.abs(stepped.position - solved.y[:2, -1]).max() < 1e-6 * (1 + np.abs(dmp.weights).max())
+    later = dmp.step(stepped, 3 * dmp.duration)
+    assert np.abs(later.position - dmp.goal).max() < 1e-11
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, variants, st.floats(0.0, 0.8), st.integers(5, 200))
+def test_a_goal_that_moves_is_reached_in_time(seed, variant, when, n_steps):
+    """Exactly at the end, without a jump in position or velocity."""
+    dmp, goal = random_dmp(seed, variant), np.array([2.0, -1.5])
+    before = dmp.step(dmp.initial_state(), max(when, 1e-9) * dmp.duration)
+    state = replace(before, goal=goal)
+    nudged = dmp.step(state, 1e-9 * dmp.duration)
+    size = 1 + np.abs(before.slope).max() + np.abs(dmp.weights).max()
+    assert np.abs(nudged.position - before.position).max() < 1e-7 * size
+    assert np.abs(nudged.slope - before.slope).max() < 1e-4 * size
+    for _ in range(n_steps):
+        state = dmp.step(state, (1 - when) * dmp.duration / n_steps)
+    state = dmp.step(state, 1e-6 * dmp.duration)
+    assert np.abs(state.position - goal).max() < 1e-9 * size
+    assert np.abs(state.velocity).max() * dmp.duration < 1e-4 * size
+
+
+def test_a_goal_that_moves_early_is_not_rushed_to():
+    """The bridge lasts as long as the movement: half-way over it, the former curve still counts."""
+    dmp = random_dmp(3)
+    new = dmp.towards(goal=dmp.goal + 1.0)
+    state = dmp.step(dmp.initial_state(), 0.2 * dmp.duration)
+    state = dmp.step(replace(state, goal=new.goal), 0.4 * dmp.duration)
+    left = np.abs(state.position - new.at([0.6 * dmp.duration]).position[0])
+    gap = np.abs(new.at([0.2 * dmp.duration]).position[0] - dmp.at([0.2 * dmp.duration]).position[0])
+    assert (left > 0.05 * gap).all()
+
+
+def test_a_push_while_running_backwards():
+    """A deviation of the slope is one by the phase: backwards it leads the other way, and dies out all the same."""
+    dmp = random_dmp(4)
+    state = dmp.step(dmp.initial_state(), 0.8 * dmp.duration)
+    state = replace(state, slope=state.slope + [1.0, 0.0])
+    back = dmp.step(state, 0.01 * dmp.duration, rate=-1.0)
+    assert back.position[0] - dmp.at([0.79 * dmp.duration]).position[0, 0] == pytest.approx(-0.01, rel=0.15)
+    back = dmp.step(back, 0.7 * dmp.duration, rate=-1.0)
+    assert np.abs(back.position - dmp.at([0.09 * dmp.duration]).position[0]).max() < 1e-3
+
+
+def test_a_goal_that_moves_late_is_reached_a_fifth_of_a_duration_later():
+    dmp = random_dmp(3)
+    state = dmp.step(dmp.initial_state(), 0.95 * dmp.duration)
+    state = dmp.step(replace(state, goal=dmp.goal + 0.1), 0.2001 * dmp.duration)
+    assert np.abs(state.position - dmp.goal - 0.1).max() < 1e-9
+    assert np.abs(dmp.step(state, dmp.duration).position - dmp.goal - 0.1).max() < 1e-12
+
+
+def test_a_goal_that_moves_all_the_time():
+    dmp = random_dmp(4)
+    state = dmp.initial_state()
+    for k in range(200):
+        state = replace(state, goal=dmp.goal + 0.2 * np.sin(0.02 * min(k, 140)))
+        before, state = state, dmp.step(state, dmp.duration / 200)
+        assert np.linalg.norm(state.position - before.position) < 0.2
+    assert np.abs(state.position - state.goal).max() < 1e-9
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(1, 40))
+def test_a_coupling_acts_by_time_and_not_by_step(seed, n_steps):
+    """An acceleration held over the same time moves as far, however many steps that time is cut into."""
+    dmp, push = random_dmp(seed), np.array([0.4, -1.0])
+    once = dmp.step(dmp.initial_state(), 0.2 * dmp.duration, coupling=push)
+    state = dmp.initial_state()
+    for _ in range(n_steps):
+        state = dmp.step(state, 0.2 * dmp.duration / n_steps, coupling=push)
+    free = dmp.step(dmp.initial_state(), 0.2 * dmp.duration)
+    assert np.abs(state.position - once.position).max() < 1e-10 * (1 + dmp.duration**2)
+    assert ((once.position - free.position) * push > 0).all()
+
+
+def test_a_held_coupling_shifts_by_its_acceleration_over_the_stiffness():
+    dmp = random_dmp(5, phase=LinearPhase())
+    state, push = dmp.initial_state(), np.array([0.1, 0.0])
+    state = dmp.step(state, 10 * dmp.duration, coupling=push)
+    stiffness = ALPHA_Y**2 / 4 / dmp.duration**2
+    assert np.abs(state.position - dmp.goal - push / stiffness).max() < 1e-10
+
+
+def test_another_duration_on_the_way():
+    dmp = random_dmp(6)
+    state = dmp.step(dmp.initial_state(), 0.5 * dmp.duration)
+    state = replace(state, duration=2 * dmp.duration)
+    state = dmp.step(state, dmp.duration)
+    assert np.abs(state.position - dmp.goal).max() < 1e-12
+    assert state.time == pytest.approx(1.5 * dmp.duration)
+
+
+def test_the_pace_falls_with_the_lag():
+    assert rate_for_lag(0.0, 0.01) == 1.0
+    assert rate_for_lag(0.01, 0.01) == 0.5
+    assert rate_for_lag(1.0, 0.01) < 1e-3
+    for lag, tolerance in [(0.1, 0.0), (np.nan, 0.1), (0.1, -1.0), (np.inf, 1.0)]:
+        with pytest.raises(OptionError):
+            rate_for_lag(lag, tolerance)
+
+
+def test_phase_stopping_waits_for_a_robot_that_is_held():
+    """The robot is a lagging follower that somebody holds for two seconds; it arrives all the same, and late."""
+    dmp = random_dmp(7).towards(duration=4.0)
+    state, robot, dt = dmp.initial_state(), dmp.start.copy(), 0.01
+    for k in range(3000):
+        state = dmp.step(state, dt, rate=rate_for_lag(np.linalg.norm(state.position - robot), 0.02))
+        if not 100 <= k < 300:
+            robot = robot + 20 * dt * (state.position - robot)
+    assert state.progress > 1.0
+    assert np.abs(robot - dmp.goal).max() < 1e-9
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, np.nan, np.inf])
+def test_steps_of_no_time(dt):
+    dmp = random_dmp(8)
+    with pytest.raises(OptionError, match="dt"):
+        dmp.step(dmp.initial_state(), dt)
+
+
+def test_states_that_are_none():
+    dmp = random_dmp(9)
+    state = dmp.initial_state()
+    for change in (
+        {"goal": [0.0]},
+        {"position": [np.nan, 0]},
+        {"duration": -1.0},
+        {"slope": np.zeros((2, 2))},
+    ):
+        with pytest.raises(OptionError, match=next(iter(change))):
+            replace(state, **change)
+    with pytest.raises(OptionError, match="rate"):
+        dmp.step(state, 0.1, rate=np.nan)
+    with pytest.raises(OptionError, match="coupling"):
+        dmp.step(state, 0.1, coupling=[1.0])

@@ -1,0 +1,197 @@
+"""Movements on SE(2) and SE(3): exact ends, no trace of the signs of quaternions, the right velocities."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comove.demonstrations import Demonstration
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.primitives.poses import VERTICAL, Pose, PoseDMP
+from comove.primitives.variants import Variant
+
+seeds = st.integers(0, 2**32 - 1)
+ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
+REACH = 2.5
+
+
+def recording(seed=0, n_dims=3, reach=REACH, n_steps=401):
+    """A hand that moves and turns, from rest to rest."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 1, n_steps)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    bends = np.stack([np.sin(np.pi * k * way) for k in (1, 2, 3)], axis=1)
+    position = np.outer(way, rng.uniform(0.3, 1, n_dims)) + bends @ rng.uniform(-0.2, 0.2, (3, n_dims))
+    vectors = np.outer(1 - way, rng.uniform(-1, 1, 3)) + bends @ rng.uniform(-0.5, 0.5, (3, 3))
+    if n_dims == 2:
+        vectors[:, :2] = 0.0
+    vectors *= reach / np.linalg.norm(vectors, axis=1).max()
+    turns = Rotation.from_rotvec(vectors)
+    if n_dims == 3:
+        turns = turns * Rotation.random(random_state=seed)
+    return Demonstration(3.0 * s, position, orientation=turns.as_quat(scalar_first=True))
+
+
+def angle_between(a, b):
+    return (a * b.inv()).magnitude()
+
+
+@pytest.mark.parametrize("n_dims", [2, 3])
+@pytest.mark.parametrize("variant", ENDING)
+def test_it_fits_what_it_is_shown(n_dims, variant):
+    shown = recording(1, n_dims)
+    dmp = PoseDMP.fit(shown, n_basis=40, variant=variant)
+    path = dmp.at(shown.time)
+    assert np.abs(path.position - shown.position).max() < 2e-3
+    assert angle_between(path.rotation, shown.rotation).max() < 5e-3
+    assert dmp.weights.shape == (3 if n_dims == 2 else 6, 40)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_signs_of_quaternions_do_not_matter(seed):
+    shown = recording(seed)
+    signs = np.random.default_rng(seed).choice([-1, 1], (shown.n_steps, 1))
+    raw = SimpleNamespace(
+        time=shown.time, position=shown.position, orientation=shown.orientation * signs,
+        start_velocity=shown.start_velocity,
+    )  # fmt: skip
+    one, other = PoseDMP.fit(shown), PoseDMP.fit(raw)
+    assert angle_between(one.at(shown.time).rotation, other.at(shown.time).rotation).max() < 1e-9
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.sampled_from(ENDING))
+def test_both_ends_are_exact_and_held(seed, variant):
+    dmp = PoseDMP.fit(recording(2), variant=variant)
+    rng = np.random.default_rng(seed)
+    start, goal = (
+        Pose.of(rng.uniform(-1, 1, 3), Rotation.random(random_state=rng.integers(2**31))) for _ in "ab"
+    )
+    path = dmp.towards(start=start, goal=goal, duration=2.0).at(np.array([0.0, 2.0, 2.5, 9.0]))
+    assert np.abs(path.position[0] - start.position).max() < 1e-12
+    assert angle_between(path.rotation[0], start.rotation) < 1e-9
+    assert np.abs(path.position[1:] - goal.position).max() < 1e-10
+    assert angle_between(path.rotation[1:], goal.rotation).max() < 1e-9
+    assert np.abs(path.angular_velocity[1:]).max() < 1e-9 and np.abs(path.velocity[1:]).max() < 1e-9
+
+
+def test_goal_equal_to_the_start():
+    dmp = PoseDMP.fit(recording(3))
+    path = dmp.rollout(goal=dmp.start)
+    assert np.isfinite(path.orientation).all() and np.isfinite(path.angular_velocity).all()
+    assert angle_between(path.rotation[-1], dmp.start.rotation) < 1e-9
+
+
+@pytest.mark.parametrize("n_dims", [2, 3])
+def test_velocities_are_those_of_the_path(n_dims):
+    dmp = PoseDMP.fit(recording(4, n_dims))
+    time, h = np.linspace(0.2, 2.8, 50), 1e-5
+    ahead, behind, path = dmp.at(time + h), dmp.at(time - h), dmp.at(time)
+    spin = (ahead.rotation * behind.rotation.inv()).as_rotvec() / (2 * h)
+    assert np.abs(spin - path.angular_velocity).max() < 1e-5
+    assert np.abs((ahead.position - behind.position) / (2 * h) - path.velocity).max() < 1e-5
+
+
+def test_several_turns_of_a_screw():
+    s = np.linspace(0, 1, 800)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    turns = Rotation.from_rotvec(np.outer(2 * np.pi * 3.4 * way, [0, 0.6, 0.8]))
+    shown = Demonstration(s, np.outer(way, [0, 0, 0.01]), orientation=turns.as_quat(scalar_first=True))
+    dmp = PoseDMP.fit(shown, n_basis=30)
+    assert angle_between(dmp.at(s).rotation, turns).max() < 0.02
+    assert np.abs(dmp.turning.start - -2 * np.pi * 3.4 * np.array([0, 0.6, 0.8])).max() < 1e-9
+
+
+def test_a_tray_stays_level():
+    """Turning about the vertical only: the tilt is none at every instant, by construction."""
+    shown = recording(5)
+    yaw = np.linspace(0, 2.0, shown.n_steps) + 0.3 * np.sin(np.linspace(0, 7, shown.n_steps))
+    level = Rotation.from_rotvec(np.outer(yaw, VERTICAL)).as_quat(scalar_first=True)
+    dmp = PoseDMP.fit(Demonstration(shown.time, shown.position, orientation=level), axis=VERTICAL)
+    assert dmp.weights.shape == (4, 20)
+    path = dmp.rollout(goal=Pose.of([1.0, 2, 3], 0.7), n_steps=301)
+    assert np.abs(path.rotation.apply(VERTICAL) - VERTICAL).max() < 1e-15
+    assert angle_between(path.rotation[-1], Rotation.from_rotvec([0, 0, 0.7])) < 1e-12
+    with pytest.raises(OptionError, match="tilted by"):
+        dmp.rollout(goal=Pose.of([1.0, 2, 3], Rotation.from_rotvec([0.1, 0, 0])))
+
+
+def test_a_recorded_tilt_that_is_left_out_is_said():
+    with pytest.warns(ComoveWarning, match="tilts by up to"):
+        PoseDMP.fit(recording(6), axis=VERTICAL)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(2, 30))
+def test_online_equals_the_rollout(seed, n_steps):
+    dmp = PoseDMP.fit(recording(7))
+    state = dmp.initial_state()
+    for time in np.sort(np.random.default_rng(seed).uniform(0, 4, n_steps)):
+        if time > state.time:
+            state = dmp.step(state, time - state.time)
+        path, pose, (velocity, spin) = dmp.at([time]), dmp.pose(state), dmp.twist(state)
+        assert np.abs(pose.position - path.position[0]).max() < 1e-12
+        assert angle_between(pose.rotation, path.rotation[0]) < 1e-12
+        assert np.abs(velocity - path.velocity[0]).max() < 1e-10
+        assert np.abs(spin - path.angular_velocity[0]).max() < 1e-10
+
+
+def test_a_goal_that_moves_and_a_push():
+    dmp = PoseDMP.fit(recording(8))
+    goal = Pose.of([1, 1, 1], dmp.goal.rotation * Rotation.from_rotvec([0.5, 0, -0.4]))
+    state = dmp.initial_state()
+    for k in range(300):
+        before = dmp.pose(state)
+        state = dmp.step(state, 0.01, rate=1.0)
+        assert angle_between(dmp.pose(state).rotation, before.rotation) < 0.1
+        if k == 100:
+            pushed = Pose.of(before.position + 0.01, before.rotation * Rotation.from_rotvec([0.02, 0, 0]))
+            state = dmp.displaced(state, pushed)
+            assert angle_between(dmp.pose(state).rotation, pushed.rotation) < 1e-12
+        if k == 150:
+            state = dmp.redirected(state, goal)
+    state = dmp.step(state, 3.0)
+    assert np.abs(dmp.pose(state).position - goal.position).max() < 1e-9
+    assert angle_between(dmp.pose(state).rotation, goal.rotation) < 1e-9
+
+
+def test_the_plane():
+    dmp = PoseDMP.fit(recording(9, n_dims=2))
+    path = dmp.rollout(start=Pose.of([0.0, 0.0], 1.0), goal=Pose.of([1.0, -1.0], 3.0), n_steps=11)
+    assert path.position.shape == (11, 2)
+    assert angle_between(path.rotation[-1], Rotation.from_rotvec([0, 0, 3.0])) < 1e-12
+    assert not path.orientation[:, 1:3].any()
+
+
+def test_what_is_refused():
+    shown = recording(0)
+    with pytest.raises(DemonstrationError, match="no orientations"):
+        PoseDMP.fit(Demonstration(shown.time, shown.position))
+    with pytest.raises(DemonstrationError, match="coordinates of position"):
+        PoseDMP.fit(Demonstration(shown.time, shown.position[:, :1], orientation=shown.orientation))
+    with pytest.raises(OptionError, match="rhythmic"):
+        PoseDMP.fit(shown, variant="rhythmic")
+    with pytest.raises(OptionError, match="axis"):
+        PoseDMP.fit(shown, axis=[0, 0, 0])
+    for wrong in ([1.0], [np.nan, 0, 0], [1, 2, 3, 4]):
+        with pytest.raises(OptionError, match="position"):
+            Pose(wrong)
+    for wrong in ([1, 1, 0, 0], [1, 0, 0], [0, 0, 0, 0]):
+        with pytest.raises(OptionError, match="w, x, y, z"):
+            Pose([0, 0, 0], wrong)
+    with pytest.raises(OptionError, match="3 dimensions"):
+        PoseDMP.fit(shown).rollout(goal=Pose([0.0, 1.0]))
+    with pytest.raises(OptionError, match="n_steps"):
+        PoseDMP.fit(shown).rollout(n_steps=1)
+
+
+def test_a_wandering_whole_turn_is_refused_in_words():
+    s = np.linspace(0, 1, 300)
+    vectors = np.stack([6.28 * (1 - s) + 0.2, 0.05 * np.cos(40 * s), 0.05 * np.sin(40 * s)], axis=1)
+    orientation = Rotation.from_rotvec(vectors).as_quat(scalar_first=True)
+    with pytest.raises(DemonstrationError, match="cut the recording in two"):
+        PoseDMP.fit(Demonstration(s, np.zeros((300, 3)) + s[:, None], orientation=orientation))
