@@ -109,17 +109,26 @@ def point_clearance(scene, points):
 # --- Hands and load ---
 
 
-def hands_of(coordinates, q):
-    """Hands (n, n_manipulators, n_dims) [m] of configurations q (n, n_columns), by the table of coordinates.py."""
+def hands_of(coordinates, q, file=None):
+    """Hands (n, n_manipulators, n_dims) [m] of configurations q (n, n_columns), by the table of coordinates.py.
+
+    `file` is that of the scene, needed where it demands a common height of hands that are free.
+    """
     n_dims, column = coordinates.n_dims, 0
     hands = np.empty((len(q), sum(len(group.members) for group in coordinates.groups), n_dims))
+    lower = {} if file is None else _same_height(file, coordinates.groups)
+    heights = {}
     for group in coordinates.groups:
-        center, held = q[:, column : column + n_dims], group.grasps
-        column += n_dims
-        if group.orientation == "none":
-            hands[:, group.members[0]] = center
-            continue
-        if group.orientation == "plane":
+        first, held = group.members[0], group.grasps[:, :n_dims]
+        own = n_dims - 1 if lower.get(first, first) != first else n_dims
+        center = np.concatenate(
+            [q[:, column : column + own], heights.get(lower.get(first), q[:, :0])], axis=1
+        )
+        heights.setdefault(first, center[:, -1:])
+        column += own
+        if group.orientation in ("none", "fixed"):
+            turned = np.repeat(held[None], len(q), axis=0)
+        elif group.orientation in ("plane", "vertical"):
             if coordinates.kind == "load":
                 c, s = np.cos(q[:, column]), np.sin(q[:, column])
                 column += 1
@@ -128,8 +137,9 @@ def hands_of(coordinates, q):
                     q[:, column : column + 2] / np.linalg.norm(q[:, column : column + 2], axis=1)[:, None]
                 ).T
                 column += 2
-            turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=1)
-            turned = np.einsum("nij,mj->nmi", turn, held[:, :2])
+            turned = np.repeat(held[None], len(q), axis=0)
+            turned[..., 0] = np.outer(c, held[:, 0]) - np.outer(s, held[:, 1])
+            turned[..., 1] = np.outer(s, held[:, 0]) + np.outer(c, held[:, 1])
         elif group.orientation == "axis":
             along = q[:, column : column + 3] / np.linalg.norm(q[:, column : column + 3], axis=1)[:, None]
             column += 3
@@ -140,6 +150,18 @@ def hands_of(coordinates, q):
             turned = np.einsum("nij,mj->nmi", turn, held)
         hands[:, list(group.members)] = center[:, None, :] + turned
     return hands
+
+
+def _same_height(file, groups):
+    """For every hand at the height of hands of other groups the first of them, by repeated looks at all pairs."""
+    names = [m.name for m in file.manipulators]
+    pairs = [tuple(names.index(n) for n in c.between) for c in file.constraints if c.type == "same_height"]
+    pairs = [pair for pair in pairs if not any(set(pair) <= set(group.members) for group in groups)]
+    lowest = {hand: hand for pair in pairs for hand in pair}
+    for _ in pairs:
+        for i, j in pairs:
+            lowest[i] = lowest[j] = min(lowest[i], lowest[j])
+    return lowest
 
 
 def body_of(scene, hands):
@@ -187,7 +209,38 @@ def _coarse_basis(basis):
 def hands_at(motion, s=None):
     """Hands (n, n_manipulators, n_dims) at normalised times `s` (n,); at even times where none are given."""
     boundary, shape = _coarse_basis(motion.basis) if s is None else (m[0] for m in motion.basis.at(s))
-    return hands_of(motion.coordinates, boundary @ motion.boundary + shape @ motion.weights.T)
+    q = boundary @ motion.boundary + shape @ motion.weights.T
+    return hands_of(motion.coordinates, q, motion.scene.file)
+
+
+def separations(hands, first, second):
+    """Distances (n,) [m] of two of the hands (n, n_manipulators, n_dims)."""
+    return _norm(hands[:, first] - hands[:, second])
+
+
+def height_differences(hands, first, second):
+    """Differences (n,) [m] of the heights of two of the hands (n, n_manipulators, n_dims)."""
+    return np.abs(hands[:, first, -1] - hands[:, second, -1])
+
+
+def tilts(hands):
+    """By how much a body held by hands (n, n_held, n_dims) is tilted against the first of n [rad].
+
+    In the plane the angle it has turned; in space by how much its vertical has moved in its own frame, or, for
+    two hands, by how much the inclination of the line between them has changed.
+    """
+    line = hands[:, 1] - hands[:, 0]
+    if hands.shape[2] == 2:
+        turned = np.arctan2(line[:, 1], line[:, 0]) - np.arctan2(line[0, 1], line[0, 0])
+        return np.abs(turned - 2 * np.pi * np.round(turned / (2 * np.pi)))
+    if hands.shape[1] == 2:
+        slope = np.arctan2(line[:, 2], np.hypot(line[:, 0], line[:, 1]))
+        return np.abs(slope - slope[0])
+    x = line / _norm(line)[:, None]
+    normal = np.cross(line, hands[:, 2] - hands[:, 0])
+    normal /= _norm(normal)[:, None]
+    vertical = np.stack([x[:, 2], np.cross(normal, x)[:, 2], normal[:, 2]], axis=1)
+    return np.arctan2(_norm(np.cross(vertical, vertical[0])), vertical @ vertical[0])
 
 
 def least_clearance(motion, scene=None):

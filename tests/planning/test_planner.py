@@ -45,7 +45,7 @@ def between(coordinates, path):
     q = edges + f * (ends - edges)
     for group in coordinates.groups:
         column += n_dims
-        if group.orientation == "plane":
+        if group.orientation in ("plane", "vertical"):
             column += 1
         elif group.orientation == "axis":
             part = slice(column, column + 3)
@@ -102,7 +102,7 @@ def test_every_edge_keeps_the_margin(name, margin):
     clearance = brute_force.configuration_clearance(scene, brute_force.hands_of(coordinates, q))
     assert clearance.min() >= min(margin, 0.5 * at_ends) - 1e-6
     hands = brute_force.hands_of(coordinates, q)
-    for c in scene.constraints:
+    for c in scene.distances:
         apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
         assert np.abs(apart - c.distance).max() < 1e-12
 

@@ -73,7 +73,7 @@ def assert_verified(solution):
     assert np.abs(position[0] - scene.start).max() <= 1e-9
     assert np.abs(position[-1] - scene.goal).max() <= 1e-9
     assert np.abs(velocity[-1]).max() / duration <= 1e-9
-    for c in scene.constraints:
+    for c in scene.distances:
         apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
         assert np.abs(apart - c.distance).max() <= 1e-9
     assert np.linalg.norm(velocity, axis=-1).max() / duration <= scene.speed_limit

@@ -512,3 +512,74 @@ def _umask():
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+# --- Further constraints ---
+
+
+FURTHER = {
+    "separation_spare_min": {
+        "starts": [[0.1, 0.5], [0.9, 0.5]],
+        "goals": [[0.9, 0.5], [0.1, 0.5]],
+        "constraints": [{"type": "separation", "between": ["a", "b"], "distance": 0.3}],
+    },
+    "tilt_max": {
+        "starts": [[0.1, 0.2, 0.3], [0.3, 0.2, 0.3]],
+        "goals": [[0.7, 0.2, 0.3], [0.7, 0.4, 0.3]],
+        "constraints": [{"type": "upright"}],
+        "load": {"shape": "bar", "length": 0.2},
+    },
+    "height_error_max": {
+        "starts": [[0.1, 0.2], [0.3, 0.2]],
+        "goals": [[0.7, 0.6], [0.9, 0.6]],
+        "constraints": [{"type": "same_height", "between": ["a", "b"]}],
+    },
+}
+
+
+@pytest.mark.parametrize("measure", FURTHER)
+def test_further_constraints_are_judged_from_the_files_alone(tmp_path, measure):
+    case = dict(FURTHER[measure])
+    starts, goals = case.pop("starts"), case.pop("goals")
+    data = {
+        "name": "further",
+        "duration": 10.0,
+        "workspace": {"lower": [0.0] * len(starts[0]), "upper": [1.0] * len(starts[0])},
+        "manipulators": [
+            {"name": name, "start": start, "goal": goal}
+            for name, start, goal in zip("ab", starts, goals, strict=True)
+        ],
+        **case,
+    }
+    scene = Scene.from_dict(data)
+    target = written(tmp_path / "result", comove.solve(scene, budget=5.0))
+    stored = read_result(target)
+    verdict = verify_result(stored, scene)
+    assert verdict.reasons == ()
+    assert stored.summary[measure] == getattr(verdict.report, measure)
+    assert set(stored.summary) & set(FURTHER) == {measure}
+    free = Scene.from_dict(data | {"constraints": []})
+    assert reasons(target, free)
+    edit_summary(target, signed=True, **{measure: stored.summary[measure] + 0.01})
+    (told,) = reasons(target, scene)
+    assert f"{measure} = " in told
+
+
+def test_a_motion_without_the_constraint_is_not_taken_for_one_with_it(tmp_path):
+    """A bar that turns is stored; its scene is then asked to keep it upright, checksums brought along."""
+    starts, goals = [[0.1, 0.2], [0.3, 0.2]], [[0.7, 0.6], [0.9, 0.6]]
+    data = {
+        "name": "bar",
+        "duration": 10.0,
+        "workspace": {"lower": [0.0, 0.0], "upper": [1.0, 1.0]},
+        "load": {"shape": "bar", "length": 0.2},
+        "manipulators": [
+            {"name": name, "start": start, "goal": goal}
+            for name, start, goal in zip("ab", starts, goals, strict=True)
+        ],
+    }
+    target = written(tmp_path / "result", comove.solve(Scene.from_dict(data), budget=5.0))
+    for constraint in ({"type": "upright"}, {"type": "same_height", "between": ["a", "b"]}):
+        other = Scene.from_dict(data | {"constraints": [constraint]})
+        edit_summary(target, signed=True, scene_sha256=other.sha256)
+        assert any("cannot be rebuilt" in reason for reason in reasons(target, other))

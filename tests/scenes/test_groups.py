@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from comove.primitives.rotations import matrices
 from comove.scenes.groups import (
     Pose,
     RigidGroup,
@@ -15,9 +16,7 @@ from comove.scenes.groups import (
     nearest_distances,
     orientation_of,
     quaternion_of_rotation,
-    rotation_between,
     rotation_in_plane,
-    rotation_of_quaternion,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -95,24 +94,6 @@ def test_many_frames_at_once():
         assert np.array_equal(fit(held, hands), [fit(held, frame) for frame in hands])
 
 
-@settings(max_examples=100)
-@given(seeds, st.floats(-9, 0))
-def test_rotation_between(seed, exponent):
-    """A rotation that carries one direction onto the other, and the least: near opposite ones as well."""
-    rng = np.random.default_rng(seed)
-    a = rng.standard_normal(3)
-    a /= np.linalg.norm(a)
-    for sign in (1, -1):
-        b = sign * a + 10**exponent * rng.standard_normal(3)
-        b /= np.linalg.norm(b)
-        rotation = rotation_between(a, b)
-        assert np.abs(rotation @ a - b).max() < 1e-12
-        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-12
-        assert np.linalg.det(rotation) == pytest.approx(1.0)
-        angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
-        assert np.trace(rotation) == pytest.approx(1 + 2 * np.cos(angle), abs=1e-9)
-
-
 @pytest.mark.parametrize("off", [0.0, 1e-7, 1e-6, 3e-6, 1e-5, 1e-4, 1e-2])
 def test_a_bar_that_points_back(off):
     """Against the x axis, as drawn by hand: the pose brings the grasps to the hands all the same."""
@@ -128,7 +109,7 @@ def test_quaternions_and_matrices(seed, zeros):
     q = np.random.default_rng(seed).standard_normal(4)
     q[:zeros] = 0.0
     q /= np.linalg.norm(q) * (np.sign(q[0]) or 1.0)
-    rotation = rotation_of_quaternion(q)
+    rotation = matrices(q)
     assert np.abs(rotation - Rotation.from_quat(q[[1, 2, 3, 0]]).as_matrix()).max() < 1e-14
     back = quaternion_of_rotation(rotation)
     assert back[0] >= 0

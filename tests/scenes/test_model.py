@@ -340,19 +340,74 @@ ONE_WRONG = [
     ),
     (
         DISTANCE,
-        "{type: upright, tolerance_deg: 5}",
-        "constraints[0].type (line 14)",
-        "'upright'",
-        "'distance'",
+        "{type: upright, tolerance: 5}",
+        "constraints[0].tolerance (line 14)",
+        "unknown key 'tolerance'",
+        "'tolerance_deg'?",
+    ),
+    (
+        DISTANCE,
+        "{type: upright, tolerance_deg: 50}",
+        "constraints[0].tolerance_deg (line 14)",
+        "50 is out of range",
+        "not greater than 45",
+    ),
+    (
+        DISTANCE,
+        "{type: upright}\n  - {type: upright}",
+        "constraints[1] (line 15)",
+        "the upright is already given by constraints[0]",
+        "keep one",
     ),
     (
         DISTANCE,
         "{type: separation}",
-        "constraints[0].type (line 14)",
-        "'separation' is not supp",
-        "'distance'",
+        "constraints[0] (line 14)",
+        "'between', 'distance' are missing",
+        "type, between, distance",
     ),
-    (DISTANCE, "{type: relative_pose}", "constraints[0].type (line 14)", "'relative_pose'", "'distance'"),
+    (
+        DISTANCE,
+        "{type: separation, between: [left, right], distance: -1}",
+        "constraints[0].distance (line 14)",
+        "-1 is out of range",
+        "greater than 0",
+    ),
+    (
+        DISTANCE,
+        "{type: separation, between: [left, rigth], distance: 1}",
+        "constraints[0].between[1] (line 14)",
+        "no manipulator 'rigth'",
+        "'right'?",
+    ),
+    (
+        DISTANCE,
+        "{type: same_height, between: [left, right], tolerance: -1}",
+        "constraints[0].tolerance (line 14)",
+        "-1 is out of range",
+        "not less than 0",
+    ),
+    (
+        DISTANCE,
+        "{type: same_height, between: [left, right]}\n  - {type: same_height, between: [right, left]}",
+        "constraints[1] (line 15)",
+        "the same height between right and left is already given by constraints[0]",
+        "keep one",
+    ),
+    (
+        DISTANCE,
+        "{type: relative_pose, between: [left, right], distance: 0.2}",
+        "constraints[0].distance (line 14)",
+        "unknown key 'distance'",
+        "between, tolerance",
+    ),
+    (
+        DISTANCE,
+        "{type: seperation, between: [left, right], distance: 0.2}",
+        "constraints[0] (line 14)",
+        "the type 'seperation' is not known",
+        "'separation'?",
+    ),
     (
         DISTANCE,
         f"{DISTANCE}\n  - {{type: distance, between: [right, left], distance: 0.2}}",
@@ -389,10 +444,10 @@ ONE_WRONG = [
     ),
     (
         SOURCE,
-        "{library: reach}",
-        "demonstration.library (line 15)",
-        "library is not supported",
-        "file or lasa",
+        "{library: reach, file: carry.csv}",
+        "demonstration (line 15)",
+        "both file and library are given",
+        "one of the three",
     ),
     (SOURCE, "{file: cary.csv}", "demonstration.file (line 15)", "no file 'cary.csv'", "'carry.csv'?"),
     (SOURCE, "{file: carry.npz}", "demonstration.file (line 15)", "no file 'carry.npz'", "no .npz file"),
@@ -481,6 +536,37 @@ def test_a_bar_needs_two_manipulators():
         parse_scene(data)
     with pytest.raises(SceneError, match=r"known: a$"):
         parse_scene(data | {"load": {"shape": "bar", "length": 1, "held_by": ["a", "b"]}})
+
+
+def test_only_a_load_is_kept_upright(scene_path):
+    text = EXAMPLE.replace(f"load: {BAR}\n", "").replace(DISTANCE, "{type: upright}")
+    scene_path.write_text(text)
+    with pytest.raises(SceneError, match=r"constraints\[0\] \(line 13\): there is no load .*; add a load"):
+        load_scene_file(scene_path)
+
+
+def test_further_constraints_and_their_defaults():
+    kinds = {
+        "relative_pose": {"between": ("a", "b"), "tolerance": None},
+        "separation": {"between": ("a", "b"), "distance": 0.1, "tolerance": 0.0},
+        "upright": {"tolerance_deg": 0.1},
+        "same_height": {"between": ("a", "b"), "tolerance": 1e-3},
+    }
+    written = [
+        {"type": kind, **{k: v for k, v in keys.items() if not k.startswith("tolerance")}}
+        for kind, keys in kinds.items()
+    ]
+    scene = parse_scene(SPATIAL | {"constraints": written})
+    assert [c.model_dump() for c in scene.constraints] == [
+        {"type": kind, **keys} for kind, keys in kinds.items()
+    ]
+    assert parse_scene(json.loads(canonical(scene))) == scene
+
+
+def test_the_canonical_form_of_a_distance_is_as_it_was():
+    """Results that were made before other constraints existed are still those of their scenes."""
+    constraint = json.loads(canonical(parse_scene(PLANAR)))["constraints"]
+    assert constraint == [{"between": ["a", "b"], "distance": 0.5, "tolerance": None, "type": "distance"}]
 
 
 def test_distances_agree_within_their_tolerance(scene_path):
@@ -657,7 +743,7 @@ junk = st.recursive(
     | st.floats()
     | st.text(max_size=5)
     | st.sampled_from(
-        ["box", "circle", "mesh", "bar", "polygon", "frame", "distance", "upright", "left", "a"]
+        ["box", "circle", "mesh", "bar", "polygon", "frame", "distance", "upright", "separation", "left", "a"]
     )
     | st.sampled_from([10**400, "\ud800", "x" * 300, "\x1b[2J", b"bytes", ()]),
     lambda inner: (

@@ -51,6 +51,48 @@ def random_motion(rng, *, n_dims=None, load=None, sigma=None, projected=None, ar
     return CoordinatedMotion(scene, coordinates, basis, boundary, coordinates.search @ z)
 
 
+def motion_on(scene, rng, sigma, coordinates=None):
+    """A random motion on a scene, in its load coordinates unless others are given."""
+    coordinates = coordinates or load_coordinates(scene)
+    basis = motion_basis(20, "velocity")
+    z = sigma * rng.standard_normal((coordinates.search.shape[1], basis.n_basis))
+    return CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), coordinates.search @ z)
+
+
+def held_scene(rng, n_dims, held, *, level=False, **more):
+    """An empty scene of rigid bodies `held`, arrays (n, 3) of grasps, that go from left to right.
+
+    With `level` all bodies keep their tilt between the ends, and their first hands are at one height.
+    """
+    ends = []
+    turns = [_turn(rng, n_dims) for _ in held]
+    for middle in (0.2, 0.8):
+        height, hands = rng.uniform(0.2, 0.8), []
+        for grasps, tilt in zip(held, turns, strict=True):
+            spin = _turn(rng, n_dims)
+            if level:
+                angle = rng.uniform(-np.pi, np.pi) if n_dims == 3 else 0.0
+                spin = Rotation.from_euler("z", angle).as_matrix() @ tilt
+            body = (grasps @ spin.T)[:, :n_dims] + rng.uniform(0.2, 0.8, n_dims)
+            body[:, 0] += middle - body[:, 0].mean()
+            if level:
+                body[:, -1] += height - body[0, -1]
+            hands.append(body)
+        ends.append(np.concatenate(hands))
+    return Scene.from_dict(
+        {
+            "name": "held",
+            "duration": 10.0,
+            "workspace": {"lower": [WIDE[0]] * n_dims, "upper": [WIDE[1]] * n_dims},
+            "manipulators": [
+                {"name": name, "start": start.tolist(), "goal": goal.tolist()}
+                for name, start, goal in zip("abcdef", *ends, strict=False)
+            ],
+            **more,
+        }
+    )
+
+
 def on_scene(motion, data):
     """The same curve on the scene of other data, such as further obstacles."""
     scene = Scene.from_dict(data)

@@ -1,5 +1,7 @@
 """Objective, planners, growing the load, and `solve`."""
 
+from comove.planning.choice import Candidate, Choice, best_movement
+from comove.planning.combination import Combination, combine
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost, CostWeights
@@ -8,6 +10,9 @@ from comove.planning.solution import Progress, Solution
 from comove.planning.solver import carried_demonstration, solve
 
 __all__ = [
+    "Candidate",
+    "Choice",
+    "Combination",
     "Comove",
     "Cost",
     "CostWeights",
@@ -15,7 +20,9 @@ __all__ = [
     "Progress",
     "Projection",
     "Solution",
+    "best_movement",
     "carried_demonstration",
+    "combine",
     "load_kernels",
     "solve",
 ]

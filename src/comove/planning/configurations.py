@@ -3,7 +3,8 @@
 Configurations are those of `load_coordinates`. Along an edge between two of them centres move on straight lines
 and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
 a group's centre plus its reach times the angle. Edges are checked by conservative advancement: from a
-configuration with clearance d, no obstacle can be met before the span d has been travelled.
+configuration with clearance d, no obstacle can be met before the span d has been travelled. Two hands that must
+stay apart both move: half of what is between them and their separation counts as clearance.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ class Space(NamedTuple):
     edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
     obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     lower, upper : arrays, shape (3,), the workspace [m]
+    pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
+    required : clearance asked for [m]
     cap : clearances above it are not told apart [m]
     """
 
@@ -53,6 +56,9 @@ class Space(NamedTuple):
     obstacles: Array
     lower: Array
     upper: Array
+    pairs: NDArray[np.int64]
+    least: Array
+    required: float
     cap: float
 
 
@@ -67,6 +73,8 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         body.radii,
         scene.obstacles,
         *scene.workspace,
+        *scene.kept_apart,
+        scene.clearance,
         CAP + scene.clearance,
     )
 
@@ -86,6 +94,12 @@ def clearance_of(space, q, nodes, floor=0.0):
     """
     place_one(space.blocks, q, 1.0, nodes)
     clearance = space.cap
+    for i in range(space.least.shape[0]):
+        a, b = nodes[space.pairs[i, 0]], nodes[space.pairs[i, 1]]
+        apart = sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+        clearance = min(clearance, space.required + 0.5 * (apart - space.least[i]))
+    if clearance <= floor:
+        return clearance
     for e in range(space.edges.shape[0]):
         a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
         for axis in range(3):
@@ -126,10 +140,11 @@ def span(space, p, q):
     """Bound of the displacement of any node between two configurations [m]."""
     blocks, longest = space.blocks, 0.0
     for b in range(blocks.kind.shape[0]):
-        i, moved = blocks.column[b], 0.0
+        moved = 0.0
         for axis in range(blocks.n_dims):
-            moved += (q[i + axis] - p[i + axis]) ** 2
-        angle = angle_between(blocks.kind[b], blocks.n_dims, p, q, i + blocks.n_dims)
+            c = blocks.center[b, axis]
+            moved += (q[c] - p[c]) ** 2
+        angle = angle_between(blocks.kind[b], blocks.n_dims, p, q, blocks.turn[b])
         longest = max(longest, sqrt(moved) + space.reach[b] * angle)
     return longest
 
@@ -139,9 +154,9 @@ def interpolate(space, p, q, f, out):
     """The configuration a share f of the way from p to q; angles stay unwrapped from p."""
     blocks = space.blocks
     for b in range(blocks.kind.shape[0]):
-        kind, i, n_dims = blocks.kind[b], blocks.column[b], blocks.n_dims
-        o = i + n_dims
-        for c in range(i, o):
+        kind, o, n_dims = blocks.kind[b], blocks.turn[b], blocks.n_dims
+        for axis in range(n_dims):
+            c = blocks.center[b, axis]
             out[c] = p[c] + f * (q[c] - p[c])
         if kind == ANGLE:
             out[o] = p[o] + f * wrapped(q[o] - p[o])
@@ -188,10 +203,10 @@ def random_configuration(space, rng, out):
     """Uniform in the workspace and over orientations."""
     blocks = space.blocks
     for b in range(blocks.kind.shape[0]):
-        i = blocks.column[b]
         for axis in range(blocks.n_dims):
-            out[i + axis] = space.lower[axis] + rng.random() * (space.upper[axis] - space.lower[axis])
-        random_orientation(blocks.kind[b], blocks.n_dims, i + blocks.n_dims, rng, out)
+            c = blocks.center[b, axis]
+            out[c] = space.lower[axis] + rng.random() * (space.upper[axis] - space.lower[axis])
+        random_orientation(blocks.kind[b], blocks.n_dims, blocks.turn[b], rng, out)
 
 
 @numba.njit(cache=True, error_model="numpy")

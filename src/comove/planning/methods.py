@@ -186,7 +186,7 @@ class Comove:
 
 @dataclass(frozen=True)
 class Projection(Comove):
-    """Free hands, every rollout projected onto the distance constraints; otherwise as the default."""
+    """Free hands, every rollout projected onto the constraints; otherwise as the default."""
 
     name: ClassVar[str] = "projection"
     coordinates: Callable[[Scene], Coordinates] = projected_coordinates

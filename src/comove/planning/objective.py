@@ -7,7 +7,8 @@ In unit duration and with T samples,
         + c_res 1/T sum_t sum_i |y_i - d_i|^2
 
 where d_i is the demonstration carried to manipulator i. The indicator is what is reported; a search sees
-in its place a penetration term with a slope (`Penalty`), taken between the samples too.
+in its place a penetration term with a slope (`Penalty`), taken between the samples too. Hands that must stay apart
+are felt in the same way: what is between them beyond their separation counts as a clearance.
 """
 
 from __future__ import annotations
@@ -98,8 +99,9 @@ class Evaluation(NamedTuple):
     Attributes
     ----------
     cost : J without its obstacle term
-    penalty : of obstacles
-    clearance : least one seen [m], at most the margin (or a millimetre, where there is none)
+    penalty : of obstacles and separations
+    clearance : least one seen [m], at most the margin (or a millimetre, where there is none); separations
+        count as `limits.clearance` and what the hands keep beyond them
     hits : mean number of obstacles touched over the samples, the indicator term of (4)
     speed : largest of a hand [m/s]
     acceleration : largest of a hand [m/s^2]
@@ -160,6 +162,7 @@ class Objective:
                 scene.body.radii,
                 scene.obstacles,
                 *scene.workspace,
+                *scene.kept_apart,
                 taught,
                 np.array([w.goal, w.velocity, c_res, scene.duration]),
                 np.array([p.margin + scene.clearance, p.slope, p.step, scene.clearance]),
@@ -198,7 +201,19 @@ class Objective:
 
 @numba.njit(cache=True, error_model="numpy")
 def _evaluate(
-    nodes, n_hands, edges, radii, obstacles, lower, upper, taught, cost_weights, penalty_weights, along_path
+    nodes,
+    n_hands,
+    edges,
+    radii,
+    obstacles,
+    lower,
+    upper,
+    pairs,
+    separations,
+    taught,
+    cost_weights,
+    penalty_weights,
+    along_path,
 ):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
@@ -230,13 +245,15 @@ def _evaluate(
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
         penalty[k], clearance[k], hits[k] = _obstacle_penalty(
-            x, edges, radii, obstacles, lower, upper, penalty_weights, along_path
+            x, edges, radii, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
         )
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights, along_path):
+def _obstacle_penalty(
+    x, edges, radii, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
+):
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout."""
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
@@ -261,12 +278,16 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
         longest = sqrt(longest)
         parts = min(1 + int(longest / SUB_STEP), MAX_SUB_STEPS)
         n_near, at_border = _near_obstacles(x, t, cap + thickest + longest, obstacles, lower, upper, near)
-        if n_near == 0 and not at_border:
+        apart = cap
+        for i in range(separations.shape[0]):
+            spare = chord_distance(x, t, after, pairs[i, 0], pairs[i, 1]) - separations[i]
+            apart = min(apart, needed + spare)
+        if n_near == 0 and not at_border and apart >= cap:
             continue
         weight = (longest if along_path else 1.0 / n_steps) / parts
         for part in range(parts):
             f = part / parts
-            d = cap
+            d = apart
             for e in range(edges.shape[0]):
                 m, n, r = edges[e, 0], edges[e, 1], radii[e]
                 px = x[t, m, 0] + f * (x[after, m, 0] - x[t, m, 0])
@@ -293,6 +314,22 @@ def _obstacle_penalty(x, edges, radii, obstacles, lower, upper, penalty_weights,
                 total += weight * step
             least = min(least, d)
     return total, least, hits / n_steps
+
+
+@numba.njit(cache=True, error_model="numpy")
+def chord_distance(x, t, after, i, j):
+    """Least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
+    along, step = 0.0, 0.0
+    for axis in range(3):
+        here, there = x[t, i, axis] - x[t, j, axis], x[after, i, axis] - x[after, j, axis]
+        along -= here * (there - here)
+        step += (there - here) ** 2
+    f = min(1.0, max(0.0, along / max(step, 1e-300)))
+    square = 0.0
+    for axis in range(3):
+        here, there = x[t, i, axis] - x[t, j, axis], x[after, i, axis] - x[after, j, axis]
+        square += (here + f * (there - here)) ** 2
+    return sqrt(square)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -68,7 +68,7 @@ class Paper:
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
-        if not search.scene.constraints:
+        if not search.scene.distances:
             raise OptionError(
                 "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
             )
@@ -104,7 +104,7 @@ class Paper:
     ) -> CoordinatedMotion | None:
         """One run of the optimiser; the best motion within the final band, None where it did not get there."""
         scene, shape = search.scene, dmp.weights.shape
-        first = window_errors(scene, dmp.rollouts(dmp.weights[None], N_STEPS), self.windows)
+        first = self._errors(dmp, dmp.weights[None])
         run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
         progress, furthest, finished, waited = 0.0, 0.0, 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
@@ -115,7 +115,7 @@ class Paper:
             request, bands = run.ask(), self._bands(scene, progress, first.max())
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
-                missed = window_errors(scene, dmp.rollouts(weights, N_STEPS), self.windows) - bands
+                missed = self._errors(dmp, weights) - bands
                 search.evaluations += len(weights)
                 if len(weights) == self.population:
                     share = (missed <= 0).all(axis=1).mean()
@@ -157,8 +157,13 @@ class Paper:
         )
         return self.optimiser.start(start)
 
+    def _errors(self, dmp: CoordinatedDMP, weights: Array) -> Array:
+        """`window_errors` of rollouts; weights (n_rollouts, n_columns, n_basis)."""
+        hands = dmp.coordinates.centers(dmp.rollouts(weights, N_STEPS))
+        return window_errors(dmp.scene, hands, self.windows)
+
     def _bands(self, scene: Scene, progress: float, least: float) -> Array:
-        """Half widths of the bands; array, shape (n_constraints * 2 * n_windows,), [m].
+        """Half widths of the bands; array, shape (n_distances * 2 * n_windows,), [m].
 
         Parameters
         ----------
@@ -166,7 +171,7 @@ class Paper:
         least : width with which the bands begin at least [m]: the first movement lies well inside
         """
         widths = []
-        for c in scene.constraints:
+        for c in scene.distances:
             final = INSIDE * (c.tolerance if c.tolerance > LEAST[0] * c.distance else LEAST[1] * c.distance)
             share = min(1.0, progress / NARROWED)
             first = max(FIRST_BAND * c.distance, 1.5 * least)
@@ -179,16 +184,16 @@ def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
 
     Parameters
     ----------
-    q : array, shape (n_rollouts, n_columns, n_steps)
+    q : array, shape (n_rollouts, n_manipulators * n_dims, n_steps)
 
     Returns
     -------
-    array, shape (n_rollouts, n_constraints * 2 * n_windows), [m]; too far apart, then too near
+    array, shape (n_rollouts, n_distances * 2 * n_windows), [m]; too far apart, then too near
     """
     hands = q.reshape(len(q), -1, scene.n_dims, q.shape[2])
     edges = np.linspace(0, q.shape[2], n_windows, endpoint=False, dtype=int)
     errors = []
-    for c in scene.constraints:
+    for c in scene.distances:
         apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
         for error in (apart - c.distance, c.distance - apart):
             errors.append(np.maximum.reduceat(error, edges, axis=1))

@@ -74,8 +74,7 @@ def continuous(space: Space, path: Array) -> Array:
     """The same path (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign."""
     path = path.copy()
     blocks = space.blocks
-    for kind, column in zip(blocks.kind, blocks.column, strict=True):
-        o = column + blocks.n_dims
+    for kind, o in zip(blocks.kind, blocks.turn, strict=True):
         if kind == ANGLE:
             path[:, o] = np.unwrap(path[:, o])
         elif kind == QUATERNION:

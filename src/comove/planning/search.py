@@ -149,7 +149,7 @@ class Search:
     def _violation(self, verdict: Verdict) -> float:
         """How far a rejected motion is from being verified: contact counts before limits."""
         report, scene = verdict.report, self.scene
-        depth = max(0.0, scene.clearance - report.clearance_min)
+        depth = max(0.0, scene.clearance - report.clearance_min, -(report.separation_spare_min or 0.0))
         excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
         violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
         return np.inf if np.isnan(violation) else violation
@@ -237,7 +237,7 @@ def stricter(objective: Objective, verdict: Verdict) -> Objective:
     """The objective with a wider margin, or lower limits, after a motion was rejected for want of them."""
     scene, penalty, report = objective.scene, objective.penalty, verdict.report
     changes: dict[str, float] = {}
-    if not report.clearance_min >= scene.clearance:
+    if not (report.clearance_min >= scene.clearance and (report.separation_spare_min or 0.0) >= 0):
         changes["margin"] = penalty.margin + MARGIN_STEP
     ratio = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
     if ratio > 1:

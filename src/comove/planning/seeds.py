@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates
+from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
@@ -57,7 +57,7 @@ def fit_path(
     if coordinates.kind == "load":
         boundary[2] = path[-1]  # the same goal, but by the path's number of turns
     else:
-        target = coordinates.from_load(target)
+        target = coordinates.from_load(target, load_coordinates(scene))
     misses = target - basis.sampled(N_STEPS)[basis.n_basis :].T @ boundary
     weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_profiles, n_ridges, n_basis, n_columns)
     weights = np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1))

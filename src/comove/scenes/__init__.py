@@ -1,5 +1,21 @@
 """Scenes: what moves, what it carries, what stands in the way; signed distances."""
 
-from comove.scenes.scene import DistanceConstraint, Scene
+from comove.scenes.constraints import (
+    Constraint,
+    DistanceConstraint,
+    RelativePoseConstraint,
+    SameHeightConstraint,
+    SeparationConstraint,
+    UprightConstraint,
+)
+from comove.scenes.scene import Scene
 
-__all__ = ["DistanceConstraint", "Scene"]
+__all__ = [
+    "Constraint",
+    "DistanceConstraint",
+    "RelativePoseConstraint",
+    "SameHeightConstraint",
+    "Scene",
+    "SeparationConstraint",
+    "UprightConstraint",
+]

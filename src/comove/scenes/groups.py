@@ -8,9 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.primitives.rotations import matrices, similarity
+
 Array = NDArray[np.float64]
 
-Orientation = Literal["none", "plane", "axis", "space"]
+Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,9 @@ class RigidGroup:
     members : indices of the manipulators
     grasps : array, shape (n_members, 3), where they hold, in the group's frame [m]
     corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]
-    orientation : what the members determine: nothing (one hand), an angle in the plane, the direction of
-        an axis in space (hands on one line; the roll about it does not matter), or a full orientation
+    orientation : how the group may turn: not at all (one hand; or held so), by an angle in the plane or about
+        the vertical in space, by the direction of an axis in space (hands on one line; the roll about it does not
+        matter), or in any way
     start, goal : poses at both ends
     """
 
@@ -59,8 +62,9 @@ class RigidGroup:
 
     @property
     def reach(self) -> float:
-        """Largest distance of a point of the group from its centre [m]."""
-        return float(np.linalg.norm(self.points, axis=1).max())
+        """Largest distance of a point of the group from what it turns about [m]."""
+        points = self.points[:, :2] if self.orientation == "vertical" else self.points
+        return float(np.linalg.norm(points, axis=1).max())
 
 
 def orientation_of(grasps: Array, n_dims: int) -> Orientation:
@@ -80,19 +84,19 @@ def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> Pose:
     ----------
     grasps, hands : arrays, shape (n_members, 3), [m]
     """
-    if orientation == "none":
+    if orientation in ("none", "fixed"):
         rotation = np.eye(3)
-    elif orientation == "plane":
+    elif orientation in ("plane", "vertical"):
         rotation = rotation_in_plane(fit_angle(grasps, hands))
     elif orientation == "axis":
-        rotation = rotation_between(np.array([1.0, 0.0, 0.0]), fit_direction(grasps, hands))
+        rotation = similarity(np.array([1.0, 0.0, 0.0]), fit_direction(grasps, hands))
     else:
-        rotation = rotation_of_quaternion(fit_quaternion(grasps, hands))
+        rotation = matrices(fit_quaternion(grasps, hands))
     return Pose(hands.mean(axis=0) - rotation @ grasps.mean(axis=0), rotation)
 
 
 def fit_angle(grasps: Array, hands: Array) -> Array:
-    """Angles [rad] that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) in the plane; shape (...)."""
+    """Angles [rad] that turn `grasps` (n, 3) about z nearest to `hands` (..., n, 3); shape (...)."""
     held, wanted = _about_middle(grasps), _about_middle(hands)
     cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
     sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
@@ -118,6 +122,28 @@ def fit_quaternion(grasps: Array, hands: Array) -> Array:
     return np.linalg.eigh(matrix)[1][..., -1]
 
 
+def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
+    """By how much the tilts of two rotations, arrays of shape (3, 3), differ [rad]; turns about z do not count.
+
+    In the plane this is the angle between them; for an axis in space the difference of its inclinations.
+    """
+    if orientation == "plane":
+        return float(abs(np.arctan2(*(a @ b.T)[[1, 0], 0])))
+    if orientation == "axis":
+        first, second = (np.arctan2(r[2, 0], np.hypot(r[0, 0], r[1, 0])) for r in (a, b))
+        return float(abs(first - second))
+    return float(np.arctan2(np.linalg.norm(np.cross(a[2], b[2])), a[2] @ b[2]))
+
+
+def levelling(along: Array, up: Array) -> Array:
+    """The least rotation, shape (3, 3), that brings all vectors `along` (n, 3) across the unit vector `up`."""
+    _, spread, axes = np.linalg.svd(along, full_matrices=False)
+    axes = axes[spread > 1e-6 * spread[0]]
+    across = up - axes.T @ (axes @ up)
+    size = np.linalg.norm(across)
+    return similarity(across / size, up) if size > 0.1 else np.eye(3)
+
+
 def _about_middle(points: Array) -> Array:
     return points - points.mean(axis=-2, keepdims=True)
 
@@ -126,37 +152,6 @@ def rotation_in_plane(angle: float) -> Array:
     """Turn about z by `angle` [rad]; array, shape (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def rotation_between(a: Array, b: Array) -> Array:
-    """The least rotation that turns the unit vector `a` into the unit vector `b`; array, shape (3, 3).
-
-    It carries a right-handed frame on `a` to one on `b` that shares the axis across both, and so stays a
-    rotation to rounding where the two are nearly opposite; for opposite ones any axis across serves.
-    """
-    across = np.cross(a, b)
-    if not np.linalg.norm(across) > 1e-15:
-        across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-    frames = []
-    for x in (a, b):
-        axis = across
-        for _ in range(2):  # twice is enough (Kahan), once is not where `across` is tiny
-            axis = axis - (axis @ x) * x
-            axis = axis / np.linalg.norm(axis)
-        frames.append(np.stack([x, axis, np.cross(x, axis)], axis=1))
-    return frames[1] @ frames[0].T
-
-
-def rotation_of_quaternion(wxyz: Array) -> Array:
-    """Rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = wxyz
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def quaternion_of_rotation(rotation: Array) -> Array:

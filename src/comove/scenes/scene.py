@@ -7,8 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
-from math import hypot
+from math import hypot, radians
 from pathlib import Path
 from typing import Any
 
@@ -17,32 +16,29 @@ from numpy.typing import NDArray
 
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, SceneError
+from comove.primitives import DMP
+from comove.primitives.rotations import matrices
 from comove.scenes import distances as sd
-from comove.scenes.groups import (
-    RigidGroup,
-    fit_pose,
-    nearest_distances,
-    orientation_of,
-    rotation_in_plane,
-    rotation_of_quaternion,
+from comove.scenes.constraints import (
+    ROUNDING,
+    Constraint,
+    DistanceConstraint,
+    RelativePoseConstraint,
+    SameHeightConstraint,
+    SeparationConstraint,
+    UprightConstraint,
+    distance_tolerance,
 )
-from comove.scenes.model import DISTANCE_TOLERANCE, SceneFile, canonical, load_scene_file, parse_scene
-from comove.scenes.taught import read_demonstration
+from comove.scenes.groups import RigidGroup, rotation_in_plane
+from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
+from comove.scenes.rigid import levelled, require_same_heights, rigid_group, rigid_sets
+from comove.scenes.taught import read_demonstration, read_movement
 
 Array = NDArray[np.float64]
 
 LOADS = ("bar", "frame", "polygon")
+PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
-
-
-@dataclass(frozen=True)
-class DistanceConstraint:
-    """``| |y_first - y_second| - distance | <= tolerance`` at every instant, [m]."""
-
-    first: int
-    second: int
-    distance: float
-    tolerance: float
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class Scene:
         missed them by no more than their tolerance
     lower, upper : arrays, shape (n_dims,), workspace [m]
     groups : rigid groups in the order of their first member; every manipulator is in one
-    constraints : distance constraints, those that the load implies included
+    constraints : what must hold at every instant, distances that load and relative poses imply included
     body : what must not touch anything
     obstacles : array, shape (n_obstacles, distances.N_COLUMNS), the table that kernels take
     """
@@ -91,7 +87,7 @@ class Scene:
     lower: Array
     upper: Array
     groups: tuple[RigidGroup, ...]
-    constraints: tuple[DistanceConstraint, ...]
+    constraints: tuple[Constraint, ...]
     body: Body
     obstacles: Array
 
@@ -156,21 +152,56 @@ class Scene:
 
     @cached_property
     def demonstration(self) -> Demonstration | None:
-        """The recording that the scene names, None where it names none.
+        """The recording that the scene names, None where it names none, or a primitive of a library (see `taught`).
 
         Raises
         ------
         SceneError
             If it cannot be read or has another dimension.
         """
-        if self.file.demonstration is None:
+        source = self.file.demonstration
+        if source is None or source.library is not None:
             return None
-        return read_demonstration(self.file.demonstration, self.folder, self.n_dims, self.path)
+        return read_demonstration(source, self.folder, self.n_dims, self.path)
+
+    @cached_property
+    def taught(self) -> DMP | None:
+        """The movement that the scene names, as a primitive: fitted to its recording, or from a library as it lies there.
+
+        Raises
+        ------
+        SceneError
+            If it cannot be read or has another dimension.
+        """
+        source = self.file.demonstration
+        if source is not None and source.library is not None:
+            return read_movement(source, self.folder, self.n_dims, self.path)
+        return None if self.demonstration is None else DMP.fit(self.demonstration)
 
     @cached_property
     def sha256(self) -> str:
         """Checksum of the canonical parsed scene: comments, layout and order of keys do not matter."""
         return hashlib.sha256(canonical(self.file)).hexdigest()
+
+    @cached_property
+    def distances(self) -> tuple[DistanceConstraint, ...]:
+        """The distance constraints."""
+        return tuple(c for c in self.constraints if isinstance(c, DistanceConstraint))
+
+    @cached_property
+    def kept_apart(self) -> tuple[NDArray[np.int64], Array]:
+        """Hands of different groups that must stay apart, shape (n, 2), and by how much, shape (n,), [m]."""
+        apart = [
+            c
+            for c in self.constraints
+            if isinstance(c, SeparationConstraint) and not self.are_one_body(c.first, c.second)
+        ]
+        pairs = np.array([(c.first, c.second) for c in apart], dtype=np.int64).reshape(-1, 2)
+        return pairs, np.array([c.least for c in apart])
+
+    def are_one_body(self, first: int, second: int) -> bool:
+        """Whether two hands, by their number, are of one rigid group."""
+        return any({first, second} <= set(group.members) for group in self.groups)
 
     @cached_property
     def workspace(self) -> tuple[Array, Array]:
@@ -219,11 +250,13 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     start = _spatial(np.array([m.start for m in file.manipulators]))
     goal = _spatial(np.array([m.goal for m in file.manipulators]))
     n_dims = len(file.workspace.lower)
-    explicit = tuple(_explicit(c, names) for c in file.constraints)
-    rigid = _rigid_sets(file, names, explicit, path)
+    explicit = _resolved(file, start)
+    rigid = rigid_sets(file, explicit, path)
+    require_same_heights(file, explicit, start, goal, path)
+    level = [levelled(file, rigid, explicit, hands, path) for hands in (start, goal)]
     groups, implied = [], []
     for members in rigid:
-        group, pairs = _group(file, members, explicit, start, goal, n_dims, path)
+        group, pairs = rigid_group(file, members, explicit, *level, path)
         groups.append(group)
         implied += pairs
     scene = Scene(
@@ -244,162 +277,30 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         _say_shift(end, given, moved[end], names)
     scene = replace(scene, **moved)
     _require_free_ends(scene, path)
+    _require_separate_ends(scene, path)
     return scene
 
 
-def _explicit(constraint: Any, names: list[str]) -> DistanceConstraint:
-    first, second = (names.index(name) for name in constraint.between)
-    tolerance = constraint.tolerance
-    if tolerance is None:
-        tolerance = DISTANCE_TOLERANCE * constraint.distance
-    return DistanceConstraint(first, second, constraint.distance, tolerance)
-
-
-def _rigid_sets(
-    file: SceneFile, names: list[str], explicit: tuple[DistanceConstraint, ...], path: object
-) -> list[tuple[int, ...]]:
-    """Sets of manipulators that move as one body: holders of the load, and complete graphs of distances."""
-    holders: set[int] = set()
-    if file.load is not None:
-        holders = {names.index(name) for name in (file.load.held_by or names)}
-    pairs = {frozenset((c.first, c.second)) for c in explicit}
-    pairs |= {frozenset(pair) for pair in combinations(sorted(holders), 2)}
-    component = list(range(len(names)))
-    for a, b in map(tuple, pairs):
-        old, new = component[a], component[b]
-        component = [new if c == old else c for c in component]
-    sets = []
-    for root in dict.fromkeys(component):
-        members = tuple(i for i, c in enumerate(component) if c == root)
-        missing = [p for p in combinations(members, 2) if frozenset(p) not in pairs]
-        if missing:
-            a, b = (names[i] for i in missing[0])
-            raise SceneError(
-                f"the distances tie {', '.join(names[i] for i in members)} together but leave '{a}' and '{b}' "
-                "free to move against each other",
-                file=path,
-                key="constraints",
-                way_out="give the distance of every pair of the group, or leave out the ones in between",
-            )
-        sets.append(members)
-    return sets
-
-
-def _group(
-    file: SceneFile,
-    members: tuple[int, ...],
-    explicit: tuple[DistanceConstraint, ...],
-    start: Array,
-    goal: Array,
-    n_dims: int,
-    path: object,
-) -> tuple[RigidGroup, list[DistanceConstraint]]:
-    """The rigid group of `members` and the distance constraints that the file leaves unsaid."""
-    names = [m.name for m in file.manipulators]
-    load = file.load
-    holds = load is not None and set(load.held_by or names) == {names[i] for i in members}
-    at_start, at_goal = start[list(members)], goal[list(members)]
-    stated = {frozenset((c.first, c.second)): c for c in explicit}
-    grasps, corners = _load_shape(file, members) if holds else (None, np.zeros((0, 3)))
-    if grasps is None:
-        grasps = _grasps_from_start(members, at_start, stated, n_dims, file, path)
-    orientation = orientation_of(grasps, n_dims)
-    implied = []
-    for (a, i), (b, j) in combinations(enumerate(members), 2):
-        distance = float(np.linalg.norm(grasps[a] - grasps[b]))
-        constraint = stated.get(frozenset((i, j)))
-        if constraint is None:
-            constraint = DistanceConstraint(i, j, distance, DISTANCE_TOLERANCE * distance)
-            implied.append(constraint)
-        elif abs(constraint.distance - distance) > constraint.tolerance + 1e-12:
-            raise SceneError(
-                f"'{names[i]}' and '{names[j]}' hold the load {distance:g} m apart, but their distance "
-                f"constraint says {constraint.distance:g} m",
-                file=path,
-                key="constraints",
-                way_out="make them agree",
-            )
-        for end, hands in (("start", at_start), ("goal", at_goal)):
-            actual = float(np.linalg.norm(hands[a] - hands[b]))
-            if abs(actual - distance) > constraint.tolerance + 1e-12:
-                raise SceneError(
-                    f"'{names[i]}' and '{names[j]}' are {actual:g} m apart at the {end}, but they must be "
-                    f"{distance:g} m apart (tolerance {constraint.tolerance:g} m)",
-                    file=path,
-                    key=f"manipulators[{i}].{end}, manipulators[{j}].{end}",
-                    way_out="move one of them or correct the distance",
-                )
-    poses = [fit_pose(grasps, hands, orientation) for hands in (at_start, at_goal)]
-    slack = max(
-        [c.tolerance for c in (*stated.values(), *implied) if c.first in members and c.second in members],
-        default=0.0,
-    )
-    for end, pose, hands in zip(("start", "goal"), poses, (at_start, at_goal), strict=True):
-        miss = float(np.abs(pose.place(grasps) - hands).max())
-        mirrored = grasps * ([1, -1, 1] if n_dims == 2 else [1, 1, -1])
-        miss_mirrored = float(np.abs(fit_pose(mirrored, hands, orientation).place(mirrored) - hands).max())
-        if miss > slack + 1e-12 and miss_mirrored < miss / 2:  # all distances agree and no rotation fits
-            raise SceneError(
-                f"the hands at the {end} are the mirror image of the load's grasps",
-                file=path,
-                key="manipulators",
-                way_out=f"swap two of them at the {end}",
-            )
-    return RigidGroup(members, grasps, corners, orientation, *poses), implied
-
-
-def _load_shape(file: SceneFile, members: tuple[int, ...]) -> tuple[Array | None, Array]:
-    """Grasps and corners of the load in its own frame; grasps None where the hands at the start tell."""
-    load, names = file.load, [m.name for m in file.manipulators]
-    if load.shape == "bar":
-        half, first = load.length / 2, names.index((load.held_by or names)[0])
-        ends = np.array([[-half if i == first else half, 0.0, 0.0] for i in members])
-        beyond = [half + load.overhang] if load.overhang else []
-        return ends, np.array([[side * x, 0.0, 0.0] for x in beyond for side in (-1, 1)]).reshape(-1, 3)
-    grasps = None
-    if getattr(load, "grasps", None):
-        grasps = _spatial(np.array([load.grasps[names[i]] for i in members], dtype=float))
-    corners = _spatial(np.array(load.vertices, dtype=float)) if load.shape == "polygon" else np.zeros((0, 3))
-    return grasps, corners
-
-
-def _grasps_from_start(
-    members: tuple[int, ...],
-    hands: Array,
-    stated: dict[frozenset[int], DistanceConstraint],
-    n_dims: int,
-    file: SceneFile,
-    path: object,
-) -> Array:
-    """Grasps about their middle, from the start moved onto the stated distances; on x if they are in line."""
-    pairs = [pair for pair in combinations(range(len(members)), 2) if _of(stated, members, pair)]
-    for a, b in combinations(range(len(members)), 2):
-        if np.linalg.norm(hands[a] - hands[b]) < 1e-9:
-            both = [file.manipulators[members[i]].name for i in (a, b)]
-            raise SceneError(
-                f"'{both[0]}' and '{both[1]}' start at the same point",
-                file=path,
-                key=f"manipulators[{members[b]}].start",
-                way_out="move them apart",
-            )
-    if pairs:
-        wanted = np.array([_of(stated, members, pair).distance for pair in pairs])
-        off = [abs(np.linalg.norm(hands[a] - hands[b]) - w) for (a, b), w in zip(pairs, wanted, strict=True)]
-        if all(o <= _of(stated, members, p).tolerance for o, p in zip(off, pairs, strict=True)):
-            hands = nearest_distances(hands, pairs, wanted)
-        elif len(members) == 2:  # told by the caller, with both values
-            return np.array([[-wanted[0] / 2, 0, 0], [wanted[0] / 2, 0, 0]])
-    grasps = hands - hands.mean(axis=0)
-    if n_dims == 3 and orientation_of(grasps, 3) == "axis":
-        line = grasps[-1] - grasps[0]
-        grasps = np.outer(grasps @ line / np.linalg.norm(line), [1.0, 0.0, 0.0])
-    return grasps
-
-
-def _of(
-    stated: dict[frozenset[int], DistanceConstraint], members: tuple[int, ...], pair: tuple[int, int]
-) -> DistanceConstraint | None:
-    return stated.get(frozenset(members[i] for i in pair))
+def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
+    """The constraints of the file with hands by number, in SI units, tolerances filled in."""
+    constraints: list[Constraint] = []
+    for c in file.constraints:
+        if c.type == "upright":
+            holders = tuple(file.names.index(name) for name in file.holders)
+            constraints.append(UprightConstraint(holders, radians(c.tolerance_deg)))
+            continue
+        i, j = (file.names.index(name) for name in c.between)
+        if c.type == "distance":
+            tolerance = distance_tolerance(c.tolerance, c.distance)
+            constraints.append(DistanceConstraint(i, j, c.distance, tolerance))
+        elif c.type == "relative_pose":
+            apart = float(np.linalg.norm(start[i] - start[j]))
+            constraints.append(RelativePoseConstraint(i, j, distance_tolerance(c.tolerance, apart)))
+        elif c.type == "separation":
+            constraints.append(SeparationConstraint(i, j, c.distance, c.tolerance))
+        else:
+            constraints.append(SameHeightConstraint(i, j, c.tolerance))
+    return tuple(constraints)
 
 
 def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
@@ -438,7 +339,7 @@ def _obstacle_table(file: SceneFile, n_dims: int) -> Array:
             if len(size) == 2 and kind in (sd.BOX, sd.ELLIPSOID):
                 size = (*size, FAR if kind == sd.BOX else max(size))
         else:
-            rotation = rotation_of_quaternion(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
+            rotation = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
         row[sd.KIND], row[sd.REACH] = kind, reach
         row[sd.CENTER : sd.CENTER + 3] = _spatial(np.array(obstacle.center))
         row[sd.ROTATION : sd.ROTATION + 9] = rotation.ravel()
@@ -481,6 +382,32 @@ def _require_free_ends(scene: Scene, path: object) -> None:
                 key=f"manipulators.{end}",
                 way_out=f"move the {end} or the obstacle",
             )
+
+
+def _require_separate_ends(scene: Scene, path: object) -> None:
+    """Refuse ends at which hands are nearer than their separation; hands of one group stay as they are there."""
+    for i, c in enumerate(scene.constraints):
+        for end in ("start", "goal") if isinstance(c, SeparationConstraint) else ():
+            hands, names = (
+                getattr(scene, end),
+                " and ".join(f"'{scene.manipulators[h]}'" for h in (c.first, c.second)),
+            )
+            apart = float(np.linalg.norm(hands[c.first] - hands[c.second]))
+            if apart < c.least - ROUNDING:
+                raise SceneError(
+                    f"{names} are {apart:.4g} m apart at the {end}, but they must stay at least "
+                    f"{c.least:g} m apart",
+                    file=path,
+                    key=f"constraints[{i}]",
+                    way_out="move one of them, or ask for less",
+                )
+            if apart < c.least + PROVABLE and not scene.are_one_body(c.first, c.second):
+                warnings.warn(
+                    f"at the {end} {names} are just as far apart as they must be, which hardly any motion can be "
+                    "proved to keep; move them a little further apart, or give the separation a tolerance",
+                    ComoveWarning,
+                    stacklevel=4,
+                )
 
 
 def _inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:

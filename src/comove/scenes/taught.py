@@ -1,17 +1,20 @@
-"""The demonstration that a scene names, in the scene's dimension."""
+"""The demonstration that a scene names, in the scene's dimension: a recording, or a primitive of a library."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations import Demonstration
-from comove.errors import DemonstrationError, SceneError
+from comove.errors import DemonstrationError, LibraryError, SceneError
+from comove.primitives import DMP, Library, Variant
+from comove.primitives.operations import PLANES, in_space, scale
 from comove.scenes.model import DemonstrationSource
 
-PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+LIBRARY = "library"
+"""The folder beside a scene file in which primitives are looked for."""
 
 
 def read_demonstration(
@@ -42,13 +45,63 @@ def read_demonstration(
     if n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
         position = _in_space(position, source.plane)
     if position.shape[1] != n_dims:
+        raise _other_dimension("recording", recording.n_dims, n_dims, file, key)
+    return Demonstration(recording.time, position, recording.name, recording.notes, recording.unit)
+
+
+def read_movement(source: DemonstrationSource, folder: Path, n_dims: int, file: object = None) -> DMP:
+    """Read the primitive of a scene: NAME of the folder `library`, or FOLDER/NAME.
+
+    Parameters
+    ----------
+    source, folder, n_dims : as for `read_demonstration`; of a primitive of poses the positions are taken
+
+    Raises
+    ------
+    SceneError
+        If it cannot be read, lies outside the scene's folder, has another dimension or never ends.
+    """
+    key = "demonstration.library"
+    place = PurePosixPath(source.library or "")
+    inner = str(place.parent) if len(place.parts) > 1 else LIBRARY
+    try:
+        inside = (folder / inner).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links
+        inside = False
+    if not inside or place.is_absolute() or ".." in place.parts:
         raise SceneError(
-            f"the recording has {recording.n_dims} dimensions, the scene {n_dims}",
+            f"{source.library!r} lies outside the scene's folder",
             file=file,
             key=key,
-            way_out="add `plane: xy` to lay it into space" if n_dims == 3 else "give a planar recording",
+            way_out="move the library into it",
         )
-    return Demonstration(recording.time, position, recording.name, recording.notes, recording.unit)
+    try:
+        dmp = Library(folder / inner).get(place.name).positions
+    except LibraryError as error:
+        raise SceneError(str(error), file=file, key=key) from error
+    if dmp.variant is Variant.RHYTHMIC:
+        raise SceneError(
+            f"the primitive {place.name!r} is rhythmic and never ends",
+            file=file,
+            key=key,
+            way_out="name one that ends",
+        )
+    if source.scale is not None:
+        dmp = scale(dmp, source.scale, about=np.zeros(dmp.n_dims))
+    if n_dims == 3 and dmp.n_dims == 2 and source.plane is not None:
+        dmp = in_space(dmp, source.plane)
+    if dmp.n_dims != n_dims:
+        raise _other_dimension("primitive", dmp.n_dims, n_dims, file, key)
+    return dmp
+
+
+def _other_dimension(what: str, found: int, n_dims: int, file: object, key: str) -> SceneError:
+    return SceneError(
+        f"the {what} has {found} dimensions, the scene {n_dims}",
+        file=file,
+        key=key,
+        way_out="add `plane: xy` to lay it into space" if n_dims == 3 else f"give a planar {what}",
+    )
 
 
 def _in_space(position: NDArray[np.float64], plane: str) -> NDArray[np.float64]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, POINT, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.basis import INTERVAL, N_INTERVALS, OMEGA
+from comove.primitives.flow import OMEGA
+from comove.primitives.forcing import INTERVAL, N_INTERVALS
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,8 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         swing, twist = np.zeros(N_INTERVALS), np.zeros(N_INTERVALS)
         if part.kind != POINT:
             swing, twist = _turning_bounds(part.kind, turn)
-        reach = np.linalg.norm(part.points, axis=1)
+        points = part.points[:, :2] if part.kind == ANGLE else part.points
+        reach = np.linalg.norm(points, axis=1)
         with np.errstate(invalid="ignore"):
             acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
             jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
@@ -70,6 +72,32 @@ def distance_error(relative: Array, distance: float) -> float:
         turning = np.where(nearest > 0, fastest**2 / nearest, np.inf)
     error = np.abs(apart - distance)
     return float((np.maximum(error[1:], error[:-1]) + INTERVAL**2 / 8 * (turning + bend)).max())
+
+
+def least_distance(relative: Array, bend: Array) -> float:
+    """Lower bound of |r| at every instant, r = y1 - y2 of two hands [m].
+
+    Parameters
+    ----------
+    relative : array, shape (n_knots, n_dims), r at the knots
+    bend : array, shape (n_intervals,), bound of |r''|: between two knots r stays within h^2/8 of it of its chord
+    """
+    here, step = relative[:-1], np.diff(relative, axis=0)
+    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    return float((nearest - INTERVAL**2 / 8 * bend).min())
+
+
+def largest_size(column: Array) -> float:
+    """Bound of |x| at every instant for one column of q, or the difference of two.
+
+    Parameters
+    ----------
+    column : array, shape (3, n_knots), x and its first two derivatives at the knots
+    """
+    _, bend, _ = _column_bounds(column[:, :, None])
+    size = np.abs(column[0])
+    return float((np.maximum(size[1:], size[:-1]) + INTERVAL**2 / 8 * bend).max())
 
 
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:

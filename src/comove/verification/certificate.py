@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.basis import INTERVAL
+from comove.primitives.forcing import INTERVAL
 from comove.scenes.distances import point_distance
 from comove.verification.bounds import NodeBounds, node_bounds
 

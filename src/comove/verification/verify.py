@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import POINT, coordinates_for
+from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.scene import DistanceConstraint
-from comove.trajectory import Trajectory
-from comove.verification.bounds import (
-    distance_error,
-    largest_acceleration,
-    largest_speed,
-    node_bounds,
+from comove.errors import OptionError
+from comove.scenes.constraints import (
+    DistanceConstraint,
+    SameHeightConstraint,
+    SeparationConstraint,
+    UprightConstraint,
 )
+from comove.trajectory import Trajectory
+from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 from comove.verification.certificate import Clearance, certify
+from comove.verification.constraints import Finding, examine
 
 Array = NDArray[np.float64]
 
 END_ERROR = 1e-9  # m
 END_SPEED = 1e-9  # m/s
-ROUNDING = 1e-9  # m, allowed where a tolerance of nothing is asked for
 
 _SEAL = object()
 
@@ -37,11 +38,18 @@ class Report:
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : upper bound of the error of every distance constraint [m]
+    distance_error_max : upper bound of the error of every distance constraint, those that a load or relative
+        poses imply included [m]
     end_error : largest miss of a start or a goal [m]
     end_speed : largest speed at the end [m/s]
     speed_max : upper bound of a hand's speed [m/s]
     acceleration_max : upper bound of a hand's acceleration [m/s^2]
+    separation_spare_min : lower bound of what hands keep beyond the least distance that their separations allow
+        [m]; negative where one is broken
+    tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
+    height_error_max : upper bound of the difference of heights that must be the same [m]
+
+    The last three are None where the scene has no such constraint.
     """
 
     clearance_min: float
@@ -50,10 +58,13 @@ class Report:
     end_speed: float
     speed_max: float
     acceleration_max: float
+    separation_spare_min: float | None = None
+    tilt_max: float | None = None
+    height_error_max: float | None = None
 
     def asdict(self) -> dict[str, float]:
-        """The measures by name."""
-        return asdict(self)
+        """The measures by name, without those that the scene does not ask for."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 class VerifiedMotion:
@@ -124,7 +135,7 @@ class Check(Protocol):
 
 
 def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
-    """Judge a motion: ends, distances, limits and clearance, in continuous time.
+    """Judge a motion: ends, constraints, limits and clearance, in continuous time.
 
     Parameters
     ----------
@@ -140,17 +151,20 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     bounds = node_bounds(motion)
     clearance = certify(motion, bounds)
-    errors = [_distance_error(motion, c, position) for c in scene.constraints]
+    findings = examine(motion, bounds, position)
     report = Report(
         clearance_min=clearance.lower,
-        distance_error_max=max(errors, default=0.0),
+        distance_error_max=_worst(findings, DistanceConstraint, max) or 0.0,
         end_error=float(ends.max()),
         end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
+        separation_spare_min=_worst(findings, SeparationConstraint, min),
+        tilt_max=_worst(findings, UprightConstraint, max),
+        height_error_max=_worst(findings, SameHeightConstraint, max),
     )
-    names, reasons = scene.manipulators, []
-    if not motion.coordinates.same_as(coordinates_for(scene, motion.coordinates.kind)):
+    reasons = []
+    if not _are_of_the_scene(motion):
         reasons.append("the motion's coordinates are not those of the scene")
     if not np.isfinite(motion.knots).all():
         reasons.append("the motion is not finite")
@@ -158,12 +172,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.append(f"an end is missed by {report.end_error:.3g} m")
     if not report.end_speed <= END_SPEED:
         reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
-    for c, error in zip(scene.constraints, errors, strict=True):
-        if not error <= max(c.tolerance, ROUNDING):
-            reasons.append(
-                f"the distance between '{names[c.first]}' and '{names[c.second]}' is off by up to {error:.3g} m "
-                f"(tolerance {c.tolerance:g} m)"
-            )
+    reasons += [finding.reason for finding in findings if finding.reason]
     if not report.speed_max <= scene.speed_limit:
         reasons.append(f"a hand moves at up to {report.speed_max:.4g} m/s (limit {scene.speed_limit:g} m/s)")
     if not report.acceleration_max <= scene.acceleration_limit:
@@ -179,24 +188,17 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     return Verdict(verified, report, tuple(reasons))
 
 
-def _distance_error(motion: CoordinatedMotion, constraint: DistanceConstraint, position: Array) -> float:
-    """Bound of a distance's error; position (n_knots, n_manipulators, 3) at the knots.
+def _are_of_the_scene(motion: CoordinatedMotion) -> bool:
+    """Whether the motion's coordinates are those that the scene has under their name."""
+    try:
+        return motion.coordinates.same_as(coordinates_for(motion.scene, motion.coordinates.kind))
+    except OptionError:  # the scene has none of that name
+        return False
 
-    Two hands in one block of the coordinates are images of two fixed points under one rigid motion: between the
-    knots their distance is that of their grasps. Free hands leave what the knots show as their derivatives allow.
-    """
-    i, j, coordinates = constraint.first, constraint.second, motion.coordinates
-    for group in coordinates.groups:
-        if {i, j} <= set(group.members):
-            apart = np.linalg.norm(position[:, i] - position[:, j], axis=1)
-            grasps = group.grasps[[group.members.index(i), group.members.index(j)]]
-            held = float(np.linalg.norm(grasps[0] - grasps[1]))
-            return float(np.abs(np.append(apart, held) - constraint.distance).max())
-    first, second = (next(part for part in coordinates.parts if hand in part.nodes) for hand in (i, j))
-    if first.kind != POINT or second.kind != POINT:
-        return np.inf
-    relative = motion.knots[:, :, first.columns] - motion.knots[:, :, second.columns]
-    return distance_error(relative, constraint.distance)
+
+def _worst(findings: list[Finding], kind: type, worst: Callable[..., float]) -> float | None:
+    """The worst measure of the constraints of one kind, None where there is none."""
+    return worst((f.measure for f in findings if isinstance(f.constraint, kind)), default=None)
 
 
 def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:

@@ -1,0 +1,160 @@
+"""Choosing a movement from a library for a scene: all are carried to the hands and evaluated at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.errors import OptionError
+from comove.planning.objective import N_STEPS, CostWeights, Objective
+from comove.primitives import DMP, Library, LinearPhase, Primitive, Variant, motion_basis
+from comove.primitives.operations import MAX_BASIS, in_space, refitted, settled
+from comove.primitives.poses import PoseDMP
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_BASIS = 30  # shape weights a dimension of what is carried
+
+Movements = Library | Mapping[str, DMP] | Iterable[Primitive | DMP]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A movement, carried to every hand of a scene.
+
+    Attributes
+    ----------
+    name : of the movement
+    dmp : as it was given, laid into space where that was asked for
+    passes : nothing is touched and no limit broken, as far as samples tell
+    cost : J without its obstacle term
+    penalty : of obstacles, as the search feels them
+    clearance : least one seen [m], at most the search's margin
+    """
+
+    name: str
+    dmp: DMP
+    passes: bool
+    cost: float
+    penalty: float
+    clearance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Movements in the order in which they suit a scene.
+
+    Attributes
+    ----------
+    ranking : best first: those that pass by their cost, then the others by cost and penalty
+    """
+
+    ranking: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate:
+        """The first."""
+        return self.ranking[0]
+
+
+def best_movement(
+    movements: Movements, scene: Scene, *, cost: CostWeights | None = None, plane: str | None = None
+) -> Choice:
+    """Find the movement of a library that suits a scene best.
+
+    Parameters
+    ----------
+    movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
+        and rhythmic ones, are left out
+    scene : to whose hands each is carried, as `solve` does
+    cost : weights of the objective
+    plane : "xy", "xz" or "yz", in which planar movements are laid in a spatial scene
+
+    Raises
+    ------
+    OptionError
+        If no movement is left.
+    """
+    suited = suitable(movements, scene, plane)
+    coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
+    carried = [
+        CoordinatedDMP.from_demonstration(carriable(dmp), scene, coordinates, basis)
+        for dmp in suited.values()
+    ]
+    q = np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])
+    objective = Objective(scene, coordinates, cost or CostWeights())
+    value = objective.evaluate(q)
+    passes, total = objective.feasible(value), objective.search_value(value)
+    order = np.lexsort((total, ~passes))
+    names = list(suited)
+    return Choice(
+        tuple(
+            Candidate(
+                names[i],
+                suited[names[i]],
+                bool(passes[i]),
+                float(value.cost[i]),
+                float(value.penalty[i]),
+                float(value.clearance[i]),
+            )
+            for i in order
+        )
+    )
+
+
+def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> dict[str, DMP]:
+    """The movements that can be carried to the hands of a scene, by name.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
+    suited: dict[str, DMP] = {}
+    n_given = 0
+    for name, dmp in _named(movements):
+        n_given += 1
+        if plane is not None and dmp.n_dims == 2 and scene.n_dims == 3:
+            dmp = in_space(dmp, plane)
+        if dmp.n_dims == scene.n_dims and dmp.variant is not Variant.RHYTHMIC:
+            suited[name] = dmp
+    if not suited:
+        raise OptionError(
+            f"none of the {n_given} movements has the scene's {scene.n_dims} dimensions and an end",
+            key="library",
+            way_out="learn one: comove library add DEMO",
+        )
+    return suited
+
+
+def carriable(dmp: DMP) -> DMP:
+    """The movement in closed form, which can be turned and scaled, in the basis of coordinated motions."""
+    return refitted(dmp, n_basis=N_BASIS, phase=LinearPhase(), variant=Variant.CLOSED_FORM)
+
+
+def turnable(dmp: DMP) -> DMP:
+    """The movement as it is where its weights can be turned and scaled; otherwise in closed form.
+
+    Of the classic form that is exact, of dmp++, whose forcing functions differ, a fit with twice as many weights.
+    """
+    if dmp.variant is Variant.CLASSIC:
+        return settled(dmp)
+    if dmp.variant is Variant.DMP_PLUS_PLUS:
+        n_basis = min(MAX_BASIS, 2 * dmp.weights.shape[1])
+        return refitted(dmp, n_basis=n_basis, variant=Variant.CLOSED_FORM)
+    return dmp
+
+
+def _named(movements: Movements) -> Iterator[tuple[str, DMP]]:
+    if isinstance(movements, Mapping):
+        movements = [Primitive(name, dmp) for name, dmp in movements.items()]
+    for i, movement in enumerate(movements):
+        name = movement.name if isinstance(movement, Primitive) else str(i)
+        dmp = movement.dmp if isinstance(movement, Primitive) else movement
+        yield name, dmp.translation if isinstance(dmp, PoseDMP) else dmp

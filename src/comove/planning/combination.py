@@ -1,0 +1,274 @@
+"""Several movements combined into one that gets through: the framework of the paper's reference [6].
+
+All movements are carried to common ends. There the weights of the combination are, in every dimension d,
+
+    w_d = sum_k c_kd w_kd,
+
+so that any coefficients c meet the ends, and CMA-ES looks for those of the least objective (4) with hard obstacles.
+The combination is carried to every hand as a demonstration is; its rollout is judged like any other motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates, load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate
+from comove.errors import OptionError
+from comove.optimisers import CMAES, Parameters
+from comove.planning.choice import N_BASIS, Movements, best_movement, carriable, suitable
+from comove.planning.kernels import load_kernels
+from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
+from comove.planning.search import OutOfTime, Search, stricter
+from comove.planning.solution import ProgressCallback
+from comove.primitives import DMP, motion_basis
+from comove.scenes.scene import Scene
+from comove.verification.verify import Check, VerifiedMotion, verify
+
+Array = NDArray[np.float64]
+
+POPULATION, LARGEST = 32, 128  # samples a generation, doubled with every second restart
+RESTARTS, COMPARED = 12, 5  # runs at most, and verified ones of which the best is kept
+SIGMA = 0.5  # first step of the coefficients
+GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # at most, and without a relative gain
+STRICTER = 4  # times that a rejected combination is improved with a wider margin
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """What came of combining movements.
+
+    Attributes
+    ----------
+    dmp : the combination, at the ends of the hand that goes farthest; a demonstration for `solve`
+    names : of the movements
+    coefficients : array, shape (n_movements, n_dims)
+    attempt : the combination carried to every hand
+    motion : the same, verified; None where it is not
+    reasons : why it is not, in words
+    cost : J of `attempt`
+    evaluations, generations, restarts : of the search, restarts with its first run
+    seed : of all random numbers
+    interrupted : stopped by the user
+    """
+
+    dmp: DMP
+    names: tuple[str, ...]
+    coefficients: Array
+    attempt: CoordinatedMotion
+    motion: VerifiedMotion | None
+    reasons: tuple[str, ...]
+    cost: float
+    evaluations: int
+    generations: int
+    restarts: int
+    seed: int
+    interrupted: bool = False
+
+    @property
+    def verified(self) -> bool:
+        """Whether `motion` holds a verified motion."""
+        return self.motion is not None
+
+
+def combine(
+    movements: Movements,
+    scene: Scene,
+    *,
+    seed: int = 0,
+    budget: float = 30.0,
+    cost: CostWeights | None = None,
+    plane: str | None = None,
+    checks: Sequence[Check] = (),
+    progress: ProgressCallback | None = None,
+) -> Combination:
+    """Combine movements into one that gets through a scene.
+
+    Parameters
+    ----------
+    movements, plane : as for `best_movement`
+    scene : of one hand or several; several hands all make the same movement, each between its own ends
+    seed : of all random numbers; the same inputs, seed and version give the same combination unless time runs short
+    budget : seconds after which the best attempt is returned
+    cost : weights of the objective
+    checks : further checks that the motion must pass
+    progress : called once a generation
+
+    Raises
+    ------
+    OptionError
+        If no movement suits, or an argument is out of range.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
+    if not 0 < budget < np.inf:
+        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    suited = suitable(movements, scene, plane)
+    load_kernels(scene.n_dims)
+    started = time.perf_counter()
+    coordinates = load_coordinates(scene)
+    search = Search(
+        objective=Objective(scene, coordinates, cost or CostWeights(), Penalty(along_path=True)),
+        taught=None,
+        hard=True,
+        rng=np.random.default_rng(seed),
+        started=started,
+        deadline=started + budget,
+        checks=checks,
+        progress=progress,
+    )
+    span = _Span.of(suited, scene, coordinates)
+    single = best_movement(suited, scene, cost=cost).best.name
+    attempts = _Attempts(search, span)
+    restarts = verified = 0
+    with suppress(OutOfTime), search.interruption.noticed():
+        for restarts in range(1, RESTARTS + 1):
+            begin = span.begin(restarts, list(suited).index(single), search.rng)
+            verified += attempts.run(begin, min(LARGEST, POPULATION * 2 ** ((restarts - 1) // 2)))
+            if verified == COMPARED:
+                break
+    coefficients = attempts.best if attempts.best is not None else span.begin(1, 0, search.rng)
+    dmp = span.combined(coefficients)
+    motion = span.motion(dmp)
+    verdict = verify(motion, checks)
+    return Combination(
+        dmp=dmp,
+        names=tuple(suited),
+        coefficients=coefficients,
+        attempt=motion,
+        motion=verdict.verified,
+        reasons=verdict.reasons,
+        cost=search.objective.cost(motion).total,
+        evaluations=search.evaluations,
+        generations=search.generations,
+        restarts=restarts,
+        seed=int(seed),
+        interrupted=search.interruption.wished,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Span:
+    """All combinations of some movements on a scene.
+
+    Attributes
+    ----------
+    common : a movement without shape between the common ends
+    weights : array, shape (n_movements, n_dims, n_basis), between the common ends
+    turns : array, shape (n_manipulators, n_dims, n_dims), that carry the weights to each hand
+    ways : array, shape (N_STEPS, n_manipulators, n_dims), of the hands without shape [m]
+    """
+
+    scene: Scene
+    coordinates: Coordinates
+    common: DMP
+    weights: Array
+    turns: Array
+    ways: Array
+
+    @classmethod
+    def of(cls, movements: dict[str, DMP], scene: Scene, coordinates: Coordinates) -> _Span:
+        far = int(np.linalg.norm(scene.goal - scene.start, axis=1).argmax())
+        carried = [modulate(carriable(dmp), scene.start[far], scene.goal[far]) for dmp in movements.values()]
+        common = replace(carried[0], weights=np.zeros_like(carried[0].weights), duration=scene.duration)
+        unit = replace(common, weights=np.eye(scene.n_dims, N_BASIS))
+        hands = [modulate(unit, *ends) for ends in zip(scene.start, scene.goal, strict=True)]
+        s = np.linspace(0.0, 1.0, N_STEPS)
+        still = [replace(hand, weights=common.weights) for hand in hands]
+        return cls(
+            scene,
+            coordinates,
+            common,
+            np.stack([dmp.weights for dmp in carried]),
+            np.stack([hand.weights[:, : scene.n_dims] for hand in hands]),
+            np.stack([hand.at(s * hand.duration).position for hand in still], axis=1),
+        )
+
+    def configurations(self, coefficients: Array) -> Array:
+        """Of many combinations, array of shape (n, n_movements, n_dims); array, shape (n, n_columns, N_STEPS)."""
+        weights = np.einsum("nkd,kdj->ndj", coefficients, self.weights)
+        shape = weights @ self.common.basis.sampled(N_STEPS)[:N_BASIS]
+        hands = self.ways + np.einsum("mde,net->ntmd", self.turns, shape)
+        n, n_steps = hands.shape[:2]
+        # One long row of samples: whole turns between rollouts do not matter to what is evaluated.
+        q = self.coordinates.from_hands(hands.reshape(n * n_steps, *hands.shape[2:]))
+        return np.ascontiguousarray(q.reshape(n, n_steps, -1).transpose(0, 2, 1))
+
+    def combined(self, coefficients: Array) -> DMP:
+        """The primitive of coefficients, array of shape (n_movements, n_dims)."""
+        return replace(self.common, weights=np.einsum("kd,kdj->dj", coefficients, self.weights))
+
+    def motion(self, dmp: DMP) -> CoordinatedMotion:
+        """The primitive carried to every hand."""
+        basis = motion_basis(N_BASIS, "velocity")
+        return CoordinatedDMP.from_demonstration(dmp, self.scene, self.coordinates, basis).rollout()
+
+    def begin(self, restart: int, best: int, rng: np.random.Generator) -> Array:
+        """Coefficients to begin with: the best movement alone, the straight way, then any."""
+        coefficients = np.zeros(self.weights.shape[:2])
+        if restart == 1:
+            coefficients[best] = 1.0
+        elif restart > 2:
+            coefficients = rng.standard_normal(coefficients.shape)
+        return coefficients
+
+
+class _Attempts:
+    """Runs of CMA-ES over the coefficients; keeps the best verified combination, or else the best attempt."""
+
+    def __init__(self, search: Search, span: _Span):
+        self.search, self.span = search, span
+        self.best: Array | None = None
+        self.least = np.inf
+
+    def run(self, begin: Array, population: int) -> bool:
+        """Improve coefficients until they are verified, more strictly each time they are rejected."""
+        objective, coefficients, sigma = self.search.objective, begin, SIGMA
+        for _ in range(1 + STRICTER):
+            coefficients, feasible = self._improve(objective, coefficients, sigma, population)
+            if not feasible:
+                return False
+            verdict = self.search.judge(self.span.motion(self.span.combined(coefficients)))
+            if verdict.verified is not None:
+                if self.search.best is verdict:  # the cheapest so far
+                    self.best = coefficients
+                return True
+            objective, sigma = stricter(objective, verdict), 0.1 * SIGMA
+        return False
+
+    def _improve(
+        self, objective: Objective, begin: Array, sigma: float, population: int
+    ) -> tuple[Array, bool]:
+        """The best coefficients of one run, and whether they look verifiable."""
+        search = self.search
+        search.stage = f"combining {len(begin)} movements"
+        optimiser = CMAES(
+            begin.ravel(), sigma, search.rng, parameters=Parameters.default(begin.size, population)
+        )
+        best, best_value, feasible, reference, waited = begin, np.inf, False, np.inf, 0
+        for _ in range(GENERATIONS):
+            search.check_time()
+            samples = optimiser.ask()
+            value = objective.evaluate(self.span.configurations(samples.reshape(-1, *begin.shape)))
+            search.evaluations += len(samples)
+            fitness = objective.search_value(value)
+            optimiser.tell(fitness)
+            i = int(np.argmin(fitness))
+            search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
+            if fitness[i] < best_value:
+                best, best_value = samples[i].reshape(begin.shape), float(fitness[i])
+                feasible = bool(objective.feasible(value)[i])
+                if self.search.best is None and best_value < self.least:
+                    self.best, self.least = best, best_value
+            waited += 1
+            if best_value < reference * (1 - GAIN):
+                reference, waited = best_value, 0
+            if waited >= PATIENCE:
+                break
+        return best, feasible

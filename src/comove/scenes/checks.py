@@ -1,0 +1,224 @@
+"""Checks of a scene file that need several of its keys; none of them needs geometry."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from comove.errors import ComoveWarning, near_name
+from comove.scenes.constraints import ROUNDING, distance_tolerance
+from comove.scenes.messages import Flaw, KeyPath, counted, show
+from comove.scenes.yaml_reader import MAX_NAMES, near_files
+
+if TYPE_CHECKING:
+    from comove.scenes.model import SceneFile
+
+LARGE_WORKSPACE = 50.0
+"""A workspace wider than this is probably written in millimetres [m]."""
+
+_UNTURNED = (1.0, 0.0, 0.0, 0.0)
+_AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
+
+
+def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
+    """Find what contradicts itself; the later checks need vectors of equal length and known names."""
+    flaws = [*_dimension_flaws(scene), *_name_flaws(scene)]
+    if flaws:
+        return flaws
+    return [
+        *_workspace_flaws(scene),
+        *_rotation_flaws(scene),
+        *_holder_flaws(scene),
+        *_constraint_flaws(scene),
+        *_file_flaws(scene, folder),
+    ]
+
+
+def _vectors(scene: SceneFile) -> Iterator[tuple[KeyPath, tuple[float, ...]]]:
+    """List all vectors that have the scene's dimension, with their paths."""
+    yield ("workspace", "upper"), scene.workspace.upper
+    for i, obstacle in enumerate(scene.obstacles):
+        for key in ("center", "size", "radii"):
+            if hasattr(obstacle, key):
+                yield ("obstacles", i, key), getattr(obstacle, key)
+    for i, manipulator in enumerate(scene.manipulators):
+        yield ("manipulators", i, "start"), manipulator.start
+        yield ("manipulators", i, "goal"), manipulator.goal
+    if _shape(scene) == "box":
+        yield ("load", "size"), scene.load.size
+    for i, vertex in enumerate(getattr(scene.load, "vertices", ())):
+        yield ("load", "vertices", i), vertex
+    for name, grasp in (getattr(scene.load, "grasps", None) or {}).items():
+        yield ("load", "grasps", name), grasp
+
+
+def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    planar_or_spatial = _AXES.get(scene.dimension)
+    if planar_or_spatial is None:
+        message = f"{show(scene.workspace.lower)} has {counted(scene.workspace.lower, 'number')}"
+        yield Flaw(("workspace", "lower"), message, "write 2 (planar) or 3 (spatial)")
+        return
+    for path, vector in _vectors(scene):
+        if len(vector) != scene.dimension:
+            commas = ", with decimal points" if len(vector) == 2 * scene.dimension else ""
+            message = f"{show(vector)} has {counted(vector, 'number')}"
+            yield Flaw(path, message, f"the workspace is {planar_or_spatial}{commas}")
+    planar = scene.dimension == 2
+    for i, obstacle in enumerate(scene.obstacles):
+        if planar and obstacle.shape == "cylinder":
+            yield Flaw(("obstacles", i, "shape"), "a cylinder needs a spatial scene", "use circle or box")
+    if not planar and _shape(scene) == "polygon":
+        yield Flaw(("load", "shape"), "a polygon needs a planar scene", "use box, mesh or frame in space")
+    if planar and _shape(scene) == "mesh":
+        yield Flaw(("load", "shape"), "a mesh needs a spatial scene", "use polygon in the plane")
+
+
+def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    first: dict[str, int] = {}
+    for i, name in enumerate(scene.names):
+        if first.setdefault(name, i) != i:
+            message = f"the name {show(name)} is already that of manipulators[{first[name]}]"
+            yield Flaw(("manipulators", i, "name"), message, "give each manipulator its own name")
+    if len(first) < len(scene.names):
+        return
+    for path, name in _named(scene):
+        if name not in first:
+            known = scene.names[:MAX_NAMES]
+            yield Flaw(path, f"there is no manipulator {show(name)}", near_name(name, known))
+
+
+def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
+    """List all mentions of a manipulator, with their paths."""
+    for i, name in enumerate(getattr(scene.load, "held_by", None) or ()):
+        yield ("load", "held_by", i), name
+    for i, edge in enumerate(getattr(scene.load, "edges", ())):
+        for j, name in enumerate(edge):
+            yield ("load", "edges", i, j), name
+    for name in getattr(scene.load, "grasps", None) or ():
+        yield ("load", "grasps", name), name
+    for i, constraint in enumerate(scene.constraints):
+        for j, name in enumerate(getattr(constraint, "between", ())):
+            yield ("constraints", i, "between", j), name
+    if scene.demonstration and scene.demonstration.manipulator is not None:
+        yield ("demonstration", "manipulator"), scene.demonstration.manipulator
+
+
+def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    lower, upper = scene.workspace.lower, scene.workspace.upper
+    for axis, low, high in zip("xyz", lower, upper, strict=False):
+        if not low < high:
+            yield Flaw(("workspace",), f"{axis} goes from {low} to {high}", "lower must be less than upper")
+            return
+
+
+def _rotation_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    for i, obstacle in enumerate(scene.obstacles):
+        if scene.dimension == 3 and getattr(obstacle, "rotation_deg", 0.0) != 0.0:
+            message = f"{obstacle.rotation_deg} turns about no axis, because the scene is spatial"
+            yield Flaw(("obstacles", i, "rotation_deg"), message, "use quaternion_wxyz")
+        if scene.dimension == 2 and getattr(obstacle, "quaternion_wxyz", _UNTURNED) != _UNTURNED:
+            message = f"{show(obstacle.quaternion_wxyz)} turns in space, and the scene is planar"
+            yield Flaw(("obstacles", i, "quaternion_wxyz"), message, "use rotation_deg")
+    plane = scene.demonstration.plane if scene.demonstration else None
+    if scene.dimension == 2 and plane not in (None, "xy"):
+        yield Flaw(("demonstration", "plane"), f"{plane!r} needs a spatial scene", "leave it out")
+
+
+def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    load, holders, shape = scene.load, scene.holders, _shape(scene)
+    if shape == "bar" and len(holders) != 2:
+        message = f"a bar has two holders, and the scene has {counted(holders, 'manipulator')}"
+        way_out = "add held_by: [NAME, NAME]" if len(holders) > 2 else "add a second manipulator"
+        yield Flaw(("load",), message, way_out)
+    if shape == "frame":
+        allowed = set(holders)
+        for i, edge in enumerate(load.edges):
+            for j, name in enumerate(edge):
+                if name not in allowed:
+                    message = f"{show(name)} does not hold the load"
+                    yield Flaw(("load", "edges", i, j), message, "add it to held_by, or leave the edge out")
+    grasps = getattr(load, "grasps", None)
+    if grasps is not None and set(grasps) != set(holders):
+        message = f"grasps are given for {show([*grasps])}, but the load is held by {show(holders)}"
+        yield Flaw(("load", "grasps"), message, "give one grasp to each holder, or correct held_by")
+
+
+def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    """What is said twice, distances that are not the load's, and an upright load that is not there."""
+    seen: dict[tuple[str, frozenset[str]], int] = {}
+    for i, constraint in enumerate(scene.constraints):
+        pair = getattr(constraint, "between", ())
+        said = constraint.type, frozenset(pair)
+        if said in seen:
+            what = f"the {constraint.type.replace('_', ' ')}"
+            between = f" between {' and '.join(pair)}" if pair else ""
+            message = f"{what}{between} is already given by constraints[{seen[said]}]"
+            yield Flaw(("constraints", i), message, "keep one of them")
+        seen.setdefault(said, i)
+        if constraint.type == "upright" and scene.load is None:
+            message, way_out = "there is no load to keep upright", "add a load, or leave this one out"
+            yield Flaw(("constraints", i), message, way_out)
+        if constraint.type == "distance":
+            yield from _distance_flaws(scene, i)
+
+
+def _distance_flaws(scene: SceneFile, i: int) -> Iterator[Flaw]:
+    """Compare an explicit distance with the load's."""
+    constraint = scene.constraints[i]
+    load = _load_distance(scene, constraint.between)
+    tolerance = distance_tolerance(constraint.tolerance, constraint.distance)
+    if load is not None and abs(load - constraint.distance) > tolerance + ROUNDING:
+        names = " and ".join(constraint.between)
+        message = f"{constraint.distance} m, but the load keeps {names} {load:.9g} m apart"
+        yield Flaw(("constraints", i, "distance"), message, "make them equal, or leave this one out")
+
+
+def _shape(scene: SceneFile) -> str | None:
+    """The load's shape, None without a load."""
+    return None if scene.load is None else scene.load.shape
+
+
+def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
+    """Give the distance [m] at which the load keeps two hands; None where only the start can tell."""
+    grasps = getattr(scene.load, "grasps", None) or {}
+    if _shape(scene) == "bar" and set(pair) == set(scene.holders):
+        return scene.load.length
+    return math.dist(*(grasps[name] for name in pair)) if all(name in grasps for name in pair) else None
+
+
+def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
+    for key, part in (("demonstration", scene.demonstration), ("load", scene.load)):
+        name = getattr(part, "file", None)
+        if name is not None and (told := _file_flaw(name, folder)):
+            yield Flaw((key, "file"), *told)
+
+
+def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
+    """Say why the file cannot be read: not in the scene's folder (links followed), or not there."""
+    outside = f"{show(name)} lies outside the scene's folder", "move the file into it"
+    if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+        return outside
+    if folder is None:
+        return None
+    try:
+        path = (folder / name).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            return outside
+        if not path.is_file():
+            way_out = near_files(folder, name, (Path(name).suffix.lower(),))
+            return f"there is no file {show(name)} in the scene's folder", way_out
+    except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links
+        return f"{show(name)} cannot name a file", "write a path relative to the scene's folder"
+    return None
+
+
+def warn_of_units(scene: SceneFile, file: str | Path | None) -> None:
+    """Warn of lengths that look like millimetres."""
+    extent = max(high - low for low, high in zip(scene.workspace.lower, scene.workspace.upper, strict=True))
+    if extent > LARGE_WORKSPACE:
+        place = f"{file}: workspace" if file is not None else "workspace"
+        message = f"{place}: {extent:g} m wide, which looks like millimetres; lengths are in metres"
+        warnings.warn(message, ComoveWarning, stacklevel=3)

@@ -1,0 +1,212 @@
+"""What is wrong with a scene file, in plain words: key, line, value and way out.
+
+Errors of pydantic are translated; its own text never reaches the user. What the keys are is told by a `Contract`,
+which the models fill in.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import reprlib
+from collections.abc import Iterable, Iterator, Sized
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ValidationError
+
+from comove.errors import SceneError, near_name
+from comove.scenes.yaml_reader import Lines
+
+MAX_TOLD = 3
+"""How many errors one message tells."""
+
+KeyPath = tuple[str | int, ...]
+_Keys = dict[KeyPath, list[str]]
+
+
+class Flaw(NamedTuple):
+    """One thing that is wrong: where, what, and what to write instead."""
+
+    path: KeyPath
+    message: str
+    way_out: str
+
+
+class Family(NamedTuple):
+    """A place whose model depends on a tag: the tag's key, the models, how deep the place lies."""
+
+    tag: str
+    models: dict[str, type[BaseModel]]
+    depth: int
+
+
+class Contract(NamedTuple):
+    """The models of a file: of the whole, of the places whose model depends on a tag, of the other places."""
+
+    root: type[BaseModel]
+    families: dict[str, Family]
+    places: dict[str, type[BaseModel]]
+
+
+_PLAIN_NUMBER = "write a plain number such as 0.5: no quotes, no unit, a point for decimals"
+_KINDS = {
+    "float_type": ("a number", _PLAIN_NUMBER),
+    "finite_number": ("a finite number", _PLAIN_NUMBER),
+    "int_type": ("a whole number", "write a whole number such as 1"),
+    "string_type": ("text", "write a name or text, in quotes where it looks like a number"),
+    "tuple_type": ("a list", "write it in brackets, such as [0.5, 0.5]"),
+    "dict_type": ("a mapping", "write 'key: value' lines"),
+    "model_type": ("a mapping", "write 'key: value' lines"),
+    "model_attributes_type": ("a mapping", "write 'key: value' lines"),
+    "invalid_key": ("a key", "write keys as text"),
+    "invalid-json-value": ("plain data", "use text, numbers, lists and mappings"),
+}
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "not less than"),
+    "less_than_equal": ("le", "not greater than"),
+}
+
+
+def show(value: Any) -> str:
+    """Write a value as a scene file would, shortened; characters that could upset a terminal are escaped."""
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
+    try:
+        return reprlib.repr(list(value) if isinstance(value, tuple) else value)
+    except ValueError:  # a whole number too long to be written
+        return f"a very long {type(value).__name__}"
+
+
+def counted(items: Sized, one: str, several: str | None = None) -> str:
+    """Write ``1 entry``, ``2 entries``."""
+    return f"{len(items)} {one if len(items) == 1 else several or one + 's'}"
+
+
+def _dotted(path: Iterable[str | int]) -> str:
+    """Write a key path as ``obstacles[0].size``."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{_plain_key(part)}" for part in path)
+    return "".join(parts).removeprefix(".")
+
+
+def _plain_key(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]{1,40}", key) else show(key)
+
+
+def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> SceneError:
+    """Tell the first flaws of the file in one error."""
+    flaws = sorted(flaws, key=lambda flaw: lines.get(flaw.path, 0))
+    keys = [_place(flaw.path, lines) for flaw in flaws]
+    if len(flaws) == 1:
+        return SceneError(flaws[0].message, file=file, key=keys[0], way_out=flaws[0].way_out)
+    told = [
+        f"{key}: {flaw.message}; {flaw.way_out}" if key else f"{flaw.message}; {flaw.way_out}"
+        for key, flaw in zip(keys[:MAX_TOLD], flaws, strict=False)
+    ]
+    more = [f"and {len(flaws) - MAX_TOLD} more"] if len(flaws) > MAX_TOLD else []
+    return SceneError("\n  ".join([f"{len(flaws)} errors", *told, *more]), file=file)
+
+
+def _place(path: KeyPath, lines: Lines) -> str | None:
+    """Write the key and its line, as far as both are known."""
+    line = f" (line {lines[path]})" if path in lines else ""
+    return f"{_dotted(path)}{line}" or None
+
+
+def explained(error: ValidationError, data: Any, contract: Contract) -> list[Flaw]:
+    """Translate pydantic's errors; misspelt keys are told once, missing keys once a place."""
+    details = [
+        (_existing(detail["loc"], data, contract), detail) for detail in error.errors(include_url=False)
+    ]
+    unknown: _Keys = {}
+    missing: _Keys = {}
+    flaws = {}
+    for path, detail in details:
+        if detail["type"] == "missing":
+            missing.setdefault(path, []).append(detail["loc"][-1])
+        elif detail["type"] == "extra_forbidden":
+            unknown.setdefault(path[:-1], []).append(path[-1])
+        else:
+            flaws.setdefault(path, Flaw(path, *_translated(detail, path, contract)))
+    return [
+        *_unknown_keys(unknown, data, contract),
+        *_missing_keys(missing, unknown, data, contract),
+        *flaws.values(),
+    ]
+
+
+def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
+    """Strip pydantic's union tags and missing keys from an error's location."""
+    family = contract.families.get(location[0]) if location else None
+    if family:
+        location = location[: family.depth] + location[family.depth + 1 :]
+    path = []
+    for part in location:
+        try:
+            data = data[part]
+        except (TypeError, KeyError, IndexError):
+            continue
+        path.append(part)
+    return tuple(path)
+
+
+def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
+    """List the keys that the contract knows for the mapping at `path`, and whether each is required."""
+    if not path:
+        model = contract.root
+    elif family := contract.families.get(path[0]):
+        part = data[path[0]] if family.depth == 1 else data[path[0]][path[1]]
+        model = family.models[part[family.tag]]
+    else:
+        model = contract.places[path[0]]
+    return {name: field.is_required() for name, field in model.model_fields.items()}
+
+
+def _unknown_keys(unknown: _Keys, data: Any, contract: Contract) -> Iterator[Flaw]:
+    for path, keys in unknown.items():
+        for key in keys:
+            yield Flaw((*path, key), *_unknown_key(key, path, data, contract))
+
+
+def _unknown_key(key: str, path: KeyPath, data: Any, contract: Contract) -> tuple[str, str]:
+    if key == "motion" and path[:1] == ("obstacles",):
+        return "moving obstacles are not supported by this version", "leave out motion"
+    if key.isdigit():
+        return f"unknown key {show(key)}", "write decimals with a point, and lists in brackets"
+    return f"unknown key {show(key)}", near_name(key, _keys(path, data, contract))
+
+
+def _missing_keys(missing: _Keys, unknown: _Keys, data: Any, contract: Contract) -> Iterator[Flaw]:
+    for path, keys in missing.items():
+        keys = [key for key in keys if not difflib.get_close_matches(key, unknown.get(path, []))]
+        if keys:
+            verb = "is" if len(keys) == 1 else "are"
+            required = ", ".join(key for key, needed in _keys(path, data, contract).items() if needed)
+            yield Flaw(path, f"{', '.join(map(repr, keys))} {verb} missing", f"required here: {required}")
+
+
+def _translated(detail: dict[str, Any], path: KeyPath, contract: Contract) -> tuple[str, str]:
+    """Say in plain words what is wrong with a value, and what to write instead."""
+    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    if kind == "value_error":  # raised by a validator of the models, with message and way out
+        return context["error"].args
+    if kind in _KINDS:
+        wanted, way_out = _KINDS[kind]
+        return f"{show(value)} is not {wanted}", way_out
+    if kind in _BOUNDS:
+        bound, words = _BOUNDS[kind]
+        return f"{show(value)} is out of range", f"write a number {words} {context[bound]:g}"
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return _tag_error(value, path, contract)
+    if kind == "literal_error":
+        return f"{show(value)} is not known", f"write {context['expected']}"
+    return f"{show(value)} is not allowed here", "correct it, or leave it out"
+
+
+def _tag_error(part: Any, path: KeyPath, contract: Contract) -> tuple[str, str]:
+    family = contract.families[path[0]]
+    if family.tag not in part:
+        return f"the key '{family.tag}' is missing", f"write one of: {', '.join(family.models)}"
+    tag = part[family.tag]
+    return f"the {family.tag} {show(tag)} is not known", near_name(tag, family.models)

@@ -1,0 +1,118 @@
+"""The movement that a scene names: a recording, or a primitive of a library beside the scene file."""
+
+import numpy as np
+import pytest
+import yaml
+
+from comove.demonstrations import Demonstration
+from comove.errors import SceneError
+from comove.primitives import DMP, Library, Primitive, learn
+from comove.primitives import operations as op
+from comove.scenes import Scene
+
+PLANAR = {
+    "name": "taught",
+    "duration": 5.0,
+    "workspace": {"lower": [0, 0], "upper": [1, 1]},
+    "manipulators": [{"name": "hand", "start": [0.1, 0.5], "goal": [0.9, 0.5]}],
+}
+SPATIAL = {
+    **PLANAR,
+    "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+    "manipulators": [{"name": "hand", "start": [0.1, 0.5, 0.5], "goal": [0.9, 0.5, 0.5]}],
+}
+SINE = learn(Demonstration.from_lasa("Sine"), name="Sine")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    Library(tmp_path / "library").add(SINE)
+    Library(tmp_path / "mine" / "inner").add(SINE, "wave")
+    cycle = DMP(np.ones((2, 5)), *np.zeros((4, 2)), 1.0, variant="rhythmic")
+    Library(tmp_path / "library").add(Primitive("cycle", cycle))
+    return tmp_path
+
+
+def scene(folder, source, data=PLANAR):
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump({**data, "demonstration": source}))
+    return Scene.load(path)
+
+
+@pytest.mark.parametrize("name", ["Sine", "library/Sine", "mine/inner/wave"])
+def test_a_primitive_comes_as_it_lies_there(folder, name):
+    loaded = scene(folder, {"library": name})
+    assert loaded.demonstration is None
+    assert np.array_equal(loaded.taught.weights, SINE.dmp.weights)
+    assert (loaded.taught.duration, loaded.taught.phase) == (SINE.dmp.duration, SINE.dmp.phase)
+
+
+def test_recordings_are_fitted_as_before(folder):
+    loaded = scene(folder, {"lasa": "Sine"})
+    assert loaded.demonstration.name == "Sine 0"
+    assert np.array_equal(loaded.taught.weights, DMP.fit(Demonstration.from_lasa("Sine")).weights)
+    assert scene(folder, None).taught is None
+
+
+def test_plane_and_scale(folder):
+    loaded = scene(folder, {"library": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL)
+    played = loaded.taught.rollout().position
+    assert np.allclose(played[:, [0, 2]], 0.01 * SINE.dmp.rollout().position, atol=1e-12)
+    assert not played[:, 1].any()
+    recorded = (
+        scene(folder, {"lasa": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL).taught.rollout().position
+    )
+    assert np.abs(played - recorded).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("source", "data", "message"),
+    [
+        ({"library": "Sinus"}, PLANAR, "no primitive 'Sinus'; did you mean 'Sine'"),
+        ({"library": "none/Sine"}, PLANAR, "library is empty"),
+        ({"library": "../library/Sine"}, PLANAR, "lies outside the scene's folder"),
+        ({"library": "mine/../../x/Sine"}, PLANAR, "lies outside"),
+        ({"library": "/library/Sine"}, PLANAR, "lies outside"),
+        ({"library": "away/Sine"}, PLANAR, "lies outside"),
+        ({"library": "a\0b/Sine"}, PLANAR, "lies outside"),
+        ({"library": ""}, PLANAR, "cannot name a primitive"),
+        ({"library": ".."}, PLANAR, "lies outside"),
+        ({"library": "cycle"}, PLANAR, "rhythmic and never ends"),
+        ({"library": "Sine"}, SPATIAL, "2 dimensions, the scene 3; add `plane: xy`"),
+        ({"library": "Sine", "plane": "xy"}, PLANAR, None),
+    ],
+)
+def test_what_is_not_there_or_does_not_fit(folder, source, data, message):
+    (folder / "away").symlink_to(folder.parent)
+    loaded = scene(folder, source, data)
+    if message is None:
+        assert loaded.taught is not None
+        return
+    with pytest.raises(SceneError) as caught:
+        loaded.taught  # noqa: B018
+    assert caught.value.key == "demonstration.library"
+    assert message in str(caught.value)
+    assert str(folder / "scene.yaml") in str(caught.value)
+
+
+def test_a_damaged_primitive_is_named(folder):
+    path = folder / "library" / "Sine.dmp.json"
+    path.write_text(path.read_text()[:-50])
+    with pytest.raises(SceneError, match=r"Sine\.dmp\.json.*breaks off"):
+        scene(folder, {"library": "Sine"}).taught  # noqa: B018
+
+
+def test_a_pose_lends_its_positions(folder):
+    time = np.linspace(0, 2, 101)
+    half = 0.3 * time
+    orientation = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
+    position = np.stack([time, np.sin(time), 0 * time], axis=1)
+    turn = learn(Demonstration(time, position, orientation=orientation), name="turn", poses=True)
+    Library(folder / "library").add(turn)
+    taught = scene(folder, {"library": "turn"}, SPATIAL).taught
+    assert np.array_equal(taught.weights, op.settled(turn.dmp.translation).weights)
+
+
+def test_checksums_of_scenes_stay():
+    """The place of the library in the model does not change what other scenes are."""
+    assert Scene.from_dict(PLANAR).sha256 == Scene.from_dict({**PLANAR, "demonstration": None}).sha256
