@@ -15,7 +15,9 @@ from comove.coordination import (
     projected_coordinates,
     rollouts,
 )
-from comove.primitives import DMP, LinearPhase, motion_basis
+from comove.demonstrations import Demonstration
+from comove.errors import OptionError
+from comove.primitives import DMP, LinearPhase, Variant, motion_basis, rotations
 from comove.primitives.forcing import N_INTERVALS
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 
@@ -303,3 +305,21 @@ def test_a_population_is_a_loop_of_single_rollouts(name, seed, n_steps):
     for one, own in zip(together, weights, strict=True):
         assert np.abs(one - dmp.rollout(own).at(s)[0].T).max() < 1e-12
     assert np.array_equal(together, rollouts(motion.basis, motion.boundary, weights, n_steps))
+
+
+@pytest.mark.parametrize("variant", [variant for variant in Variant if variant is not Variant.RHYTHMIC])
+def test_every_variant_is_carried_by_the_similarity(variant):
+    """Played by the similarity of the ends it is the movement itself, turned and scaled, whatever its form."""
+    dmp = DMP.fit(Demonstration.from_lasa("Angle"), variant=variant).towards(goal=[3.0, -9.0])
+    dmp = replace(dmp, start_velocity=np.zeros(2))
+    for goal in (np.array([1.0, 0.0]), np.array([-0.2, 0.7])):
+        carried = modulate(dmp, np.zeros(2), goal).rollout().position
+        turn = rotations.similarity(dmp.goal - dmp.start, goal)
+        assert np.abs(carried - (dmp.rollout().position - dmp.start) @ turn.T).max() < 1e-9
+
+
+def test_rhythmic_movements_lead_nowhere():
+    time = np.linspace(0, 1, 100)
+    cycle = Demonstration(time, np.stack([np.cos(2 * np.pi * time), np.sin(2 * np.pi * time)], axis=1))
+    with pytest.raises(OptionError, match="rhythmic"):
+        modulate(DMP.fit(cycle, variant="rhythmic"), np.zeros(2), np.ones(2))
