@@ -544,7 +544,7 @@ def test_help_costs_no_heavy_import(arguments):
 
 def test_help_names_every_verb():
     _, _, text = modules_after("--help")
-    for name in ("demo", "solve", "verify", "show"):
+    for name in ("demo", "learn", "library", "solve", "verify", "show"):
         assert re.search(rf"^\s+{name}\b", text, re.MULTILINE)
 
 

@@ -24,8 +24,8 @@ def test_a_combination_passes_where_no_movement_does(seed, bar):
     found = combine(bumps(), scene, seed=seed)
     assert found.verified and not found.reasons
     assert found.motion.clearance_min >= 0
-    assert found.cost < 1.0
-    assert found.evaluations < 20_000
+    assert found.cost < (0.27 if bar is None else 0.55)  # the same optimum whatever the seed
+    assert found.evaluations < 100_000
 
 
 def test_handwriting_combines_as_well():

@@ -131,6 +131,11 @@ def test_equal_inputs_make_equal_files(tmp_path):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
+def test_texts_of_any_kind_return():
+    for text in ("ä → ψ", "\udcff", 'quoted "\n\x00', "\u2028"):
+        assert loads(dumps(replace(lasa(n_basis=2), notes=(text,)))).notes == (text,)
+
+
 def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     path = tmp_path / "a.json"
     write_primitive(path, lasa())

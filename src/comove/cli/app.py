@@ -27,24 +27,33 @@ app = typer.Typer(
 )
 
 
-def verb(function: Callable[..., int | None]) -> Callable[..., None]:
+Command = Callable[..., int | None]
+
+
+def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Command], Callable[..., None]]:
     """Register a command: it returns its exit code and may raise `ComoveError` for bad input."""
 
-    @wraps(function)
-    def command(*args: Any, **options: Any) -> None:
-        warnings.showwarning = _tell_warning
-        warnings.simplefilter("always", ComoveWarning)
-        try:
-            code = function(*args, **options)
-        except ComoveError as error:
-            fail(str(error))
-        except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
-            raise typer.Exit(INTERRUPTED) from None
-        raise typer.Exit(code or VERIFIED)
+    def register(function: Command) -> Callable[..., None]:
+        @wraps(function)
+        def command(*args: Any, **options: Any) -> None:
+            warnings.showwarning = _tell_warning
+            warnings.simplefilter("always", ComoveWarning)
+            try:
+                code = function(*args, **options)
+            except ComoveError as error:
+                fail(str(error))
+            except KeyboardInterrupt:
+                print("interrupted", file=sys.stderr)
+                raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(code or VERIFIED)
 
-    app.command()(command)
-    return command
+        application.command(name)(command)
+        return command
+
+    return register
+
+
+verb = verb_of(app)
 
 
 def fail(message: str) -> NoReturn:
@@ -85,7 +94,7 @@ def options(
 
 def main() -> None:
     """Entry point of the `comove` command."""
-    from comove.cli import demo, show, solve, verify  # noqa: F401  registers the verbs
+    from comove.cli import demo, learn, library, show, solve, verify  # noqa: F401  registers the verbs
 
     try:
         app()

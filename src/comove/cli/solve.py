@@ -43,12 +43,18 @@ def solve(
     resemblance: Annotated[
         float, typer.Option(min=0.0, help="How much the demonstration's shape counts in the cost.")
     ] = 0.0,
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration."
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.planning import CostWeights, load_kernels, solve
-    from comove.primitives import DMP
+    from comove.planning import CostWeights, best_movement, load_kernels, solve
+    from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
 
@@ -59,8 +65,12 @@ def solve(
         raise OptionError(f"resemblance = {resemblance}", key="--resemblance", way_out="give a finite number")
     check_target(out)
     loaded = Scene.load(scene)
-    recording = loaded.demonstration
-    dmp = None if recording is None else DMP.fit(recording)
+    chosen_movement = None
+    if library is not None:
+        source = loaded.file.demonstration
+        plane = None if source is None else source.plane
+        chosen_movement = best_movement(Library(library), loaded, plane=plane).best
+    dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
     if resemblance > 0 and dmp is None:
         raise OptionError(
             "the scene has no demonstration to resemble",
@@ -90,6 +100,8 @@ def solve(
         from comove.cli.show import summary_text
 
         print(summary_text(summary, out))
+        if chosen_movement is not None:
+            print(f"  demonstration           {chosen_movement.name} of {library}")
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED

@@ -12,8 +12,8 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.errors import OptionError
 from comove.planning.objective import N_STEPS, CostWeights, Objective
-from comove.primitives import DMP, Library, LinearPhase, Primitive, Variant, motion_basis
-from comove.primitives.operations import MAX_BASIS, in_space, refitted, settled
+from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
+from comove.primitives.operations import in_space
 from comove.primitives.poses import PoseDMP
 from comove.scenes.scene import Scene
 
@@ -83,10 +83,7 @@ def best_movement(
     """
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
-    carried = [
-        CoordinatedDMP.from_demonstration(carriable(dmp), scene, coordinates, basis)
-        for dmp in suited.values()
-    ]
+    carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in suited.values()]
     q = np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])
     objective = Objective(scene, coordinates, cost or CostWeights())
     value = objective.evaluate(q)
@@ -131,24 +128,6 @@ def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> di
             way_out="learn one: comove library add DEMO",
         )
     return suited
-
-
-def carriable(dmp: DMP) -> DMP:
-    """The movement in closed form, which can be turned and scaled, in the basis of coordinated motions."""
-    return refitted(dmp, n_basis=N_BASIS, phase=LinearPhase(), variant=Variant.CLOSED_FORM)
-
-
-def turnable(dmp: DMP) -> DMP:
-    """The movement as it is where its weights can be turned and scaled; otherwise in closed form.
-
-    Of the classic form that is exact, of dmp++, whose forcing functions differ, a fit with twice as many weights.
-    """
-    if dmp.variant is Variant.CLASSIC:
-        return settled(dmp)
-    if dmp.variant is Variant.DMP_PLUS_PLUS:
-        n_basis = min(MAX_BASIS, 2 * dmp.weights.shape[1])
-        return refitted(dmp, n_basis=n_basis, variant=Variant.CLOSED_FORM)
-    return dmp
 
 
 def _named(movements: Movements) -> Iterator[tuple[str, DMP]]:

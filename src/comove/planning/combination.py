@@ -22,12 +22,13 @@ from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate
 from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
-from comove.planning.choice import N_BASIS, Movements, best_movement, carriable, suitable
+from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.kernels import load_kernels
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.search import OutOfTime, Search, stricter
 from comove.planning.solution import ProgressCallback
-from comove.primitives import DMP, motion_basis
+from comove.primitives import DMP, LinearPhase, Variant, motion_basis
+from comove.primitives.operations import refitted
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, VerifiedMotion, verify
 
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 
 POPULATION, LARGEST = 32, 128  # samples a generation, doubled with every second restart
 RESTARTS, COMPARED = 12, 5  # runs at most, and verified ones of which the best is kept
+AGREEING, ALIKE = 3, 0.01  # fewer are enough if that many have the same cost, up to this share
 SIGMA = 0.5  # first step of the coefficients
 GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # at most, and without a relative gain
 STRICTER = 4  # times that a rejected combination is improved with a wider margin
@@ -126,12 +128,12 @@ def combine(
     span = _Span.of(suited, scene, coordinates)
     single = best_movement(suited, scene, cost=cost).best.name
     attempts = _Attempts(search, span)
-    restarts = verified = 0
+    restarts = 0
     with suppress(OutOfTime), search.interruption.noticed():
         for restarts in range(1, RESTARTS + 1):
             begin = span.begin(restarts, list(suited).index(single), search.rng)
-            verified += attempts.run(begin, min(LARGEST, POPULATION * 2 ** ((restarts - 1) // 2)))
-            if verified == COMPARED:
+            attempts.run(begin, min(LARGEST, POPULATION * 2 ** ((restarts - 1) // 2)))
+            if attempts.enough:
                 break
     coefficients = attempts.best if attempts.best is not None else span.begin(1, 0, search.rng)
     dmp = span.combined(coefficients)
@@ -175,7 +177,9 @@ class _Span:
     @classmethod
     def of(cls, movements: dict[str, DMP], scene: Scene, coordinates: Coordinates) -> _Span:
         far = int(np.linalg.norm(scene.goal - scene.start, axis=1).argmax())
-        carried = [modulate(carriable(dmp), scene.start[far], scene.goal[far]) for dmp in movements.values()]
+        ends = scene.start[far], scene.goal[far]
+        common_basis = {"n_basis": N_BASIS, "phase": LinearPhase(), "variant": Variant.CLOSED_FORM}
+        carried = [refitted(modulate(dmp, *ends), **common_basis) for dmp in movements.values()]
         common = replace(carried[0], weights=np.zeros_like(carried[0].weights), duration=scene.duration)
         unit = replace(common, weights=np.eye(scene.n_dims, N_BASIS))
         hands = [modulate(unit, *ends) for ends in zip(scene.start, scene.goal, strict=True)]
@@ -226,21 +230,29 @@ class _Attempts:
         self.search, self.span = search, span
         self.best: Array | None = None
         self.least = np.inf
+        self.costs: list[float] = []
 
-    def run(self, begin: Array, population: int) -> bool:
+    @property
+    def enough(self) -> bool:
+        """Whether further runs promise nothing better."""
+        alike = sum(cost <= (1 + ALIKE) * min(self.costs) for cost in self.costs)
+        return len(self.costs) >= COMPARED or alike >= AGREEING
+
+    def run(self, begin: Array, population: int) -> None:
         """Improve coefficients until they are verified, more strictly each time they are rejected."""
         objective, coefficients, sigma = self.search.objective, begin, SIGMA
         for _ in range(1 + STRICTER):
             coefficients, feasible = self._improve(objective, coefficients, sigma, population)
             if not feasible:
-                return False
-            verdict = self.search.judge(self.span.motion(self.span.combined(coefficients)))
+                return
+            motion = self.span.motion(self.span.combined(coefficients))
+            verdict = self.search.judge(motion)
             if verdict.verified is not None:
+                self.costs.append(objective.cost(motion).total)
                 if self.search.best is verdict:  # the cheapest so far
                     self.best = coefficients
-                return True
+                return
             objective, sigma = stricter(objective, verdict), 0.1 * SIGMA
-        return False
 
     def _improve(
         self, objective: Objective, begin: Array, sigma: float, population: int

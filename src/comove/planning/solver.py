@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion, modulate
 from comove.errors import OptionError, near_name
-from comove.planning.choice import turnable
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
@@ -82,7 +81,6 @@ def solve(
     method = method or Comove()
     weights = cost or CostWeights()
     taught = None if demonstration is None else carried_demonstration(demonstration, scene)
-    demonstration = None if demonstration is None else turnable(demonstration)
     penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
     search = Search(
         objective=Objective(scene, method.coordinates(scene), weights, penalty, taught),
@@ -141,7 +139,7 @@ def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
         raise OptionError(
             "the demonstration is rhythmic and never ends", key="demonstration", way_out="give one that ends"
         )
-    dmp, s = turnable(dmp), np.linspace(0.0, 1.0, N_STEPS)
+    s = np.linspace(0.0, 1.0, N_STEPS)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
     for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):
         hands[:, i, : scene.n_dims] = modulate(dmp, start, goal).at(s * dmp.duration).position

@@ -281,7 +281,9 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
             "the primitive holds numbers that are not finite", file=file, way_out="learn it again"
         ) from error
     _read(json.loads(json.dumps(content)), file)  # nothing is written that would be refused
-    return (_laid_out(content) + "\n").encode()
+    return (_laid_out(content) + "\n").encode(
+        errors="backslashreplace"
+    )  # as JSON writes what is no character
 
 
 def loads(data: bytes, file: object = None) -> Primitive:

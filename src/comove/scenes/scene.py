@@ -166,7 +166,7 @@ class Scene:
 
     @cached_property
     def taught(self) -> DMP | None:
-        """The movement that the scene names, as a primitive: fitted to its recording, or from a library as it lies there.
+        """The movement that the scene names, as a primitive: fitted to its recording, or as a library holds it.
 
         Raises
         ------

@@ -125,13 +125,13 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
     upper.plot(time, to_goal, "--", color="0.4", linewidth=1, label="distance to the goal, squared [m²]")
     upper.set(title=f"{scene.name}: objective and constraint along the movement", ylabel="objective")
     upper.legend(frameon=False)
-    for c in scene.constraints:
+    for c in scene.distances:
         apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
         names = scene.manipulators[c.first], scene.manipulators[c.second]
         lower.plot(time, apart - c.distance, label=f"|{names[0]} − {names[1]}| − {c.distance:g} m")
-    if scene.constraints:
+    if scene.distances:
         # Down to rounding errors the axis would show noise: open it to the tolerance at the least.
-        tolerance = max(max(c.tolerance for c in scene.constraints), 1e-12)
+        tolerance = max(max(c.tolerance for c in scene.distances), 1e-12)
         reach = max(tolerance, *(abs(limit) for limit in lower.get_ylim()))
         lower.set_ylim(-1.2 * reach, 1.2 * reach)
         lower.axhspan(-tolerance, tolerance, color="0.9", zorder=0, label="tolerance")
@@ -204,7 +204,7 @@ def _draw_load(axes: Axes, scene: Scene, nodes: Array) -> None:
     """The load's edges at every state; nodes (n_states, n_nodes, 2)."""
     bars = [e for e in scene.body.edges if e[0] != e[1]]
     if not bars:
-        bars = [(c.first, c.second) for c in scene.constraints]
+        bars = [(c.first, c.second) for c in scene.distances]
     lines = [state[list(edge)] for state in nodes for edge in bars]
     axes.add_collection(LineCollection(lines, colors="0.15", linewidths=1.1, alpha=0.75, zorder=3))
     for hand in range(len(scene.manipulators)):

@@ -1,0 +1,5 @@
+"""`comove library`: one short file a verb."""
+
+from comove.cli.library import add, combine, find, list, remove, show
+
+__all__ = ["add", "combine", "find", "list", "remove", "show"]

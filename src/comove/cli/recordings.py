@@ -1,0 +1,166 @@
+"""Recordings as people name them: a file, or lasa:SHAPE:DEMO; and the options of learning."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.errors import DemonstrationError, LibraryError
+
+LASA = "lasa:"
+VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
+
+
+class PhaseName(StrEnum):
+    """The canonical systems."""
+
+    exponential = "exponential"
+    linear = "linear"
+
+
+DemoArgument = typer.Argument(metavar="DEMO", help="Recording: a file, or lasa:SHAPE or lasa:SHAPE:DEMO.")
+NBasis = Annotated[int, typer.Option(help="Free shape weights a dimension, 1 to 200.")]
+VariantName = Annotated[str, typer.Option(help=f"One of: {', '.join(VARIANTS)}.")]
+PhaseOption = Annotated[
+    PhaseName | None, typer.Option(help="Canonical system; the variant's usual one unless given.")
+]
+Period = Annotated[
+    float | None, typer.Option(help="Period of a rhythmic movement [s]; found in the recording unless given.")
+]
+Poses = Annotated[bool, typer.Option("--poses", help="Learn orientations as well.")]
+Manipulator = Annotated[str | None, typer.Option(help="Whose movement, where several were recorded.")]
+Episode = Annotated[str | None, typer.Option(help="Which recording of a file that holds several.")]
+Topic = Annotated[str | None, typer.Option(help="Which topic of a bag.")]
+
+
+def read_recordings(demo: str, manipulator: str | None, episode: str | None, topic: str | None) -> list:
+    """The movements of a recording, each with where it comes from and what to call it.
+
+    Returns
+    -------
+    list of (Demonstration, source, name); one where a choice was made or there is nothing to choose
+    """
+    from comove.demonstrations import Demonstration
+
+    if demo.startswith(LASA):
+        shape, _, number = demo.removeprefix(LASA).partition(":")
+        if number and not number.isdigit():
+            raise DemonstrationError(
+                f"{number!r} is no recording", file=demo, way_out="write lasa:SHAPE:0 to :6"
+            )
+        recording = Demonstration.from_lasa(shape, int(number or 0))
+        return [(recording, f"{LASA}{shape}:{int(number or 0)}", f"{shape}-{int(number or 0)}")]
+    path = Path(demo)
+    source = path.name.encode(errors="replace").decode()
+    if (manipulator, episode, topic) == (None, None, None):
+        found = Demonstration.load_all(path)
+        if len(found) == 1:
+            return [(found[0], source, file_name(path.stem))]
+        return [(one, source, file_name(one.name or path.stem)) for one in found]
+    one = Demonstration.load(path, manipulator, episode=episode, topic=topic)
+    chosen = ".".join(choice for choice in (episode, manipulator, topic) if choice)
+    return [(one, source, file_name(f"{path.stem}.{chosen}"))]
+
+
+def read_recording(demo: str, manipulator: str | None, episode: str | None, topic: str | None) -> tuple:
+    """The only movement of a recording, or the one that was chosen; (Demonstration, source, name)."""
+    from comove.demonstrations import Demonstration
+
+    found = read_recordings(demo, manipulator, episode, topic)
+    if len(found) > 1:
+        Demonstration.load(demo)  # which says what there is to choose from
+        raise DemonstrationError(
+            f"it holds {len(found)} movements", file=demo, way_out="choose one by --manipulator or --episode"
+        )
+    return found[0]
+
+
+def learning_options(
+    n_basis: int, variant: str, phase: PhaseName | None, period: float | None, poses: bool
+) -> dict:
+    """What `learn` takes."""
+    from comove.primitives import ExponentialPhase, LinearPhase
+
+    phases = {PhaseName.linear: LinearPhase(), PhaseName.exponential: ExponentialPhase()}
+    return {
+        "n_basis": n_basis,
+        "variant": variant,
+        "phase": phases.get(phase),
+        "period": period,
+        "poses": poses,
+    }
+
+
+def recording_of(primitive):
+    """The recording that a primitive was learned from, None unless it is there and the very same."""
+    from comove.errors import ComoveError
+    from comove.primitives.files import checksum
+
+    if primitive.provenance is None:
+        return None
+    try:
+        for recording, *_ in read_recordings(primitive.provenance.source, None, None, None):
+            if checksum(recording) == primitive.provenance.sha256:
+                return recording
+    except ComoveError:
+        pass
+    return None
+
+
+def file_name(text: str) -> str:
+    """A name for a primitive out of any text."""
+    return re.sub(r"[^\w.+-]+", "-", text).strip("-.+")[:100] or "movement"
+
+
+def check_target(path: Path) -> None:
+    """Make sure, before anything takes time, that a primitive may be written to `path`."""
+    from comove.primitives.files import is_primitive
+
+    if path.exists() and not is_primitive(path):
+        raise LibraryError(
+            "it is there already and is no primitive", file=path, way_out="choose another name"
+        )
+    if not path.parent.is_dir():
+        raise LibraryError(
+            f"there is no folder {path.parent}", file=path, way_out="check the path, or make the folder"
+        )
+
+
+def learned_text(primitive) -> str:
+    """What was learned, and how well, in a few lines for people."""
+    dmp, p = primitive.positions, primitive.provenance
+    what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
+    what += " and orientation" if primitive.kind == "pose" else ""
+    unit = primitive.unit
+    lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
+    if p is not None:
+        lines.append(f"  learned from   {p.source or p.recording}, {p.n_samples} samples")
+        lines += [f"                 {note}" for note in p.notes]
+        lines.append(
+            f"  fit error      {p.error_rms:.3g} {unit} (root mean square), {p.error_max:.3g} {unit} at most"
+        )
+        if p.turn_rms is not None:
+            lines.append(
+                f"  turn error     {p.turn_rms:.3g} rad (root mean square), {p.turn_max:.3g} rad at most"
+            )
+    lines += [f"  {note}" for note in primitive.notes]
+    return "\n".join(lines)
+
+
+def save_picture(figure, path: Path) -> None:
+    """Write a figure, or say in one sentence why not."""
+    from comove.errors import OptionError
+    from comove.views import save
+
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise OptionError(f"{path} is no picture's name", key="--out", way_out="end it in .png, .pdf or .svg")
+    try:
+        save(figure, path)
+    except OSError as error:
+        raise OptionError(
+            f"{path} cannot be written: {error.strerror}", key="--out", way_out="name a file you may write"
+        ) from error

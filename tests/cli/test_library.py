@@ -1,0 +1,300 @@
+"""`comove learn` and `comove library`: what is kept, what is said, and one clear message for bad input."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from comove.cli import learn, library, solve  # noqa: F401  registers the verbs
+from comove.cli.app import app
+from comove.demonstrations import Demonstration, write_csv
+from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
+from tests.cli.test_cli import SCENE, SWING
+
+VERBS = ("add", "combine", "find", "list", "remove", "show")
+
+
+def invoke(*arguments):
+    with warnings.catch_warnings():
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def good(*arguments, code=0):
+    outcome = invoke(*arguments)
+    assert outcome.exit_code == code, outcome.stderr
+    return outcome
+
+
+def refused(*arguments):
+    """Bad input: 2, one message, no traceback, nothing on stdout, nothing written."""
+    before = snapshot()
+    outcome = invoke(*arguments)
+    assert outcome.exit_code == 2
+    assert outcome.stderr.startswith(("error: ", "Usage: "))
+    assert "Traceback" not in outcome.stderr
+    assert outcome.stdout == ""
+    assert snapshot() == before
+    return outcome.stderr
+
+
+def snapshot():
+    return {
+        os.path.join(folder, name): os.stat(os.path.join(folder, name)).st_mtime_ns
+        for folder, _, names in os.walk(".")
+        for name in names
+    }
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "swing.csv").write_text(SWING)
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    return tmp_path
+
+
+@pytest.fixture
+def filled():
+    good("library", "add", "lasa:Angle", "lasa:Sine", "swing.csv")
+    return Library("library")
+
+
+# --- learn ---
+
+
+def test_a_recording_is_learned_and_its_error_told():
+    outcome = good("learn", "swing.csv", "--out", "swing.json", "--n-basis", 8)
+    primitive = read_primitive("swing.json")
+    p = primitive.provenance
+    assert primitive.name == "swing"
+    assert (p.source, p.n_samples, p.n_basis) == ("swing.csv", 21, 8)
+    assert f"{p.error_rms:.3g} m" in outcome.stdout and f"{p.error_max:.3g} m" in outcome.stdout
+    assert np.array_equal(primitive.dmp.weights, DMP.fit(Demonstration.load("swing.csv"), n_basis=8).weights)
+
+
+@pytest.mark.parametrize("demo", ["lasa:Sine", "lasa:Sine:0", "lasa:Sine:3"])
+def test_handwriting(demo):
+    outcome = good("learn", demo, "--out", "s.json", "--variant", "dmp++", "--phase", "linear")
+    number = 3 if demo.endswith("3") else 0
+    primitive = read_primitive("s.json")
+    assert primitive.provenance.source == f"lasa:Sine:{number}"
+    assert primitive.provenance.recording == f"Sine {number}"
+    assert str(primitive.dmp.variant) == "dmp++"
+    assert "LASA unit" in outcome.stdout
+
+
+def test_one_of_several_manipulators():
+    recording = Demonstration.load("swing.csv")
+    write_csv("both.csv", {"left": recording, "right": recording})
+    assert "manipulators" in refused("learn", "both.csv", "--out", "b.json")
+    good("learn", "both.csv", "--out", "b.json", "--manipulator", "right")
+    good("library", "add", "both.csv")
+    assert Library("library").names == ("both.left", "both.right")
+
+
+def test_a_primitive_is_replaced_and_nothing_else():
+    good("learn", "lasa:Sine", "--out", "s.json")
+    good("learn", "lasa:Angle", "--out", "s.json")
+    assert read_primitive("s.json").provenance.source == "lasa:Angle:0"
+    assert "no primitive" in refused("learn", "lasa:Angle", "--out", "swing.csv")
+    assert "no folder" in refused("learn", "lasa:Angle", "--out", "no/s.json")
+
+
+def test_rhythmic_and_poses():
+    time = np.linspace(0, 9, 901)
+    position = np.stack([np.sin(2.1 * time), np.cos(2.1 * time)], axis=1)
+    half = 0.1 * time
+    orientation = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
+    write_csv("turn.csv", Demonstration(time, position, orientation=orientation))
+    good("learn", "turn.csv", "--out", "cycle.json", "--variant", "rhythmic")
+    assert read_primitive("cycle.json").dmp.duration == pytest.approx(2 * np.pi / 2.1, rel=1e-3)
+    outcome = good("learn", "turn.csv", "--out", "pose.json", "--poses")
+    assert read_primitive("pose.json").kind == "pose"
+    assert "turn error" in outcome.stdout
+    assert "holds no orientations" in refused("learn", "swing.csv", "--out", "x.json", "--poses")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("none.csv",), "none.csv: there is no such file"),
+        (("lasa:Angel",), "did you mean 'Angle'"),
+        (("lasa:Angle:7",), "choose 0 to 6"),
+        (("lasa:Angle:x",), "'x' is no recording"),
+        (("scene.yaml",), "its kind '.yaml' is not known"),
+        (("swing.csv", "--n-basis", 0), "n_basis = 0"),
+        (("swing.csv", "--variant", "clasic"), "did you mean 'classic'"),
+        (("swing.csv", "--period", 1), "period = 1.0"),
+        (("swing.csv", "--manipulator", "left"), "leave the manipulator out"),
+        (("swing.csv", "--phase", "cubic"), "cubic"),
+    ],
+)
+def test_what_cannot_be_learned(arguments, words):
+    assert words in refused("learn", *arguments, "--out", "x.json").replace("\n", " ")
+
+
+# --- library ---
+
+
+def test_adding_listing_removing(filled):
+    assert filled.names == ("Angle-0", "Sine-0", "swing")
+    outcome = good("library", "list")
+    for name in filled.names:
+        assert re.search(rf"^{name} ", outcome.stdout, re.MULTILINE)
+    assert "holds 1 primitives" in good("library", "remove", "Sine-0", "swing").stdout
+    assert filled.names == ("Angle-0",)
+
+
+def test_primitives_are_added_under_their_name_or_another():
+    good("learn", "lasa:Sine", "--out", "s.json")
+    good("library", "add", "s.json", "--folder", "mine")
+    good("library", "add", "s.json", "--folder", "mine", "--name", "wave")
+    assert Library("mine").names == ("s", "wave")
+    assert np.array_equal(Library("mine")["wave"].dmp.weights, read_primitive("s.json").dmp.weights)
+
+
+def test_all_are_added_or_none(filled):
+    assert "'Sine-0' already" in refused("library", "add", "lasa:Worm", "lasa:Sine")
+    assert "Angel" in refused("library", "add", "lasa:Worm", "lasa:Angel")
+    assert "two movements are called 'Worm-0'" in refused("library", "add", "lasa:Worm", "lasa:Worm:0")
+    assert "cannot all be called" in refused("library", "add", "lasa:Worm", "lasa:Line", "--name", "x")
+    assert "cannot name a primitive" in refused("library", "add", "lasa:Worm", "--name", "../x")
+    assert len(filled) == 3
+    good("library", "add", "lasa:Sine", "--replace", "--n-basis", 7)
+    assert filled["Sine-0"].provenance.n_basis == 7
+
+
+def test_json(filled):
+    entries = json.loads(good("library", "list", "--json").stdout)
+    assert [entry["name"] for entry in entries] == list(filled.names)
+    assert entries[0]["provenance"]["source"] == "lasa:Angle:0"
+    assert entries[0]["goal"] == filled["Angle-0"].dmp.goal.tolist()
+    matches = json.loads(good("library", "find", "--like", "Sine-0", "--json").stdout)
+    assert matches[0]["name"] == "Sine-0" and matches[0]["start"] is None
+    assert json.loads(good("library", "list", "--json", "--folder", "none").stdout) == []
+
+
+def test_pictures(filled):
+    for arguments in (("list",), ("show", "Sine-0"), ("show", "swing")):
+        for name in ("p.png", "p.svg"):
+            good("library", *arguments, "--out", name)
+            assert os.path.getsize(name) > 1000
+    assert ".png, .pdf or .svg" in invoke("library", "show", "Sine-0", "--out", "p.txt").stderr
+    assert invoke("library", "list", "--out", "no/p.png").exit_code == 2
+
+
+def test_the_recording_is_drawn_where_it_is_the_same(filled):
+    from comove.cli.recordings import recording_of
+
+    assert recording_of(filled["Sine-0"]).name == "Sine 0"
+    assert recording_of(filled["swing"]).n_steps == 21
+    with open("swing.csv", "a") as file:
+        file.write("2.1,1.05,0.0\n")
+    assert recording_of(filled["swing"]) is None
+    os.remove("swing.csv")
+    assert recording_of(filled["swing"]) is None
+
+
+def test_show(filled):
+    outcome = good("library", "show", "swing")
+    assert "swing.csv, 21 samples" in outcome.stdout
+    assert os.path.join("library", "swing.dmp.json") in outcome.stdout
+    assert "did you mean 'swing'" in refused("library", "show", "swong")
+    assert "did you mean 'swing'" in refused("library", "remove", "Sine-0", "swong")
+    assert len(filled) == 3
+
+
+def test_find(filled):
+    first = good("library", "find", "--like", "lasa:Sine:4", "--limit", 1).stdout.splitlines()
+    assert first[1].startswith("Sine-0") and len(first) == 2
+    outcome = good("library", "find", "--start", "-44,-3", "--goal", "0,0", "--duration", 2.5)
+    assert outcome.stdout.splitlines()[1].startswith("Angle-0")
+    assert "start off by" in outcome.stdout and "shape" not in outcome.stdout
+    assert "no movement of this dimension" in good("library", "find", "--start", "0,0,0").stdout
+    for arguments, words in (
+        ((), "nothing is asked for"),
+        (("--start", "1,a"), "'1,a' are no coordinates"),
+        (("--start", "nan,0"), "start ="),
+        (("--like", "Sine"), "did you mean 'Sine-0'"),
+        (("--like", "lasa:Sinus"), "'Sinus'"),
+        (("--duration", "-1"), "duration = -1"),
+        (("--duration", "1", "--limit", "0"), "limit = 0"),
+    ):
+        assert words in refused("library", "find", *arguments)
+
+
+def test_damaged_and_foreign_files_are_named(filled):
+    path = filled.path("Sine-0")
+    path.write_bytes(path.read_bytes()[:-9])
+    (filled.folder / "notes.txt").write_text("mine")
+    outcome = invoke("library", "list")
+    assert outcome.exit_code == 2
+    assert "Angle-0" in outcome.stdout and "swing" in outcome.stdout
+    assert f"error: {path}: " in outcome.stderr
+    assert "left alone, no primitives: notes.txt" in outcome.stderr
+    good("library", "remove", "Sine-0")
+    assert invoke("library", "list").exit_code == 0
+
+
+def test_combine_and_solve_with_what_came_of_it(filled):
+    good("library", "add", "lasa:Worm", "lasa:Trapezoid")
+    outcome = good("library", "combine", "scene.yaml", "--out", "c.json", "--picture", "c.png")
+    assert "verified in test" in outcome.stdout
+    primitive = read_primitive("c.json")
+    assert "verified" in primitive.notes[0] and len(primitive.notes) == 6
+    good("library", "add", "c.json")
+    outcome = good("solve", "scene.yaml", "--out", "out", "--library", "library", "--resemblance", 1)
+    assert re.search(r"demonstration +c of library", outcome.stdout)
+    good("verify", "scene.yaml", "out")
+    with open("scene.yaml", "a") as file:
+        file.write("demonstration: {library: c}\n")
+    good("solve", "scene.yaml", "--out", "named", "--resemblance", 1)
+    assert "no primitive 'd'" in refused("library", "combine", "scene.yaml", "d", "--out", "d.json")
+    assert "no primitive" in refused("library", "combine", "scene.yaml", "c", "--out", "scene.yaml")
+
+
+def test_a_combination_that_does_not_pass_is_saved_and_labelled(filled):
+    with open("scene.yaml") as file:
+        closed = file.read().replace(
+            "center: [0.5, 0.2], size: [0.1, 0.4]", "center: [0.5, 0.5], size: [0.1, 1.2]"
+        )
+    with open("closed.yaml", "w") as file:
+        file.write(closed)
+    outcome = invoke("library", "combine", "closed.yaml", "Sine-0", "--out", "c.json", "--budget", 1)
+    assert outcome.exit_code == 1
+    assert "NOT VERIFIED" in outcome.stdout and "obstacles[0]" in outcome.stderr
+    assert "NOT VERIFIED" in read_primitive("c.json").notes[0]
+
+
+def test_solve_with_an_unfit_library(filled):
+    assert "none of the 0 movements" in refused("solve", "scene.yaml", "--out", "out", "--library", "none")
+    cycle = DMP(np.ones((2, 5)), *np.zeros((4, 2)), 1.0, variant="rhythmic")
+    write_primitive("cycle.json", Primitive("cycle", cycle))
+    good("library", "add", "cycle.json", "--folder", "other")
+    assert "none of the 1 movements" in refused("solve", "scene.yaml", "--out", "out", "--library", "other")
+
+
+# --- Help ---
+
+
+@pytest.mark.parametrize("arguments", [("learn",), ("library",), *(("library", verb) for verb in VERBS)])
+def test_help_is_there_and_quick(arguments):
+    code = (
+        "import sys; from comove.cli import main; sys.argv = ['comove', *sys.argv[1:]]\n"
+        "try:\n    main()\nexcept SystemExit as end:\n"
+        "    heavy = {'numpy', 'scipy', 'numba', 'matplotlib', 'yaml'} & set(sys.modules)\n"
+        "    sys.exit(f'loaded {heavy}' if heavy else end.code)"
+    )
+    command = [sys.executable, "-c", code, *arguments, "--help"]
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert outcome.returncode == 0, outcome.stderr
+    assert "Usage: " in outcome.stdout
+    if arguments == ("library",):
+        for verb in VERBS:
+            assert re.search(rf"^\s+{verb}\b", outcome.stdout, re.MULTILINE)

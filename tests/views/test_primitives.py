@@ -1,0 +1,90 @@
+"""Pictures of primitives: drawn for every kind, labelled, and saying what they show."""
+
+import numpy as np
+import pytest
+
+from comove.demonstrations import Demonstration
+from comove.primitives import Primitive, Variant, learn
+from comove.primitives import operations as op
+from comove.views import draw_library, draw_primitive, save
+
+SINE = Demonstration.from_lasa("Sine")
+
+
+def texts(figure):
+    """Everything that is written in a figure."""
+    found = [figure._suptitle.get_text()]
+    for axes in figure.axes:
+        found += [axes.get_title(), axes.get_title("left"), axes.get_xlabel(), axes.get_ylabel()]
+    return [text for text in found if text]
+
+
+def drawn(figure, tmp_path):
+    save(figure, tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    return figure
+
+
+def overlaps(figure):
+    """Labels and titles of different axes that cover each other."""
+    renderer = figure.canvas.get_renderer()
+    boxes = []
+    for axes in figure.axes:
+        for artist in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):
+            if artist.get_text():
+                boxes.append((artist.get_text(), artist.get_window_extent(renderer)))
+    pairs = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :]]
+    return [(a[0], b[0]) for a, b in pairs if a[1].overlaps(b[1])]
+
+
+@pytest.mark.parametrize("variant", list(Variant))
+@pytest.mark.parametrize("recorded", [True, False])
+def test_every_variant(tmp_path, variant, recorded):
+    primitive = learn(SINE, name="Sine", variant=variant)
+    figure = drawn(draw_primitive(primitive, SINE if recorded else None), tmp_path)
+    said = texts(figure)
+    assert "Sine" in said[0] and variant in said[0]
+    assert len(figure.axes) == 6
+    assert not overlaps(figure)
+    error = f"{primitive.provenance.error_rms:.2g} LASA unit"
+    assert any(error in text for text in said) == recorded
+    labels = [text for text in said if "[" in text]
+    assert all("[s]" in text or "LASA unit" in text for text in labels)
+    assert len(labels) >= 8
+
+
+@pytest.mark.parametrize("n_dims", [1, 2, 3, 4, 7, 9])
+def test_every_dimension(tmp_path, n_dims):
+    time = np.linspace(0, 2, 101)
+    position = np.stack([np.sin(time * (1 + k)) for k in range(n_dims)], axis=1)
+    recording = Demonstration(time, position, "joints", unit="rad")
+    primitive = learn(recording, name="joints")
+    assert not overlaps(drawn(draw_primitive(primitive, recording), tmp_path))
+    assert not overlaps(drawn(draw_library([primitive] * 3), tmp_path))
+
+
+def test_the_goals_that_are_asked_for(tmp_path):
+    dmp = learn(SINE).dmp
+    figure = drawn(draw_primitive(dmp, goals=[[10.0, 0.0], [0.0, 10.0]]), tmp_path)
+    ends = [line.get_xydata()[-1].tolist() for line in figure.axes[1].lines]
+    assert [10.0, 0.0] in [[round(x, 9) for x in end] for end in ends]
+    assert [0.0, 10.0] in [[round(x, 9) for x in end] for end in ends]
+
+
+def test_the_sheet_names_every_movement(tmp_path):
+    primitives = [learn(SINE, name=f"sine {k}") for k in range(7)]
+    figure = drawn(draw_library(primitives, title="mine"), tmp_path)
+    said = texts(figure)
+    assert said[0] == "mine: 7 movements"
+    for primitive in primitives:
+        assert primitive.name in said
+    assert sum(f"{SINE.duration:.3g} s\nfit error" in text for text in said) == 7
+    assert not overlaps(figure)
+
+
+def test_sheets_of_none_of_one_and_of_too_many(tmp_path):
+    one = Primitive("one", op.in_space(learn(SINE).dmp, "xz"))
+    assert texts(drawn(draw_library([]), tmp_path)) == ["library: 0 movements"]
+    said = texts(drawn(draw_library([one]), tmp_path))
+    assert said[0] == "library: 1 movement" and "x, z · " in said[-1]
+    assert "the first 120" in texts(draw_library([one] * 121))[0]
