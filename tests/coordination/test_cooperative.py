@@ -19,7 +19,7 @@ from comove.coordination.constraints import (
 )
 from comove.coordination.cooperative import CooperativeDMP
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import DemonstrationError, OptionError
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 
 seeds = st.integers(0, 2**32 - 1)
@@ -251,10 +251,59 @@ def test_projections_that_jump_are_refused():
     try:
         path = dmp.rollout(n_steps=601)
     except ConstraintError as error:
-        assert "jumps after" in str(error)
+        assert "times as fast" in str(error)
     else:
         steps = np.linalg.norm(np.diff(path.position, axis=0), axis=2)
         assert steps.max() < 0.1
+
+
+def straight(start, goal, vector=(0.0, 0, 0)):
+    """A hand on a straight line from rest to rest in 4 s, turning by a rotation vector."""
+    s = np.linspace(0, 1, 201)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    turns = Rotation.from_rotvec(np.outer(way, vector)).as_quat(scalar_first=True)
+    return PoseDMP.fit(
+        Demonstration(4 * s, start + np.outer(way, np.subtract(goal, start)), orientation=turns)
+    )
+
+
+@pytest.mark.parametrize("n_steps", [51, 101, 201, 401])
+def test_jumps_are_refused_however_they_are_sampled(n_steps):
+    """Two hands pass through each other: pushed apart, they change sides in no time."""
+    hands = {"a": straight([0, 0, 0.0], [1, 0, 0]), "b": straight([1, 1e-3, 0.0], [0, 1e-3, 0])}
+    with pytest.raises(ConstraintError, match="times as fast"):
+        CooperativeDMP(None, hands, [Separation("a", "b", 0.2)]).rollout(n_steps=n_steps)
+    apart = {"a": hands["a"], "b": straight([1, 0.1, 0.0], [0, 0.1, 0])}
+    assert CooperativeDMP(None, apart, [Separation("a", "b", 0.2)]).rollout(n_steps=n_steps).position.shape[0]
+
+
+@pytest.mark.parametrize("n_steps", [301, 901, 1001])
+def test_upright_through_right_angles(n_steps):
+    dmp = CooperativeDMP(None, {"a": straight([0, 0, 0.0], [1, 0, 0], [0, 2.5, 0])}, [Upright("a")])
+    path = dmp.rollout(n_steps=n_steps)
+    assert np.abs(path.rotation.apply(VERTICAL) - VERTICAL).max() < 1e-9
+
+
+def test_slips_are_told():
+    load, grasp = PoseDMP.fit(recording(0)), Pose([0, 0, 0.1])
+    shown = recording(0)
+    with pytest.raises(DemonstrationError, match="orientation"):
+        CooperativeDMP.from_hand(Demonstration(shown.time, shown.position), "a", {"a": grasp})
+    for grasps in ([grasp], None, {"a": Pose([0.0, 1.0])}, {"a": [0, 0, 0]}):
+        with pytest.raises(OptionError, match="grasps"):
+            CooperativeDMP.from_hand(shown, "a", grasps)
+    for constraints in (["distance"], Distance("a", "b", 1.0), "x"):
+        with pytest.raises(OptionError, match="constraints"):
+            CooperativeDMP(load, {"a": grasp}, constraints)
+    for wrong in (lambda: Distance("a", "b", "1"), lambda: Separation("a", "b", -1.0),
+                  lambda: RelativePose("a", "b", [0, 1, 0]), lambda: Upright("a", "z"),
+                  lambda: CooperativeDMP(load, [grasp])):  # fmt: skip
+        with pytest.raises(OptionError):
+            wrong()
+    assert len(alone([SameHeight("left", "right")]).at([]).time) == 0
+    assert np.isfinite(alone([SameHeight("left", "right")]).at([-1e-6, 0.0]).velocity).all()
+    with pytest.raises(OptionError, match="gives"):
+        CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: "text"]).rollout()
 
 
 def test_what_is_refused():

@@ -404,7 +404,7 @@ def test_scenes_without_planner(name):
 def test_nothing_in_the_way_is_nearly_straight():
     """The best motion without obstacles: no detour."""
     y = comove.solve(SCENES["nothing in the way"](), seed=0).attempt.hands(S)[0]
-    assert np.linalg.norm(np.diff(y, axis=0), axis=-1).sum(axis=0).max() < 0.82
+    assert np.linalg.norm(np.diff(y, axis=0), axis=-1).sum(axis=0).max() < 0.83
     assert np.abs(y[..., 1] - y[0, :, 1]).max() < 0.03
 
 

@@ -168,3 +168,10 @@ def test_shared_matrices_cannot_be_changed():
     for name in ("boundary", "shape", "boundary_force", "shape_force"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(basis, name)[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("n_basis", [1, 20, 50, 200])
+def test_signs_do_not_hang_on_the_machine(phase, metric, n_basis):
+    """Singular vectors have no signs of their own; weights in files need ones that every machine agrees on."""
+    early = np.exp(-3 * KNOTS) @ motion_basis(n_basis, metric, phase).shape[0]
+    assert (early > 1e-9).all()

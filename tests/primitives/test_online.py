@@ -250,3 +250,48 @@ def test_states_that_are_none():
         dmp.step(state, 0.1, rate=np.nan)
     with pytest.raises(OptionError, match="coupling"):
         dmp.step(state, 0.1, coupling=[1.0])
+
+
+@pytest.mark.parametrize("variant", [Variant.CLOSED_FORM, Variant.DMP_PLUS_PLUS])
+def test_moved_goals_while_running_backwards(variant):
+    """No jump in position or velocity, neither when it moves nor when the phase passes that instant again."""
+    dmp = random_dmp(10, variant)
+    state = dmp.step(dmp.initial_state(), 0.6 * dmp.duration)
+    back = dmp.step(state, 0.05 * dmp.duration, rate=-1.0)
+    moved = dmp.step(replace(back, goal=dmp.goal + 2.0), 1e-9 * dmp.duration, rate=-1.0)
+    assert np.abs(moved.velocity - back.velocity).max() * dmp.duration < 1e-4
+    state = dmp.step(replace(state, goal=dmp.goal + 2.0), 0.1 * dmp.duration)
+    for _ in range(2000):
+        before, state = state, dmp.step(state, 1e-4 * dmp.duration, rate=-1.0)
+        assert np.abs(state.slope - before.slope).max() < 0.5  # a jump here is one of several units
+    for _ in range(20):
+        state = dmp.step(state, 0.05 * dmp.duration, rate=-1.0)
+    assert np.abs(state.position - dmp.start).max() < 1e-9
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.5, 0.1, 2.0, -1.0])
+def test_a_coupling_is_an_acceleration_at_any_pace(rate):
+    dmp, h, push = random_dmp(11), 1e-5, np.array([1.0, -2.0])
+    state = dmp.step(dmp.initial_state(), 0.5 * dmp.duration)
+    pushed, free = (dmp.step(state, h, rate=rate, coupling=c).velocity for c in (push, None))
+    assert np.allclose((pushed - free) / h, push, rtol=1e-2)
+    paused = dmp.step(state, 1.0, rate=0.0, coupling=push)
+    assert np.array_equal(paused.position, state.position)
+
+
+@pytest.mark.parametrize("long", [1e7, 1e18, 1e300])
+def test_any_time_after_the_end(long):
+    dmp = random_dmp(12)
+    assert np.abs(dmp.at([long]).position - dmp.goal).max() < 1e-11
+    assert np.abs(dmp.step(dmp.initial_state(), long).position - dmp.goal).max() < 1e-11
+    assert not dmp.at([-1.0]).velocity.any() and np.array_equal(dmp.at([-1.0]).position[0], dmp.start)
+
+
+def test_states_of_other_movements():
+    with pytest.raises(OptionError, match="none of this movement"):
+        random_dmp(13).step(random_dmp(13, n_dims=3).initial_state(), 0.1)
+    with pytest.raises(OptionError, match="none of this movement"):
+        random_dmp(13).step(None, 0.1)
+    for options in ({"dt": "0.1"}, {"dt": None}, {"dt": 0.1, "rate": "fast"}, {"dt": 0.1, "rate": None}):
+        with pytest.raises(OptionError):
+            random_dmp(13).step(random_dmp(13).initial_state(), **options)

@@ -195,3 +195,101 @@ def test_a_wandering_whole_turn_is_refused_in_words():
     orientation = Rotation.from_rotvec(vectors).as_quat(scalar_first=True)
     with pytest.raises(DemonstrationError, match="cut the recording in two"):
         PoseDMP.fit(Demonstration(s, np.zeros((300, 3)) + s[:, None], orientation=orientation))
+
+
+def turning_by(angle, n_steps=401):
+    """A hand that turns by `angle` about z on its way, from rest to rest in 4 s."""
+    s = np.linspace(0, 1, n_steps)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    turns = Rotation.from_rotvec(np.outer(way, [0, 0, angle])).as_quat(scalar_first=True)
+    return PoseDMP.fit(Demonstration(4 * s, np.outer(way, [1.0, 0, 0]), orientation=turns), n_basis=25)
+
+
+@pytest.mark.parametrize("turns", [0.4, 0.9, 1.0, 1.1, 1.5, 1.9, 2.0, 2.5, 3.0, 3.7])
+def test_a_measured_start_does_not_lose_turns(turns):
+    """Whole turns are where rotation vectors say little about small changes: 2 mrad at the start change little."""
+    dmp = turning_by(2 * np.pi * turns)
+    off = Pose(
+        dmp.start.position,
+        (Rotation.from_rotvec([0.002, 0, 0]) * dmp.start.rotation).as_quat(scalar_first=True),
+    )
+    taught, measured = dmp.rollout(n_steps=301), dmp.towards(start=off).rollout(n_steps=301)
+    assert angle_between(measured.rotation[0], off.rotation) < 1e-9
+    assert angle_between(measured.rotation, taught.rotation).max() < 0.02
+    assert angle_between(dmp.at(np.linspace(0, 4, 401)).rotation, Rotation.from_rotvec(
+        np.outer((s := np.linspace(0, 1, 401)) ** 3 * (10 - 15 * s + 6 * s**2), [0, 0, 2 * np.pi * turns])
+    )).max() < 0.02  # fmt: skip
+
+
+@pytest.mark.parametrize("turns", [0.4, 1.0, 1.5, 2.0, 3.3])
+def test_noise_fed_back_all_the_time_stays_noise(turns):
+    """Orientations measured with 2 mrad, in every cycle, wherever the movement is in its turns."""
+    dmp, rng = turning_by(2 * np.pi * turns), np.random.default_rng(0)
+    state = dmp.initial_state()
+    for k in range(400):
+        state = dmp.step(state, 0.01)
+        pose = dmp.pose(state)
+        taught = dmp.at([0.01 * (k + 1)])
+        assert angle_between(pose.rotation, taught.rotation[0]) < 0.15
+        noise = Rotation.from_rotvec(0.002 * rng.standard_normal(3))
+        state = dmp.displaced(state, Pose.of(pose.position, noise * pose.rotation))
+
+
+def test_moved_goals_are_reached_by_the_shortest_turn():
+    """After any number of moved goals, the way to the next one is no longer than what is missing."""
+    dmp = turning_by(1.0)
+    state = dmp.step(dmp.initial_state(), 4.0)
+    for vector in (
+        [0, 0, 2.0],
+        [0, 0, 4.0],
+        [0, 0, 6.2],
+        [0.1, 0, 0],
+        [3.0, 0, 0],
+        [-3.1, 0.3, 0],
+        [0, 0, 0],
+    ):
+        goal = Pose.of([1.0, 0, 0], Rotation.from_rotvec(vector))
+        missing = angle_between(dmp.pose(state).rotation, goal.rotation)
+        state, travelled = dmp.redirected(state, goal), 0.0
+        for _ in range(150):
+            before, state = state, dmp.step(state, 0.01)
+            travelled += angle_between(dmp.pose(state).rotation, dmp.pose(before).rotation)
+        assert angle_between(dmp.pose(state).rotation, goal.rotation) < 1e-9
+        assert travelled < missing + 1e-6
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.floats(0.05, 0.75), st.sampled_from([1.0, -1.0, 0.5]))
+def test_moved_goals_change_neither_pose_nor_twist(seed, when, rate):
+    dmp, rng = PoseDMP.fit(recording(5)), np.random.default_rng(seed)
+    state = dmp.step(dmp.step(dmp.initial_state(), when * 3.0), 0.01, rate=rate)
+    pushed = Pose.of(dmp.pose(state).position, Rotation.from_rotvec([0.1, 0, 0]) * dmp.pose(state).rotation)
+    for now in (state, dmp.step(dmp.displaced(state, pushed), 0.01, rate=rate)):
+        moved = dmp.redirected(now, Pose.of(rng.uniform(-1, 1, 3), Rotation.random(random_state=seed)))
+        assert angle_between(dmp.pose(moved).rotation, dmp.pose(now).rotation) < 1e-9
+        assert np.abs(dmp.twist(moved)[1] - dmp.twist(now)[1]).max() < 1e-6
+        a, b = (dmp.twist(dmp.step(one, 1e-5, rate=rate))[1] for one in (moved, now))
+        assert np.abs(a - b).max() < 1e-4
+
+
+def test_axes_of_the_plane_and_numbers_of_all_kinds():
+    with pytest.raises(OptionError, match="vertical"):
+        PoseDMP.fit(recording(0, n_dims=2), axis=[1.0, 0, 0])
+    for angle in (np.float32(1.0), np.int64(1), 1, 1.0):
+        assert angle_between(Pose.of([0, 0, 0], angle).rotation, Rotation.from_rotvec([0, 0, 1.0])) < 1e-7
+    for wrong in ([1, 2], "x", np.eye(3)):
+        with pytest.raises(OptionError, match="Rotation"):
+            Pose.of([0, 0, 0], wrong)
+    with pytest.raises(OptionError, match="position"):
+        Pose("abc")
+
+
+def test_a_level_body_that_was_tilted_takes_the_nearest_turn():
+    s = np.linspace(0, 1, 200)
+    level = Rotation.from_rotvec(np.outer(s, [0, 0, 1.0])).as_quat(scalar_first=True)
+    dmp = PoseDMP.fit(Demonstration(s, np.outer(s, [1.0, 0, 0]), orientation=level), axis=VERTICAL)
+    state = dmp.step(dmp.initial_state(), 0.5)
+    tilted = Pose.of([0.5, 0, 0], Rotation.from_rotvec([0.1, 0, 0]) * Rotation.from_rotvec([0, 0, 0.6]))
+    pushed = dmp.pose(dmp.displaced(state, tilted))
+    assert np.abs(pushed.rotation.apply(VERTICAL) - VERTICAL).max() < 1e-12
+    assert angle_between(pushed.rotation, Rotation.from_rotvec([0, 0, 0.6])) < 0.01

@@ -133,6 +133,16 @@ def test_periods_out_of_range():
             DMP.fit(Demonstration(time, waves(time, 1.0)), variant="rhythmic", period=period)
 
 
+def test_weights_are_harmonics():
+    """Shifted functions: the even weights are cosines from the first function on, the odd ones sines."""
+    basis = rhythmic_basis(8)
+    velocity = basis.cycle[1, :-1]
+    assert np.abs(velocity.T @ velocity / N_INTERVALS - np.eye(8)).max() < 1e-9
+    spectrum = np.abs(np.fft.rfft(basis.cycle[0, :-1], axis=0))
+    assert (spectrum[:6].argmax(axis=0) == np.arange(8) // 2 + 1).all()
+    assert (basis.shape_force[0, ::2] > 0).all()
+
+
 def test_shared_matrices_cannot_be_changed():
     basis = rhythmic_basis(9)
     assert basis is rhythmic_basis(9) and basis.n_basis == 9

@@ -194,3 +194,29 @@ def test_a_population_is_one_product(variant):
         assert np.abs(replace(dmp, weights=one).rollout(n_steps=33).position.T - path).max() < 1e-11
     with pytest.raises(OptionError, match="n_rollouts, 2, 15"):
         dmp.rollouts(weights[0])
+
+
+def test_velocities_at_the_ends_of_a_closed_dmp_plus_plus():
+    dmp = fitted("dmp++").towards(goal=fitted("dmp++").start, goal_velocity=[3.0, 4.0])
+    for path in (dmp.rollout(), dmp.at([0.0, dmp.duration])):
+        assert np.abs(path.velocity[-1] - [3.0, 4.0]).max() < 1e-9
+
+
+def test_what_is_no_recording_and_no_phase():
+    shown = Demonstration([0, 1, 2.0], [[0, 0], [1, 1], [2, 1.0]])
+    for wrong in (None, np.zeros((5, 2)), "Angle"):
+        with pytest.raises(OptionError, match="Demonstration"):
+            DMP.fit(wrong)
+    for wrong in ("linear", ExponentialPhase):
+        with pytest.raises(OptionError, match="phase"):
+            DMP.fit(shown, phase=wrong)
+    for alpha in (0.0, -4.0, np.nan, 1e6, "1"):
+        with pytest.raises(OptionError, match="alpha"):
+            ExponentialPhase(alpha=alpha)
+    with pytest.raises(OptionError, match="phase"):
+        DMP.fit(shown, variant="rhythmic", phase=ExponentialPhase())
+    for n_steps in (-3, "a", 10.0, True, 10**9):
+        with pytest.raises(OptionError, match="n_steps"):
+            fitted("classic").rollouts(np.zeros((1, 2, 15)), n_steps)
+        with pytest.raises(OptionError, match="n_steps"):
+            fitted("classic").rollout(n_steps=n_steps)

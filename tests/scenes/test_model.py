@@ -54,7 +54,7 @@ SPATIAL = {
         {"name": "c", "start": [0.1, 0.2, 0.3], "goal": [0.9, 0.2, 0.3]},
     ],
     "limits": {"speed": 1, "acceleration": 2.5, "clearance": 0.01},
-    "demonstration": {"lasa": "Angle", "demo": 3, "plane": "xz", "scale": 0.01, "manipulator": "b"},
+    "demonstration": {"lasa": "Angle", "demo": 3, "plane": "xz", "scale": 0.01},
     "robot": {"model": "baxter", "links": [1, 2.5, None, True]},
     "grasp": {"a": [0, 0, 1]},
 }
@@ -438,9 +438,9 @@ ONE_WRONG = [
     (
         SOURCE,
         "{lasa: A, manipulator: x}",
-        "demonstration.manipulator (line 15)",
-        "manipulator 'x'",
-        "left, r",
+        "demonstration (line 15)",
+        "manipulator 'x' belongs to a file",
+        "leave manipulator out",
     ),
     (
         SOURCE,

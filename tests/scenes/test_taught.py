@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from comove.demonstrations import Demonstration
+from comove.demonstrations import Demonstration, write_robomimic, write_rosbag
 from comove.errors import SceneError
 from comove.primitives import DMP, Library, Primitive, learn
 from comove.primitives import operations as op
@@ -116,3 +116,24 @@ def test_a_pose_lends_its_positions(folder):
 def test_checksums_of_scenes_stay():
     """The place of the library in the model does not change what other scenes are."""
     assert Scene.from_dict(PLANAR).sha256 == Scene.from_dict({**PLANAR, "demonstration": None}).sha256
+
+
+def test_a_recording_of_a_file_that_holds_several(folder):
+    """By episode and manipulator of a data set, by topic of a bag."""
+    time = np.linspace(0, 2, 41)
+    hands = {
+        name: Demonstration(time, np.outer(time, [0.1, size, 0.2]))
+        for name, size in (("left", 0.1), ("right", 0.2))
+    }
+    write_robomimic(folder / "many.hdf5", [hands, {name: hands["left"] for name in hands}])
+    write_rosbag(folder / "hands.mcap", hands)
+    chosen = scene(
+        folder, {"file": "many.hdf5", "episode": 1, "manipulator": "robot1"}, SPATIAL
+    ).demonstration
+    assert np.array_equal(chosen.position, hands["left"].position)
+    chosen = scene(folder, {"file": "hands.mcap", "topic": "/right/point"}, SPATIAL).demonstration
+    assert np.array_equal(chosen.position, hands["right"].position)
+    with pytest.raises(SceneError, match="it holds 2 episodes"):
+        scene(folder, {"file": "many.hdf5", "manipulator": "robot1"}, SPATIAL).demonstration  # noqa: B018
+    with pytest.raises(SceneError, match="episode 1 belongs to a file"):
+        scene(folder, {"lasa": "Angle", "episode": 1})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,12 @@ import typer
 from comove.cli.app import verb
 
 PICTURES = ("motion.png", "progress.png")
+# Measures of scenes that ask for them: what they are, the factor to the unit, and the unit.
+FURTHER = {
+    "separation_spare_min": ("spare separation", 1e3, "mm or more, at every instant"),
+    "tilt_max": ("tilt", 180 / math.pi, "deg at most"),
+    "height_error_max": ("height error", 1.0, "m"),
+}
 
 
 @verb
@@ -39,6 +46,11 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         f"  cost J                  {_number(summary.get('cost'))}  ({parts})",
         f"  certified clearance     {_number(summary.get('clearance_min'), 1e3)} mm or more, at every instant",
         f"  distance error          {_number(summary.get('distance_error_max'))} m",
+        *(
+            f"  {words:24s}{_number(summary[key], factor)} {unit}"
+            for key, (words, factor, unit) in FURTHER.items()
+            if summary.get(key) is not None
+        ),
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
         f"  first verified motion   after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, "

@@ -17,6 +17,7 @@ def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
 ) -> int:
     """Judge a saved result anew, from the files alone."""
+    from comove.cli.show import FURTHER
     from comove.results import read_result, verify_result
     from comove.scenes import Scene
 
@@ -30,6 +31,9 @@ def verify(
     print(f"{folder}: verified")
     print(f"  clearance at every instant   >= {1e3 * report.clearance_min:.3f} mm")
     print(f"  distance errors              <= {report.distance_error_max:.2g} m")
+    for key, (words, factor, unit) in FURTHER.items():
+        if (value := report.asdict().get(key)) is not None:
+            print(f"  {words:24s}        {factor * value:.3g} {unit}")
     print(
         f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
     )

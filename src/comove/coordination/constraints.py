@@ -79,6 +79,9 @@ class Distance:
     second: str
     distance: float
 
+    def __post_init__(self) -> None:
+        _require_length(self.distance)
+
     def __call__(self, poses: Poses) -> Array:
         return (
             np.linalg.norm(poses.position(self.second) - poses.position(self.first), axis=1) - self.distance
@@ -92,6 +95,9 @@ class Separation:
     first: str
     second: str
     distance: float
+
+    def __post_init__(self) -> None:
+        _require_length(self.distance)
 
     def __call__(self, poses: Poses) -> Array:
         return np.maximum(0.0, -Distance(self.first, self.second, self.distance)(poses))
@@ -116,6 +122,10 @@ class RelativePose:
     second: str
     pose: Pose
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.pose, Pose) or len(self.pose.position) != 3:
+            raise OptionError(f"pose = {self.pose!r}", way_out="give a Pose in space")
+
     def __call__(self, poses: Poses) -> Array:
         away = poses.position(self.second) - poses.position(self.first)
         missed = np.einsum("tji,tj->ti", poses.rotation(self.first), away) - self.pose.position
@@ -133,12 +143,21 @@ class Upright:
     name: str
     axis: tuple[float, float, float] = VERTICAL
 
+    def __post_init__(self) -> None:
+        try:
+            length = float(np.linalg.norm(np.asarray(self.axis, dtype=float)))
+        except (TypeError, ValueError):
+            length = 0.0
+        if np.shape(self.axis) != (3,) or not 0 < length < np.inf:
+            raise OptionError(f"axis = {self.axis!r}", way_out="give three numbers, not all of them zero")
+
     def __call__(self, poses: Poses) -> Array:
         pointing = poses.rotation(self.name) @ (np.asarray(self.axis) / np.linalg.norm(self.axis))
-        tilt, sine = pointing[:, :2], np.linalg.norm(pointing[:, :2], axis=1, keepdims=True)
-        return np.where(
-            pointing[:, 2:] < 0, tilt / np.maximum(sine, 1e-9) * (2 - sine), tilt
-        )  # not upside down
+        aside = np.linalg.norm(pointing[:, :2], axis=1, keepdims=True)
+        angle = np.arctan2(
+            aside, pointing[:, 2:]
+        )  # not the sine, which is blind at right angles and upside down
+        return pointing[:, :2] * np.where(aside > 1e-9, angle / np.maximum(aside, 1e-9), 1.0)
 
 
 def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
@@ -179,14 +198,30 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
     )
 
 
+def _require_length(distance: object) -> None:
+    if not isinstance(distance, (int, float, np.integer, np.floating)) or not 0 < distance < np.inf:
+        raise OptionError(f"distance = {distance!r}", way_out="give a positive number of metres")
+
+
 def _residual(poses: Poses, constraints: Sequence[Constraint]) -> Array:
     return np.concatenate([_rows(constraint, poses) for constraint in constraints], axis=1)
 
 
 def _rows(constraint: Constraint, poses: Poses) -> Array:
-    values = np.asarray(constraint(poses), dtype=float)
     n_steps = len(poses.positions)
-    if values.ndim not in (1, 2) or len(values) != n_steps or not np.isfinite(values).all():
+    try:
+        values = np.asarray(constraint(poses), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(
+            f"the constraint {constraint} gives no numbers: {error}",
+            way_out="give finite numbers, of shape (n_steps,) or (n_steps, n_values)",
+        ) from error
+    if (
+        values.ndim not in (1, 2)
+        or not values.size
+        or len(values) != n_steps
+        or not np.isfinite(values).all()
+    ):
         raise OptionError(
             f"the constraint {constraint} gives an array of shape {values.shape} for {n_steps} samples",
             way_out="give finite numbers, of shape (n_steps,) or (n_steps, n_values)",

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.coordination.constraints import TURN_LENGTH, Constraint, ConstraintError, Poses, project
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError, near_name
+from comove.errors import DemonstrationError, OptionError, near_name
 from comove.primitives import rotations
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.trajectory import PoseTrajectory
@@ -28,8 +28,10 @@ from comove.trajectory import PoseTrajectory
 Array = NDArray[np.float64]
 
 NUDGE = 1e-6  # durations, over which velocities of projected movements are taken
-MAX_STRETCH = 10.0  # of a step by the projection
-JUMP = 0.05  # m
+MAX_STRETCH = 10.0  # of the movement's speed by the projection
+SMALL_WAY = 1e-3  # m, that is not looked at
+HALVINGS = 16
+ROUNDING = 1e-7  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,14 @@ class CooperativeDMP:
     constraints: tuple[Constraint, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.hands, Mapping):
+            raise OptionError(
+                f"hands = {self.hands!r}", way_out="give a mapping of names to poses or movements"
+            )
+        if not isinstance(self.constraints, (list, tuple)) or not all(map(callable, self.constraints)):
+            raise OptionError(
+                f"constraints = {self.constraints!r}", way_out="give a list of functions of `Poses`"
+            )
         object.__setattr__(self, "hands", dict(self.hands))
         object.__setattr__(self, "constraints", tuple(self.constraints))
         if not self.hands or "" in self.hands:
@@ -127,8 +137,17 @@ class CooperativeDMP:
         n_basis, options
             As for `PoseDMP.fit`.
         """
+        if not isinstance(grasps, Mapping) or not all(
+            isinstance(grasp, Pose) and len(grasp.position) == 3 for grasp in grasps.values()
+        ):
+            raise OptionError(f"grasps = {grasps!r}", way_out="give a mapping of names to poses in space")
         if name not in grasps:
             raise OptionError(f"there is no hand {name!r}", way_out=near_name(name, grasps))
+        if getattr(demonstration, "orientation", None) is None or demonstration.position.shape[1] != 3:
+            raise DemonstrationError(
+                "the recording is none of a hand in space with its orientation",
+                way_out="record positions (x, y, z) and orientations",
+            )
         held = grasps[name]
         orientation = rotations.quaternion_product(
             np.asarray(demonstration.orientation), rotations.conjugate(held.orientation)
@@ -187,13 +206,14 @@ class CooperativeDMP:
         """
         time = np.asarray(time, dtype=float)
         poses, velocity, spin = self._free(time)
-        if self.constraints:
+        if self.constraints and len(time):
             nudge = NUDGE * self.duration
             poses, behind, ahead = (
                 project(self._free(time + by)[0], self.constraints) for by in (0.0, -nudge, nudge)
             )
-            _require_no_jump(self._free(time)[0], poses, time)
-            span = (np.minimum(time, nudge) + nudge)[:, None, None]  # times before the start are held there
+            self._require_no_jump(time, poses)
+            span = np.clip(time + nudge, 0.0, nudge) + np.clip(time, 0.0, nudge)  # held before the start
+            span = np.maximum(span, 1e-3 * nudge)[:, None, None]
             velocity = (ahead.positions - behind.positions) / span
             turn = rotations.quaternion_product(ahead.orientations, rotations.conjugate(behind.orientations))
             spin = 2 * turn[..., 1:] * np.where(turn[..., :1] < 0, -1.0, 1.0) / span
@@ -273,6 +293,37 @@ class CooperativeDMP:
         )
         return Poses(self.manipulators, positions, orientations), velocities, spins
 
+    def _require_no_jump(self, time: Array, poses: Poses) -> None:
+        """Refuse a projection that is far faster than the movement somewhere, however it was sampled.
+
+        Intervals in which hands go a longer way by the projection than by the movement are halved again and again,
+        towards their faster half: what jumps goes the same way in no time.
+        """
+        begin, end = time[:-1], time[1:]
+        there = [
+            Poses(poses.manipulators, poses.positions[at], poses.orientations[at])
+            for at in (slice(-1), slice(1, None))
+        ]
+        longer = _apart(*there) > 2 * _apart(self._free(begin)[0], self._free(end)[0]) + SMALL_WAY
+        begin, end = begin[longer], end[longer]
+        if not begin.size:
+            return
+        for _ in range(HALVINGS):
+            middle = 0.5 * (begin + end)
+            first, half, last = (
+                project(self._free(instants)[0], self.constraints) for instants in (begin, middle, end)
+            )
+            ways = _apart(first, half), _apart(half, last)
+            later = ways[1] > ways[0]
+            begin, end = np.where(later, middle, begin), np.where(later, end, middle)
+        own = _apart(self._free(begin)[0], self._free(end)[0])
+        fast = np.maximum(*ways) > MAX_STRETCH * own + ROUNDING
+        if fast.any():
+            raise ConstraintError(
+                f"the projection onto the constraints moves hands more than {MAX_STRETCH:g} times as fast as their "
+                f"movement near {begin[fast][0]:.4g} s; begin from a movement that nearly meets them"
+            )
+
     def _movements(self) -> dict[str, PoseDMP]:
         load = {} if self.load is None else {"": self.load}
         return load | {name: hand for name, hand in self.hands.items() if isinstance(hand, PoseDMP)}
@@ -296,19 +347,8 @@ def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
     )
 
 
-def _require_no_jump(free: Poses, projected: Poses, time: Array) -> None:
-    """Refuse a projection that jumps between samples where the movement itself does not."""
-    jumps = _steps(projected) > MAX_STRETCH * _steps(free) + JUMP
-    if jumps.any():
-        sample = int(np.flatnonzero(jumps)[0])
-        raise ConstraintError(
-            f"the projection onto the constraints jumps after {time[sample]:.4g} s; "
-            "begin from a movement that nearly meets them"
-        )
-
-
-def _steps(poses: Poses) -> Array:
-    """The largest step of a hand from sample to sample, a radian counting as `TURN_LENGTH`; (n_steps - 1,)."""
-    moved = np.linalg.norm(np.diff(poses.positions, axis=0), axis=2)
-    cosine = np.abs((poses.orientations[1:] * poses.orientations[:-1]).sum(axis=2))
+def _apart(first: Poses, second: Poses) -> Array:
+    """The largest way of a hand from one pose to another, a radian counting as `TURN_LENGTH`; (n_steps,)."""
+    moved = np.linalg.norm(second.positions - first.positions, axis=2)
+    cosine = np.abs((first.orientations * second.orientations).sum(axis=2))
     return (moved + TURN_LENGTH * 2 * np.arccos(np.minimum(cosine, 1.0))).max(axis=1)

@@ -256,13 +256,17 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     """
     if dmp.variant is Variant.RHYTHMIC:
         raise OptionError(
-            "a rhythmic movement leads from no start to no goal", key="demonstration", way_out="give one that ends"
+            "a rhythmic movement leads from no start to no goal",
+            key="demonstration",
+            way_out="give one that ends",
         )
     own, wanted = dmp.goal - dmp.start, goal - start
     closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
     turn = np.eye(len(start)) if closed else similarity(own, wanted)
     still = np.zeros_like(start)
-    classic = dmp.variant is Variant.CLASSIC  # scales along the axes; for these ends the closed form is the same
+    classic = (
+        dmp.variant is Variant.CLASSIC
+    )  # scales along the axes; for these ends the closed form is the same
     return replace(
         dmp,
         variant=Variant.CLOSED_FORM if classic else dmp.variant,

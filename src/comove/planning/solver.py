@@ -20,7 +20,6 @@ from comove.planning.search import OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
-from comove.primitives.variants import Variant
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
@@ -134,10 +133,6 @@ def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
             f"the demonstration has {len(dmp.start)} dimensions, the scene {scene.n_dims}",
             key="demonstration",
             way_out="give one of the scene's dimension",
-        )
-    if dmp.variant is Variant.RHYTHMIC:
-        raise OptionError(
-            "the demonstration is rhythmic and never ends", key="demonstration", way_out="give one that ends"
         )
     s = np.linspace(0.0, 1.0, N_STEPS)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))

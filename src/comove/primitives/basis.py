@@ -148,6 +148,9 @@ def motion_basis(
     _, singular, right = np.linalg.svd(weights[order] @ null_space, full_matrices=False)
     of_shape = null_space @ (right.T / singular)
     of_shape /= np.linalg.norm(weights[0, N_INTERVALS // 2] @ of_shape)  # unit z: the middle moves by 1
+    of_shape *= np.where(
+        np.exp(-3.0 * knots) @ weights[0] @ of_shape < 0.0, -1.0, 1.0
+    )  # alike on every machine
     motions = inputs + weights @ of_boundary, weights @ of_shape
     arrays = *motions, coasting + psi @ of_boundary, psi @ of_shape
     for array in arrays:

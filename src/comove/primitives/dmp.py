@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.basis import MotionBasis, rollouts
+from comove.primitives.basis import MotionBasis, released, rollouts
+from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, estimated_period
@@ -22,6 +23,7 @@ from comove.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 BLOCK = 4000  # samples that are fitted at a time
+MAX_STEPS = 100_000_000
 
 
 class Recording(Protocol):
@@ -65,7 +67,14 @@ class DMP:
         if self.learned is None:
             object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
         for name in ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned"):
-            array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
+            try:
+                array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
+            except (TypeError, ValueError):
+                raise OptionError(f"{name} = {getattr(self, name)!r}", way_out="give numbers") from None
+            if name == "weights" and array.ndim == 2 and not 1 <= array.shape[1] <= 200:
+                raise OptionError(
+                    f"weights of shape {array.shape}", way_out="give 1 to 200 weights a dimension"
+                )
             if array.ndim != (2 if name == "weights" else 1) or len(array) != len(self.weights):
                 raise OptionError(
                     f"{name} of shape {array.shape} beside weights of shape {np.shape(self.weights)}",
@@ -117,10 +126,21 @@ class DMP:
         if isinstance(n_basis, bool) or not isinstance(n_basis, (int, np.integer)) or not 1 <= n_basis <= 200:
             raise OptionError(f"n_basis = {n_basis!r}", way_out="give a whole number from 1 to 200")
         variant = Variant.named(variant)
+        if not all(hasattr(demonstration, name) for name in ("time", "position", "start_velocity")):
+            raise OptionError(
+                f"the demonstration is {type(demonstration).__name__}",
+                way_out="give a Demonstration(time, position)",
+            )
+        if phase is not None and not isinstance(phase, Phase):
+            raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
         time = demonstration.time - demonstration.time[0]
         if len(time) < 2 or not time[-1] > 0:
             raise DemonstrationError("the recording lasts no time", way_out="give two samples or more")
         position = demonstration.position
+        if variant is Variant.RHYTHMIC and phase is not None:
+            raise OptionError(
+                "a rhythmic movement has no canonical system", key="phase", way_out="leave it out"
+            )
         if variant is Variant.RHYTHMIC:
             return cls._fit_cycle(time, position, n_basis, period)
         if period is not None:
@@ -160,9 +180,11 @@ class DMP:
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
         period = estimated_period(time, position) if period is None else _number(period)
-        if not 0 < period <= time[-1] * (1 + 1e-9):
+        shortest = 2 * time[-1] / (len(time) - 1)  # which samples can tell
+        if not shortest <= period <= time[-1] * (1 + 1e-9):
             raise OptionError(
-                f"period = {period!r}", way_out=f"give one of at most the recording's {time[-1]:.4g} s"
+                f"period = {period!r}",
+                way_out=f"give one from {shortest:.4g} s to the recording's {time[-1]:.4g} s",
             )
         still = np.zeros(position.shape[1])
         dmp = cls(
@@ -230,7 +252,8 @@ class DMP:
             goal=self._vector("goal", goal, self.goal),
             duration=new_duration,
         )
-        if self.variant is Variant.DMP_PLUS_PLUS:
+        displaced = not np.array_equal(moved.goal - moved.start, self.goal - self.start)
+        if self.variant is Variant.DMP_PLUS_PLUS and displaced:
             ratio = ratio * moved.scaling() @ np.linalg.pinv(self.scaling())
         else:
             ratio = ratio * np.eye(self.n_dims)
@@ -262,8 +285,7 @@ class DMP:
         OptionError
             If an argument is out of range.
         """
-        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
-            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        _require_steps(n_steps)
         dmp = self.towards(
             start=start,
             goal=goal,
@@ -289,7 +311,11 @@ class DMP:
         OptionError
             If `weights` has another shape.
         """
-        weights = np.asarray(weights, dtype=float)
+        _require_steps(n_steps)
+        try:
+            weights = np.asarray(weights, dtype=float)
+        except (TypeError, ValueError):
+            weights = np.full((), np.nan)
         if weights.ndim != 3 or weights.shape[1:] != self.weights.shape:
             raise OptionError(
                 f"weights of shape {weights.shape}",
@@ -305,11 +331,20 @@ class DMP:
 
         A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
         """
-        time = np.asarray(time, dtype=float)
+        try:
+            time = np.asarray(time, dtype=float)
+        except (TypeError, ValueError):
+            time = np.full((), np.nan)
         if time.ndim != 1 or not np.isfinite(time).all():
             raise OptionError(f"time of shape {time.shape}", way_out="give an array of finite numbers [s]")
-        boundary, shape = self.basis.at(time / self.duration)
-        position, velocity, _ = boundary @ self.boundary_values() + shape @ self.shape_weights.T
+        curve, s = self.curve, np.maximum(time / self.duration, 0.0)
+        inside = s - np.floor(s) if curve.periodic else s
+        position, velocity, _ = values_at(curve.knots, curve.force, curve.goal, inside)
+        if curve.periodic:  # what is left of the way from the start into the cycle
+            apart = np.stack([self.start, self.start_velocity * self.duration]) - curve.knots[:2, 0]
+            left = released(s) @ apart
+            position, velocity = position + left[0], velocity + left[1]
+        velocity[time < 0.0] = 0.0
         return Trajectory(time, position, velocity / self.duration)
 
     @cached_property
@@ -342,17 +377,19 @@ class DMP:
             Pace of the phase: 1 as recorded, 2 twice as fast, 0 paused, negative backwards. Slow down by
             `rate_for_lag` while a robot lags behind.
         coupling
-            An acceleration [m/s^2] that acts during the step, shape (n_dims,).
+            An acceleration [m/s^2] that acts during the step, shape (n_dims,); none in a pause.
 
         Raises
         ------
         OptionError
             If `dt` is not positive, or something is not finite.
         """
+        if not isinstance(state, DMPState) or len(state.position) != self.n_dims:
+            raise OptionError("the state is none of this movement", way_out="begin with initial_state()")
         if not np.array_equal(state.goal, state.curve.goal):
             curve = self.towards(goal=state.goal).curve.after(state.curve, state.progress)
             state = replace(state, curve=curve)
-        return advance(state, dt, rate, None if coupling is None else np.asarray(coupling, dtype=float))
+        return advance(state, dt, rate, coupling)
 
     def scaling(self) -> Array:
         extent = np.abs(self.learned).max() + np.abs(self.weights).max(initial=0.0)
@@ -370,10 +407,19 @@ class DMP:
         return vector
 
 
+def _require_steps(n_steps: object) -> None:
+    if (
+        not isinstance(n_steps, (int, np.integer))
+        or isinstance(n_steps, bool)
+        or not 2 <= n_steps <= MAX_STEPS
+    ):
+        raise OptionError(f"n_steps = {n_steps!r}", way_out=f"give a whole number from 2 to {MAX_STEPS:,}")
+
+
 def _number(value: object) -> float:
     try:
         return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 

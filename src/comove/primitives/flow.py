@@ -18,6 +18,7 @@ from comove.primitives.forcing import INTERVAL, N_INTERVALS
 
 ALPHA_Y = 25.0
 OMEGA = ALPHA_Y / 2.0
+LONG_AFTER = 1e6  # durations, after which nothing is left of any deviation
 
 
 @numba.njit(cache=True)
@@ -91,8 +92,9 @@ def values_at(knots, force, goal, s):
     n_columns = knots.shape[2]
     values = np.empty((3, s.shape[0], n_columns))
     for i in range(s.shape[0]):
-        k = min(int(s[i] * N_INTERVALS), N_INTERVALS)
-        t = max(s[i] - k * INTERVAL, 0.0)
+        inside = min(s[i], LONG_AFTER)  # a whole number of knots must remain one
+        k = min(int(inside * N_INTERVALS), N_INTERVALS)
+        t = max(inside - k * INTERVAL, 0.0)
         response = responses(t)
         for j in range(n_columns):
             f0, slope = 0.0, 0.0

@@ -6,10 +6,10 @@ phase, plus a deviation e that obeys the same equation without goal and forcing,
     e'' = -alpha_y e' - alpha_y beta_y e + coupling,
 
 in units of duration. Both are advanced exactly, whatever the step. Because the curve hangs on the phase alone, a
-movement can be slowed down, paused and run backwards without leaving its path, and the deviation dies out all the
-same. A goal that moves changes the curve: a bridge of fifth degree leads over to the new one without a jump in
-position, velocity or acceleration, and arrives when the movement does, or a fifth of a duration later if it began
-too late.
+movement can be slowed down and run backwards without leaving its path, while the deviation dies out; in a pause all
+of it stands still. A goal that moves changes the curve: a bridge of fifth degree leads over to the new one without
+a jump in position, velocity or acceleration, and arrives when the movement does, or a fifth of a duration later if
+it began too late. Backwards another one leads to the start.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.flow import flow, responses, values_at
+from comove.primitives.flow import LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
 
@@ -31,41 +31,37 @@ HELD_BRIDGE = 1.0  # periods, in which a cycle takes to its new centre
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
-    """What is left of former curves: zero, with two derivatives, from `end` on.
+    """What is left of former curves: zero, with two derivatives, outside of `first` to `last`.
 
     Attributes
     ----------
-    begin, end : in durations
-    coefficients : array, shape (6, n_dims), of a polynomial in (s - begin) / (end - begin)
+    gap : array, shape (3, n_dims): position and two derivatives of what is left at `begin`
+    first, begin, last : in durations
     """
 
+    gap: Array
+    first: float
     begin: float
-    end: float
-    coefficients: Array
-
-    @classmethod
-    def closing(cls, gap: Array, begin: float, end: float) -> Bridge:
-        """The bridge that begins with `gap`, array of shape (3, n_dims): position and two derivatives."""
-        width = end - begin
-        p, v, a = gap[0], gap[1] * width, gap[2] * width**2
-        coefficients = [
-            p,
-            v,
-            a / 2,
-            -10 * p - 6 * v - 1.5 * a,
-            15 * p + 8 * v + 1.5 * a,
-            -6 * p - 3 * v - 0.5 * a,
-        ]
-        return cls(begin, end, np.stack(coefficients))
+    last: float
 
     def at(self, s: float) -> Array:
         """Position and two derivatives; array, shape (3, n_dims)."""
-        width = self.end - self.begin
-        u = (s - self.begin) / width
-        if not 0.0 <= u < 1.0:
-            held = np.zeros((3, self.coefficients.shape[1]))
-            held[0] = self.coefficients[0] if u < 0.0 else 0.0
-            return held
+        end = self.last if s >= self.begin else self.first
+        width = end - self.begin
+        u = (s - self.begin) / width if width else 1.0
+        if u >= 1.0:
+            return np.zeros_like(self.gap)
+        p, v, a = self.gap[0], self.gap[1] * width, self.gap[2] * width**2
+        coefficients = np.stack(
+            [
+                p,
+                v,
+                a / 2,
+                -10 * p - 6 * v - 1.5 * a,
+                15 * p + 8 * v + 1.5 * a,
+                -6 * p - 3 * v - 0.5 * a,
+            ]
+        )
         powers = np.array(
             [
                 [1, u, u**2, u**3, u**4, u**5],
@@ -73,7 +69,7 @@ class Bridge:
                 [0, 0, 2, 6 * u, 12 * u**2, 20 * u**3],
             ]
         )
-        return powers @ self.coefficients / width ** np.arange(3)[:, None]
+        return powers @ coefficients / width ** np.arange(3)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +99,13 @@ class Curve:
 
     def after(self, former: Curve, s: float) -> Curve:
         """This curve, reached from the `former` one, which is left at the phase `s`."""
-        end = s + HELD_BRIDGE if self.periodic else max(1.0, s + SHORTEST_BRIDGE)
-        return replace(self, bridge=Bridge.closing(former.at(s) - replace(self, bridge=None).at(s), s, end))
+        return self.bridged(former.at(s) - replace(self, bridge=None).at(s), s)
+
+    def bridged(self, gap: Array, s: float) -> Curve:
+        """This curve, reached from a `gap` (3, n_dims) away at the phase `s`."""
+        if self.periodic:
+            return replace(self, bridge=Bridge(gap, s - HELD_BRIDGE, s, s + HELD_BRIDGE))
+        return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + SHORTEST_BRIDGE)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +135,14 @@ class DMPState:
 
     def __post_init__(self) -> None:
         for name in ("position", "slope", "goal"):
-            array = np.asarray(getattr(self, name), dtype=float)
+            array = _numbers(getattr(self, name))
             if array.shape != self.curve.goal.shape or not np.isfinite(array).all():
                 raise OptionError(
                     f"{name} = {getattr(self, name)!r}",
                     way_out=f"give {len(self.curve.goal)} finite numbers",
                 )
             object.__setattr__(self, name, array)
-        if not (np.isfinite(self.duration) and self.duration > 0):
+        if not (_is_number(self.duration) and self.duration > 0):
             raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
 
     @property
@@ -168,24 +169,24 @@ def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | Non
     OptionError
         If `dt` is not positive, or `rate` or `coupling` are not finite.
     """
-    if not (np.isfinite(dt) and dt > 0):
+    if not (_is_number(dt) and dt > 0):
         raise OptionError(f"dt = {dt!r}", way_out="give a positive number of seconds")
-    if not np.isfinite(rate):
+    if not _is_number(rate):
         raise OptionError(f"rate = {rate!r}", way_out="give a finite number: 1 as recorded, 0 paused")
     if rate == 0.0:
         return replace(state, time=state.time + dt, rate=0.0)
     curve, pushed = state.curve, np.zeros_like(state.position)
     if coupling is not None:
-        pushed = np.asarray(coupling, dtype=float)
+        pushed = _numbers(coupling)
         if pushed.shape != state.position.shape or not np.isfinite(pushed).all():
             raise OptionError(
                 f"coupling = {coupling!r}", way_out=f"give {len(state.position)} finite numbers"
             )
-        pushed = pushed * state.duration**2
-    ds = rate * dt / state.duration
+        pushed = pushed * (state.duration / rate) ** 2
+    ds = float(np.clip(rate * dt / state.duration, -LONG_AFTER, LONG_AFTER))
     now = state.progress
     if not curve.periodic and ds < 0.0:
-        now = min(now, 1.0 if curve.bridge is None else curve.bridge.end)
+        now = min(now, 1.0 if curve.bridge is None else curve.bridge.last)
     then = now + ds if curve.periodic else max(now + ds, 0.0)
     at_now, at_then = curve.at(now), curve.at(then)
     apart, drift = state.position - at_now[0], np.sign(ds) * (state.slope - at_now[1])
@@ -218,9 +219,21 @@ def rate_for_lag(lag: float, tolerance: float) -> float:
     OptionError
         If the tolerance is not positive or the lag not finite.
     """
-    if not tolerance > 0 or not np.isfinite(lag):
+    if not (_is_number(lag) and _is_number(tolerance) and tolerance > 0):
         raise OptionError(
             f"lag = {lag!r}, tolerance = {tolerance!r}",
             way_out="give finite lengths, and a positive tolerance",
         )
     return 1.0 / (1.0 + (lag / tolerance) ** 2)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
+
+
+def _numbers(value: object) -> Array:
+    """An array of what are numbers, NaN for what is none."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return np.full((), np.nan)

@@ -10,6 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.errors import OptionError
+
+FASTEST = 20.0  # decay rate: the phase falls to 2e-9
+
 
 @dataclass(frozen=True)
 class LinearPhase:
@@ -32,9 +36,20 @@ class ExponentialPhase:
     Attributes
     ----------
     alpha : decay rate per duration
+
+    Raises
+    ------
+    OptionError
+        If alpha is not positive, or so large that nothing is left of the phase at the end.
     """
 
     alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.alpha, (int, float)) or not 0 < self.alpha <= FASTEST:
+            raise OptionError(
+                f"alpha = {self.alpha!r}", way_out=f"give a number above 0, at most {FASTEST:g}"
+            )
 
     def __call__(self, s: ArrayLike) -> NDArray[np.float64]:
         """Phase x at the normalised times `s` (any shape)."""

@@ -3,8 +3,12 @@
 The orientation is written as a rotation vector r relative to a reference, ``R = exp(r) R_ref``: the logarithm form
 of the quaternion DMP (Ude et al., 2014), in Koutras and Doulgeri's (2020) version that makes r obey the linear
 system itself. Both ends are exact and a rollout is linear in the weights, as for positions. The reference is the
-goal's orientation, so that r ends at zero; r is continuous beyond half a turn, and signs of quaternions do not
-matter.
+goal's orientation, so that r ends at zero; of movements of about a turn and more it lies between the ends, because
+near whole turns r says little about small changes. r is continuous beyond half a turn, and signs of quaternions do
+not matter.
+
+Online, pushes and goals that move are rotations of their own, ``R = exp(e) exp(r) R_ref``, the shortest ones, which
+die out or bridge over as deviations of positions do.
 
 A movement that turns about a fixed axis, as everything in the plane and a tray that stays level do, has the angle
 about that axis as its only coordinate of orientation: SE(2), or a level SE(3).
@@ -24,7 +28,8 @@ from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives import rotations
 from comove.primitives.dmp import DMP
-from comove.primitives.online import DMPState
+from comove.primitives.forcing import N_INTERVALS
+from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import Phase
 from comove.primitives.variants import Variant
 from comove.trajectory import PoseTrajectory
@@ -36,9 +41,10 @@ Array = NDArray[np.float64]
 
 VERTICAL = (0.0, 0.0, 1.0)
 UNIT = 1e-3  # by which the norm of a quaternion may be off
-WANDERING = (
-    0.3  # rad a sample, beyond which a step of the rotation vector that is no step of the body is a jump
-)
+# rad a sample, beyond which a step of the rotation vector that is no step of the body is a jump
+WANDERING = 0.3
+SHARES = (0.0, 0.5, 0.25, 0.375)  # of the turn, at which the reference may lie
+NUDGE = 1e-5  # durations
 
 
 class PoseRecording(Protocol):
@@ -72,8 +78,7 @@ class Pose:
     orientation: Array = (1.0, 0.0, 0.0, 0.0)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        position = np.array(self.position, dtype=float)
-        orientation = np.array(self.orientation, dtype=float)
+        position, orientation = _numbers(self.position), _numbers(self.orientation)
         if position.shape not in ((2,), (3,)) or not np.isfinite(position).all():
             raise OptionError(f"position = {self.position!r}", way_out="give 2 or 3 finite numbers")
         norm = np.linalg.norm(orientation)
@@ -91,8 +96,13 @@ class Pose:
         """A pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
         if rotation is None:
             return cls(position)
-        if isinstance(rotation, (int, float)):
+        if isinstance(rotation, (int, float, np.integer, np.floating)):
             return cls(position, (np.cos(rotation / 2), 0.0, 0.0, np.sin(rotation / 2)))
+        if not hasattr(rotation, "as_quat"):
+            raise OptionError(
+                f"rotation = {rotation!r}",
+                way_out="give scipy's Rotation, or an angle about the vertical [rad]",
+            )
         return cls(position, rotation.as_quat(scalar_first=True))
 
     @property
@@ -110,11 +120,13 @@ class PoseState:
     Attributes
     ----------
     translation : of the position
-    turning : of the rotation vector, or of the angle
+    turning : of the rotation vector, or of the angle, undisturbed
+    aside : of the rotation vector e by which the body is turned away from that
     """
 
     translation: DMPState
     turning: DMPState
+    aside: DMPState
 
     @property
     def time(self) -> float:
@@ -196,10 +208,20 @@ class PoseDMP:
             reference[np.flatnonzero(np.abs(reference) > 1e-9)[0]]
         )  # w > 0, if not zero
         relative = rotations.quaternion_product(orientation, rotations.conjugate(reference))
+        if n_dims == 2 and axis is not None and np.abs(_unit(axis) - VERTICAL).max() > UNIT:
+            raise OptionError(
+                f"axis = {axis!r} of a planar movement", way_out="leave it out: it is the vertical"
+            )
         about = None if axis is None and n_dims == 3 else _unit(VERTICAL if axis is None else axis)
         if about is None:
             turning = rotations.continuous_logarithm(relative)
             _require_continuous(turning, relative)
+            between = _between(turning[0])
+            if between.any():
+                reference = rotations.quaternion_product(rotations.exponential(between), reference)
+                relative = rotations.quaternion_product(orientation, rotations.conjugate(reference))
+                turning = rotations.continuous_logarithm(relative, -between)
+                _require_continuous(turning, relative)
         else:
             turning, left_out = _angles(relative, about)
             if left_out > 0.01:
@@ -253,7 +275,9 @@ class PoseDMP:
             duration=duration, **{name: pose.position for name, pose in given.items()}
         )
         turns = {"start": self.turning.start, "goal": self.turning.goal}
-        turns |= {name: self._turn(pose, turns[name]) for name, pose in given.items()}
+        for name, pose in given.items():
+            near, turns[name] = turns[name], self._turn(pose, turns[name])
+            self._require_no_leap(name, pose, near, turns[name])
         return replace(
             self, translation=translation, turning=self.turning.towards(duration=duration, **turns)
         )
@@ -286,40 +310,81 @@ class PoseDMP:
 
     def initial_state(self) -> PoseState:
         """The state at time 0, from which `step` goes on."""
-        return PoseState(self.translation.initial_state(), self.turning.initial_state())
+        nothing = Curve(np.zeros((3, N_INTERVALS + 1, 3)), np.zeros((N_INTERVALS + 1, 3)), np.zeros(3))
+        aside = begin(nothing, np.zeros(3), np.zeros(3), self.duration)
+        return PoseState(self.translation.initial_state(), self.turning.initial_state(), aside)
 
     def step(self, state: PoseState, dt: float, *, rate: float = 1.0) -> PoseState:
         """Advance by `dt` [s] online, exactly, as `DMP.step` does."""
         return PoseState(
             self.translation.step(state.translation, dt, rate=rate),
             self.turning.step(state.turning, dt, rate=rate),
+            advance(state.aside, dt, rate),
         )
 
     def pose(self, state: PoseState) -> Pose:
         """The pose of a state."""
-        return Pose(state.translation.position, self._orientation(state.turning.position))
+        aside = rotations.exponential(state.aside.position)
+        orientation = rotations.quaternion_product(aside, self._orientation(state.turning.position))
+        return Pose(state.translation.position, orientation)
 
     def twist(self, state: PoseState) -> tuple[Array, Array]:
         """Velocity [m/s] and angular velocity [rad/s] of a state; arrays, shapes (n_dims,) and (3,)."""
-        turning = state.turning
-        vector, rate = self._vectors(turning.position), self._vectors(turning.velocity)
-        return state.translation.velocity, rotations.angular_velocity(vector, rate)
+        return state.translation.velocity, self._spin(state) * (state.turning.rate / state.turning.duration)
 
     def redirected(self, state: PoseState, goal: Pose) -> PoseState:
-        """The state with a goal that has moved; it is reached by the shortest turn from the former goal."""
+        """The state with a goal that has moved: the shortest turn leads over to the movement that ends there."""
         goal = self._checked("goal", goal)
-        return PoseState(
-            replace(state.translation, goal=goal.position),
-            replace(state.turning, goal=self._turn(goal, state.turning.goal)),
+        turn = self._turn(goal, state.turning.goal)
+        curve = self.turning.towards(goal=turn).curve
+        s, now = state.turning.progress, self.pose(state).orientation
+        values = curve.at(s)
+        turning = replace(state.turning, goal=turn, curve=curve, position=values[0], slope=values[1])
+        gap = rotations.logarithm(
+            rotations.quaternion_product(now, rotations.conjugate(self._orientation(values[0])))
         )
+        slope = self._slope(gap, self._spin(state), values)
+        later = curve.at(s + NUDGE)  # where both would be a moment later, for the curvature of the bridge
+        then = self.step(state, NUDGE * state.turning.duration)
+        gap_then = rotations.logarithm(
+            rotations.quaternion_product(
+                self.pose(then).orientation, rotations.conjugate(self._orientation(later[0]))
+            )
+        )
+        bend = (self._slope(gap_then, self._spin(then), later) - slope) / NUDGE
+        nothing = replace(state.aside.curve, bridge=None)
+        aside = replace(
+            state.aside, curve=nothing.bridged(np.stack([gap, slope, bend]), s), position=gap, slope=slope
+        )
+        return PoseState(replace(state.translation, goal=goal.position), turning, aside)
 
     def displaced(self, state: PoseState, pose: Pose) -> PoseState:
-        """The state of a body that was pushed to `pose`."""
-        pose = self._checked("pose", pose)
+        """The state of a body that was pushed to `pose`; what turns about an axis takes the nearest turn about it."""
+        pose = self._checked("pose", pose, tilted=True)
+        undisturbed = self._orientation(state.turning.position)
+        aside = rotations.logarithm(
+            rotations.quaternion_product(pose.orientation, rotations.conjugate(undisturbed)),
+            state.aside.position,
+        )
+        if self.axis is not None:
+            aside = (aside @ self.axis) * self.axis
         return PoseState(
             replace(state.translation, position=pose.position),
-            replace(state.turning, position=self._turn(pose, state.turning.position)),
+            state.turning,
+            replace(state.aside, position=aside),
         )
+
+    def _spin(self, state: PoseState) -> Array:
+        """Angular velocity of a state by its progress; array, shape (3,)."""
+        aside, turning = state.aside, state.turning
+        own = rotations.angular_velocity(self._vectors(turning.position), self._vectors(turning.slope))
+        carried = rotations.matrices(rotations.exponential(aside.position)) @ own
+        return rotations.angular_velocity(aside.position, aside.slope) + carried
+
+    def _slope(self, aside: Array, spin: Array, values: Array) -> Array:
+        """Change of the rotation vector `aside` with which exp(aside) exp(r) turns at `spin`; values (3, n) of r."""
+        own = rotations.angular_velocity(self._vectors(values[0]), self._vectors(values[1]))
+        return rotations.rates_of(aside, spin - rotations.matrices(rotations.exponential(aside)) @ own)
 
     def _vectors(self, turning: Array) -> Array:
         return turning if self.axis is None else turning * self.axis
@@ -333,10 +398,19 @@ class PoseDMP:
         vector = rotations.logarithm(relative, self._vectors(near))
         return vector if self.axis is None else np.array([vector @ self.axis])
 
-    def _checked(self, name: str, pose: Pose) -> Pose:
+    def _require_no_leap(self, name: str, pose: Pose, near: Array, turn: Array) -> None:
+        """Refuse coordinates far from `near` for a body that hardly turned: so it is near whole turns."""
+        between = rotations.quaternion_product(pose.orientation, rotations.conjugate(self._orientation(near)))
+        if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(rotations.logarithm(between)):
+            raise OptionError(
+                f"the {name} turns away from the axis of a movement of whole turns",
+                way_out="turn it about that axis only, or cut the movement in two",
+            )
+
+    def _checked(self, name: str, pose: Pose, tilted: bool = False) -> Pose:
         if not isinstance(pose, Pose) or len(pose.position) != self.n_dims:
             raise OptionError(f"{name} = {pose!r}", way_out=f"give a Pose in {self.n_dims} dimensions")
-        if self.axis is not None:
+        if self.axis is not None and not tilted:
             relative = rotations.quaternion_product(pose.orientation, rotations.conjugate(self.reference))
             _, away = _angles(relative[None], self.axis)
             if away > UNIT:
@@ -347,8 +421,32 @@ class PoseDMP:
         return pose
 
 
+def _between(start: Array) -> Array:
+    """Rotation vector, relative to the goal, of the reference from which both ends are far from whole turns.
+
+    Parameters
+    ----------
+    start : array, shape (3,), rotation vector of the start relative to the goal
+    """
+    angle = np.linalg.norm(start)
+
+    def margin(share: float) -> float:
+        ends = np.array([share * angle, (1 - share) * angle])
+        return float(np.abs(ends - 2 * np.pi * np.maximum(np.round(ends / (2 * np.pi)), 1)).min())
+
+    return max(SHARES, key=lambda share: (min(margin(share), 0.5 * np.pi), -share)) * start
+
+
+def _numbers(value: object) -> Array:
+    """A new array of what are numbers, NaN for what is none."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return np.full((), np.nan)
+
+
 def _unit(axis: Sequence[float]) -> Array:
-    vector = np.asarray(axis, dtype=float)
+    vector = _numbers(axis)
     length = np.linalg.norm(vector)
     if vector.shape != (3,) or not (np.isfinite(length) and length > 0):
         raise OptionError(f"axis = {axis!r}", way_out="give three numbers, not all of them zero")

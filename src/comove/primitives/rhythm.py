@@ -74,16 +74,21 @@ class RhythmicBasis:
 
 @lru_cache(maxsize=32)
 def rhythmic_basis(n_basis: int) -> RhythmicBasis:
-    """Build (once) the basis with `n_basis` free shape weights a dimension, orthonormal in velocity."""
+    """Build (once) the basis with `n_basis` free shape weights a dimension: harmonics, of unit velocity each.
+
+    The functions are shifts of one another, so the harmonics of their weights lie across each other in every metric.
+    """
     psi = von_mises(n_basis + 1)
     weights = from_rest(psi)
     free = released(np.linspace(0.0, 1.0, N_INTERVALS + 1))
     onset = np.linalg.solve(np.eye(2) - free[:2, -1], weights[:2, -1])  # which returns after a period
     cycle = weights + free @ onset
+    index, harmonic = np.arange(n_basis + 1), np.arange(n_basis) // 2 + 1
+    angle = 2 * np.pi * np.outer(index, harmonic) / (n_basis + 1)
+    of_shape = np.where(np.arange(n_basis) % 2 == 0, np.cos(angle), np.sin(angle))
     mean = 0.5 * (cycle[0, 1:] + cycle[0, :-1]).mean(axis=0)
-    null_space = np.linalg.svd(mean[None])[2][1:].T
-    _, singular, right = np.linalg.svd(cycle[1] @ null_space, full_matrices=False)
-    of_shape = null_space @ (right.T / singular) * np.sqrt(N_INTERVALS)
+    of_shape -= (mean @ of_shape) / mean.sum()
+    of_shape /= np.sqrt((((cycle[1] @ of_shape)[:-1]) ** 2).mean(axis=0))
     arrays = cycle @ of_shape, psi @ of_shape
     for array in arrays:
         array.setflags(write=False)

@@ -59,12 +59,13 @@ def logarithm(quaternion: Array, near: Array | None = None) -> Array:
     return axis * (angle + 2 * np.pi * turns)
 
 
-def continuous_logarithm(quaternions: Array) -> Array:
-    """Rotation vectors of a movement, without jumps; the last one is the shortest.
+def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array:
+    """Rotation vectors of a movement, without jumps; the last one is the shortest, or the one nearest to `last`.
 
     Parameters
     ----------
     quaternions : array, shape (n_steps, 4), whatever their signs
+    last : array, shape (3,)
 
     Returns
     -------
@@ -80,7 +81,10 @@ def continuous_logarithm(quaternions: Array) -> Array:
         axis = axis[turned[np.minimum(np.searchsorted(turned, np.arange(len(q))), turned.size - 1)]]
     axis *= _signs_from_the_end((axis[1:] * axis[:-1]).sum(axis=1))  # about a fixed axis the angle has a sign
     angle = 2 * np.arctan2((q[:, 1:] * axis).sum(axis=1), q[:, 0])
-    return axis * np.unwrap(angle[::-1])[::-1, None]
+    angle = np.unwrap(angle[::-1])[::-1]
+    if last is not None:
+        angle = angle + 2 * np.pi * np.round((axis[-1] @ last - angle[-1]) / (2 * np.pi))
+    return axis * angle[:, None]
 
 
 def _signs_from_the_end(dots: Array) -> Array:
@@ -95,6 +99,12 @@ def angular_velocity(vectors: Array, rates: Array) -> Array:
     second = np.where(angle < SMALL, 1 / 6, (1 - np.sinc(angle / np.pi)) / np.maximum(angle, SMALL) ** 2)
     crossed = np.cross(vectors, rates)
     return rates + first * crossed + second * np.cross(vectors, crossed)
+
+
+def rates_of(vector: Array, angular: Array) -> Array:
+    """r' from one rotation vector r and its angular velocity, shape (3,): the inverse of `angular_velocity`."""
+    jacobian = np.stack([angular_velocity(vector, unit) for unit in np.eye(3)], axis=1)
+    return np.linalg.solve(jacobian, angular)
 
 
 def matrices(quaternions: Array) -> Array:

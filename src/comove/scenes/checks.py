@@ -16,6 +16,8 @@ from comove.scenes.yaml_reader import MAX_NAMES, near_files
 if TYPE_CHECKING:
     from comove.scenes.model import SceneFile
 
+DATA_SETS = ("meta/info.json", "metadata.yaml")
+"""What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
 LARGE_WORKSPACE = 50.0
 """A workspace wider than this is probably written in millimetres [m]."""
 
@@ -102,8 +104,6 @@ def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     for i, constraint in enumerate(scene.constraints):
         for j, name in enumerate(getattr(constraint, "between", ())):
             yield ("constraints", i, "between", j), name
-    if scene.demonstration and scene.demonstration.manipulator is not None:
-        yield ("demonstration", "manipulator"), scene.demonstration.manipulator
 
 
 def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:
@@ -207,7 +207,7 @@ def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
         path = (folder / name).resolve()
         if not path.is_relative_to(folder.resolve()):
             return outside
-        if not path.is_file():
+        if not path.is_file() and not any((path / mark).is_file() for mark in DATA_SETS):
             way_out = near_files(folder, name, (Path(name).suffix.lower(),))
             return f"there is no file {show(name)} in the scene's folder", way_out
     except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links

@@ -24,7 +24,9 @@ from pydantic import (
     ConfigDict,
     Field,
     JsonValue,
+    SerializerFunctionWrapHandler,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -33,6 +35,8 @@ from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
 from comove.scenes.messages import Contract, Family, counted, explained, scene_error, show
 from comove.scenes.yaml_reader import Lines, read_yaml
 
+CHOICES = ("episode", "topic")
+"""Keys that say which recording of a file is meant."""
 MAX_NAME = 100
 MAX_DURATION = 3600.0
 """[s]"""
@@ -363,6 +367,15 @@ class DemonstrationSource(_Part):
     """The plane of a spatial scene in which a planar recording is laid."""
     scale: Positive | None = None
     manipulator: str | None = None
+    episode: str | int | None = None
+    """Name or number of a recording, where `file` holds several."""
+    topic: str | None = None
+    """Where `file` is a bag."""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_left_out(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Scenes that choose neither episode nor topic keep their checksum."""
+        return {key: value for key, value in write(self).items() if key not in CHOICES or value is not None}
 
     @model_validator(mode="after")
     def _one_source(self) -> DemonstrationSource:
@@ -372,6 +385,11 @@ class DemonstrationSource(_Part):
             raise _Wrong(f"{found} given", "give one of the three")
         if self.lasa is None and self.demo:
             raise _Wrong(f"demo {self.demo} belongs to a LASA shape and none is given", "leave demo out")
+        for key in ("manipulator", *CHOICES):
+            if self.file is None and getattr(self, key) is not None:
+                raise _Wrong(
+                    f"{key} {getattr(self, key)!r} belongs to a file and none is given", f"leave {key} out"
+                )
         return self
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -36,7 +37,9 @@ def read_demonstration(
     key = "demonstration.file" if source.file is not None else "demonstration.lasa"
     try:
         if source.file is not None:
-            recording = Demonstration.load(folder / source.file, manipulator=source.manipulator)
+            recording = Demonstration.load(
+                folder / source.file, source.manipulator, episode=source.episode, topic=source.topic
+            )
         else:
             recording = Demonstration.from_lasa(source.lasa, source.demo)
     except DemonstrationError as error:
@@ -46,7 +49,8 @@ def read_demonstration(
         position = _in_space(position, source.plane)
     if position.shape[1] != n_dims:
         raise _other_dimension("recording", recording.n_dims, n_dims, file, key)
-    return Demonstration(recording.time, position, recording.name, recording.notes, recording.unit)
+    axes = recording.axes if position.shape == recording.position.shape else ()
+    return replace(recording, position=position, axes=axes)
 
 
 def read_movement(source: DemonstrationSource, folder: Path, n_dims: int, file: object = None) -> DMP:
