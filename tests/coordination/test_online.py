@@ -1,5 +1,7 @@
 """A coordinated movement executed step by step: the load stays rigid whatever happens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -87,3 +89,36 @@ def test_goals_that_break_the_load_are_refused():
     for wrong in (PLANAR_BAR.goal[:1], np.full((2, 2), np.nan)):
         with pytest.raises(OptionError, match="2 points of 2 finite numbers"):
             motion.redirected(state, wrong)
+
+
+def test_a_goal_may_be_replaced_in_the_state():
+    """As configuration, as `DMP.step` has it."""
+    motion = random_motion("angle", 6, 0.2)
+    state = motion.step(motion.initial_state(), 0.3 * motion.scene.duration)
+    state = replace(state, goal=state.goal + [0.1, 0.1, 0.0])
+    hands, _ = motion.hands_at(motion.step(state, motion.scene.duration))
+    assert np.abs(hands - motion.scene.goal - 0.1).max() < 1e-9
+
+
+def test_the_roll_of_two_hands_stays_when_they_are_pushed():
+    """Their positions say nothing of it: measured where they are, the configuration does not change."""
+    motion = random_motion("relative pose", 7, 0.2)
+    state = motion.step(motion.initial_state(), 0.4 * motion.scene.duration)
+    same = motion.displaced(state, motion.hands_at(state)[0])
+    assert np.abs(same.position - state.position).max() < 1e-9
+
+
+def test_what_is_none_of_this_motion():
+    motion, other = random_motion("angle", 8, 0.2), random_motion("quaternion", 8, 0.2)
+    for doing in (
+        lambda s: motion.redirected(s, motion.scene.goal),
+        lambda s: motion.displaced(s, motion.scene.goal),
+    ):
+        with pytest.raises(OptionError, match="none of this motion"):
+            doing(other.initial_state())
+    for wrong in ("a", [[1, 2], [3]]):
+        with pytest.raises(OptionError, match="points of"):
+            motion.displaced(motion.initial_state(), wrong)
+    for n_steps in (0, -5, 2.5, "a"):
+        with pytest.raises(OptionError, match="n_steps"):
+            motion.trajectory(n_steps)

@@ -494,3 +494,22 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
     monkeypatch.setattr("comove.planning.methods.plan", plan)
     monkeypatch.setattr("comove.planning.methods.RESTARTS", 1)
     assert not comove.solve(closed(), planner=False, budget=3.0).verified
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"scene": "narrow.yaml"}, "Scene.load"),
+        ({"scene": {}}, "Scene.load"),
+        ({"demonstration": Demonstration.from_lasa("Angle")}, "DMP.fit"),
+        ({"budget": "3"}, "budget"),
+        ({"budget": None}, "budget"),
+        ({"checks": print}, "checks"),
+        ({"checks": "abc"}, "checks"),
+        ({"checks": None}, "checks"),
+    ],
+)
+def test_slips_are_told(wrong, message):
+    arguments = {"scene": example("narrow"), **wrong}
+    with pytest.raises(OptionError, match=message):
+        comove.solve(arguments.pop("scene"), **arguments)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove.demonstrations import Demonstration
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 from comove.primitives import DMP
 from comove.primitives.average import average
 
@@ -50,3 +50,11 @@ def test_what_has_no_mean():
     other = Demonstration(DEMOS[0].time, np.zeros((1000, 3)) + 0.1 * DEMOS[0].time[:, None])
     with pytest.raises(DemonstrationError, match="2 and 3 coordinates"):
         average([DEMOS[0], other])
+
+
+def test_slips_are_told():
+    with pytest.raises(OptionError, match="cycles"):
+        average(DEMOS, variant="rhythmic")
+    for wrong in (None, iter(DEMOS), [DMP.fit(DEMOS[0])] * 2):
+        with pytest.raises(OptionError, match="demonstrations"):
+            average(wrong)

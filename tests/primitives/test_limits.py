@@ -146,3 +146,13 @@ def test_what_cannot_be_is_said():
     still = replace(dmp, variant="classic").towards(goal=dmp.start)
     with pytest.raises(OptionError, match="learns nothing where the goal is the start"):
         constrained(still, via=[ViaPoint(0.2, dmp.start + 0.1)])
+
+
+def test_slips_are_told():
+    dmp = random_dmp(8)
+    for via in (ViaPoint(0.1, [0, 0]), [(0.1, [0, 0])], [ViaPoint("1", [0, 0])], [ViaPoint(0.1, "a")]):
+        with pytest.raises(OptionError, match="via"):
+            constrained(dmp, via=via)
+    for function in (largest, slowed, constrained):
+        with pytest.raises(OptionError, match="the movement is"):
+            function(None)

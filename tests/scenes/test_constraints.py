@@ -13,6 +13,7 @@ from comove.scenes import (
     DistanceConstraint,
     RelativePoseConstraint,
     SameHeightConstraint,
+    Scene,
     SeparationConstraint,
     UprightConstraint,
 )
@@ -370,3 +371,21 @@ def test_everything_at_once():
     assert len(scene.constraints) == 4 + 3
     with pytest.raises(SceneError, match="constraints"):
         quiet(data | {"constraints": [*data["constraints"], between("same_height", "a", "f")]})
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 5.0, 1e300])
+def test_a_separation_that_demands_nothing_is_refused(tolerance):
+    data = {
+        "name": "apart",
+        "duration": 5.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "manipulators": [
+            {"name": "a", "start": [0.1, 0.2], "goal": [0.9, 0.2]},
+            {"name": "b", "start": [0.1, 0.8], "goal": [0.9, 0.8]},
+        ],
+        "constraints": [
+            {"type": "separation", "between": ["a", "b"], "distance": 0.1, "tolerance": tolerance}
+        ],
+    }
+    with pytest.raises(SceneError, match="leaves nothing of the distance"):
+        Scene.from_dict(data)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.coordination import load_coordinates
-from comove.errors import SceneError
+from comove.errors import OptionError, SceneError
 from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
@@ -339,3 +339,11 @@ def test_the_clearance_of_free_hands_is_certified_below_what_is_there(seed, n_di
         motion.scene, motion.hands(np.linspace(0.0, 1.0, 3001))[0]
     ).min()
     assert report.clearance_min <= actual + 1e-9
+
+
+def test_only_motions_are_judged_and_a_check_may_say_one_sentence():
+    for wrong in (None, solved("narrow").motion, solved("narrow").trajectory):
+        with pytest.raises(OptionError, match="CoordinatedMotion"):
+            verify(wrong)
+    verdict = verify(solved("narrow").attempt, checks=[lambda motion: "too blue"])
+    assert verdict.reasons == ("too blue",)

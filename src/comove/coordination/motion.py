@@ -13,8 +13,9 @@ from comove.errors import OptionError
 from comove.primitives.basis import MotionBasis, rollouts
 from comove.primitives.dmp import DMP
 from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.rotations import similarity
+from comove.primitives.rotations import quaternion_product, similarity
 from comove.primitives.variants import Variant
+from comove.scenes.groups import orientation_of, quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 
@@ -81,8 +82,10 @@ class CoordinatedMotion:
         """Advance by `dt` [s] online, exactly as `DMP.step` does.
 
         What the coordinates hold by construction, they hold at any pace, in pauses, after pushes and while the goal
-        moves.
+        moves. A redirected movement has not been verified.
         """
+        if not np.array_equal(state.goal, state.curve.goal):
+            state = self._towards(state, state.goal)
         return advance(state, dt, rate)
 
     def hands_at(self, state: DMPState) -> tuple[Array, Array]:
@@ -109,6 +112,12 @@ class CoordinatedMotion:
                 f"the goal {np.asarray(goal).tolist()} breaks a constraint by {miss:.3g} m",
                 way_out="move all hands together",
             )
+        return self._towards(state, q)
+
+    def _towards(self, state: DMPState, q: Array) -> DMPState:
+        """The state on the way to another goal, a configuration."""
+        if len(q) != self.coordinates.n_columns:
+            raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         boundary = self.boundary.copy()
         boundary[2] = q
         curve = replace(self, boundary=boundary).curve.after(state.curve, state.progress)
@@ -123,7 +132,12 @@ class CoordinatedMotion:
 
     def _configuration(self, near: Array, hands: ArrayLike) -> Array:
         """The configuration of given hands on the branch of another one, `near`."""
-        hands = np.asarray(hands, dtype=float)
+        if len(near) != self.coordinates.n_columns:
+            raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
+        try:
+            hands = np.asarray(hands, dtype=float)
+        except (TypeError, ValueError):
+            hands = np.full((), np.nan)
         now = self._hands_of(near)
         if hands.shape != now.shape or not np.isfinite(hands).all():
             raise OptionError(
@@ -131,9 +145,17 @@ class CoordinatedMotion:
                 way_out=f"give {len(now)} points of {self.scene.n_dims} finite numbers",
             )
         own, q = self.coordinates.from_hands(np.stack([now, hands]))
-        for kind, columns, *_ in self.coordinates.parts:
+        for group, (kind, columns, *_) in zip(self.coordinates.groups, self.coordinates.parts, strict=True):
             turn = np.arange(len(q))[columns][self.coordinates.n_dims :]
-            if kind == ANGLE:
+            if kind == QUATERNION and orientation_of(group.grasps, 3) == "axis":
+                # Two hands say nothing of the roll about the line between them: it stays.
+                ends = (hand[list(group.members)] for hand in (now, hands))
+                first, last = (np.diff(fit_ends, axis=0)[0] for fit_ends in ends)
+                least = quaternion_of_rotation(
+                    similarity(first / np.linalg.norm(first), last / np.linalg.norm(last))
+                )
+                q[turn] = quaternion_product(least, near[turn])
+            elif kind == ANGLE:
                 q[turn] += near[turn] - own[turn]
             elif len(turn):  # its length is free, and a quaternion's sign
                 q[turn] *= (own[turn] @ near[turn]) / (own[turn] @ own[turn])
@@ -146,6 +168,8 @@ class CoordinatedMotion:
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
         """Sample the movement; at `SAMPLE_RATE` or finer unless `n_steps` is given."""
         duration = self.scene.duration
+        if n_steps is not None and (not isinstance(n_steps, (int, np.integer)) or n_steps < 2):
+            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
         n_steps = n_steps or max(201, int(np.ceil(duration * SAMPLE_RATE - 1e-9)) + 1)
         s = np.linspace(0.0, 1.0, n_steps)
         position, velocity, _ = self.hands(s)

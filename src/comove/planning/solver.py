@@ -74,7 +74,7 @@ def solve(
     OptionError
         If an argument is out of range.
     """
-    _check_options(seed, method, budget, obstacles)
+    _check_options(scene, demonstration, seed, method, budget, obstacles, checks)
     load_kernels(scene.n_dims)
     started = time.perf_counter()
     method = method or Comove()
@@ -115,12 +115,32 @@ def solve(
     )
 
 
-def _check_options(seed: object, method: object, budget: float, obstacles: str) -> None:
+def _check_options(
+    scene: object,
+    demonstration: object,
+    seed: object,
+    method: object,
+    budget: object,
+    obstacles: str,
+    checks: object,
+) -> None:
+    if not isinstance(scene, Scene):
+        raise OptionError(
+            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
+        )
+    if demonstration is not None and not isinstance(demonstration, DMP):
+        raise OptionError(
+            f"the demonstration is {type(demonstration).__name__}",
+            key="demonstration",
+            way_out="give a primitive: DMP.fit(demonstration)",
+        )
+    if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
+        raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
     if method is not None and not isinstance(method, (Comove, Paper)):
         raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
-    if not 0 < budget < np.inf:
+    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     if obstacles not in OBSTACLES:
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 from comove.primitives.dmp import DMP, Recording
 from comove.primitives.phase import Phase
 from comove.primitives.variants import Variant
@@ -70,10 +70,18 @@ def average(
     DemonstrationError
         If there are fewer than two, or their coordinates differ.
     """
+    if Variant.named(variant) is Variant.RHYTHMIC:
+        raise OptionError(
+            "cycles begin anywhere and have no mean", key="variant", way_out="average movements that end"
+        )
+    if not isinstance(demonstrations, (list, tuple)):
+        raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
     if len(demonstrations) < 2:
         raise DemonstrationError(
             f"{len(demonstrations)} demonstration has no spread", way_out="give two or more, or use DMP.fit"
         )
+    if not all(hasattr(demonstration, "position") for demonstration in demonstrations):
+        raise OptionError("some are no recordings", key="demonstrations", way_out="give Demonstrations")
     widths = sorted({demonstration.position.shape[1] for demonstration in demonstrations})
     if len(widths) > 1:
         raise DemonstrationError(

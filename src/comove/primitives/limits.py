@@ -146,7 +146,7 @@ def _solved(
             weights, np.concatenate(rows), np.concatenate(lower), np.concatenate(upper), len(targets)
         )
         if solution is None:
-            wanted = [f"{len(np.unique(targets))} via-points"] if len(targets) else []
+            wanted = ["the via-points"] if len(targets) else []
             wanted += [
                 name for name, limit in zip(("velocity", "acceleration"), limits, strict=True) if limit
             ]
@@ -226,8 +226,13 @@ def _largest(knots: Array) -> tuple[Array, Array]:
 def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
     """Rows of [B Phi] and what they must give; arrays, shapes (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
     rows, targets = [np.zeros((0, 4 + dmp.weights.shape[1]))], [np.zeros((0, dmp.n_dims))]
+    if not isinstance(via, (list, tuple)) or not all(isinstance(point, ViaPoint) for point in via):
+        raise OptionError(f"via = {via!r}", way_out="give a list of ViaPoint(time, position)")
     for point in via:
-        if not 0 < point.time < dmp.duration:
+        if (
+            not isinstance(point.time, (int, float, np.integer, np.floating))
+            or not 0 < point.time < dmp.duration
+        ):
             raise OptionError(
                 f"a via-point at {point.time!r} s of a movement of {dmp.duration:g} s",
                 way_out="give a time between start and end",
@@ -236,7 +241,10 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
         for order, value in enumerate((point.position, point.velocity)):
             if value is None:
                 continue
-            vector = np.asarray(value, dtype=float)
+            try:
+                vector = np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                vector = np.full((), np.nan)
             if vector.shape != (dmp.n_dims,) or not np.isfinite(vector).all():
                 raise OptionError(f"a via-point at {value!r}", way_out=f"give {dmp.n_dims} finite numbers")
             rows.append(np.concatenate([boundary[order], shape[order]], axis=1))
@@ -259,5 +267,10 @@ def _of(limit: Array | None, dimension: int) -> float | None:
 
 
 def _require_an_end(dmp: DMP) -> None:
+    if not isinstance(dmp, DMP):
+        raise OptionError(
+            f"the movement is {type(dmp).__name__}",
+            way_out="give a DMP, such as `translation` of one of poses",
+        )
     if not isinstance(dmp.basis, MotionBasis):
         raise OptionError("a rhythmic movement has no end", way_out="give a movement that ends")

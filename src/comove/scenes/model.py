@@ -325,6 +325,15 @@ class SeparationConstraint(_Part):
     distance: Positive
     tolerance: NotNegative = 0.0
 
+    @model_validator(mode="after")
+    def _demands_something(self) -> SeparationConstraint:
+        if self.tolerance >= self.distance:
+            raise _Wrong(
+                f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
+                "give a smaller tolerance",
+            )
+        return self
+
 
 class UprightConstraint(_Part):
     """The load turns about the vertical only; the goal may miss the tilt of the start by `tolerance_deg`."""

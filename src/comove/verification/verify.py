@@ -144,6 +144,11 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     checks
         Further checks, a robot's for example.
     """
+    if not isinstance(motion, CoordinatedMotion):
+        raise OptionError(
+            f"the motion is {type(motion).__name__}",
+            way_out="give a CoordinatedMotion, such as `solution.attempt`; a VerifiedMotion has passed already",
+        )
     scene, duration = motion.scene, motion.scene.duration
     position, velocity, acceleration = motion.coordinates.motion(motion.knots)[
         :, :, : len(scene.manipulators)
@@ -183,7 +188,8 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     if not clearance.lower >= scene.clearance:
         reasons.append(_contact(motion, clearance))
     for check in checks:
-        reasons.extend(check(motion))
+        told = check(motion)
+        reasons.extend([told] if isinstance(told, str) else told)
     verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
     return Verdict(verified, report, tuple(reasons))
 
