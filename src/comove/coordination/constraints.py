@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveError, OptionError, near_name
+from comove.primitives.arguments import is_number, numbers
 from comove.primitives.poses import VERTICAL, Pose
 from comove.primitives.rotations import conjugate, exponential, matrices, quaternion_product
 
@@ -144,11 +145,8 @@ class Upright:
     axis: tuple[float, float, float] = VERTICAL
 
     def __post_init__(self) -> None:
-        try:
-            length = float(np.linalg.norm(np.asarray(self.axis, dtype=float)))
-        except (TypeError, ValueError):
-            length = 0.0
-        if np.shape(self.axis) != (3,) or not 0 < length < np.inf:
+        axis = numbers(self.axis)
+        if axis.shape != (3,) or not 0 < np.linalg.norm(axis) < np.inf:
             raise OptionError(f"axis = {self.axis!r}", way_out="give three numbers, not all of them zero")
 
     def __call__(self, poses: Poses) -> Array:
@@ -199,7 +197,7 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
 
 
 def _require_length(distance: object) -> None:
-    if not isinstance(distance, (int, float, np.integer, np.floating)) or not 0 < distance < np.inf:
+    if not is_number(distance) or not distance > 0:
         raise OptionError(f"distance = {distance!r}", way_out="give a positive number of metres")
 
 

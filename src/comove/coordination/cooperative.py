@@ -22,6 +22,7 @@ from comove.coordination.constraints import TURN_LENGTH, Constraint, ConstraintE
 from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, OptionError, near_name
 from comove.primitives import rotations
+from comove.primitives.arguments import require_steps
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.trajectory import PoseTrajectory
 
@@ -191,8 +192,7 @@ class CooperativeDMP:
         n_steps: int = 201,
     ) -> PoseTrajectory:
         """Play the movement of all hands, between other poses of the load if they are given."""
-        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
-            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        require_steps(n_steps)
         dmp = self.towards(start=start, goal=goal, duration=duration)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 

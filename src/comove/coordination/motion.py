@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates
 from comove.errors import OptionError
+from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.basis import MotionBasis, rollouts
 from comove.primitives.dmp import DMP
 from comove.primitives.online import Curve, DMPState, advance, begin
@@ -134,10 +135,7 @@ class CoordinatedMotion:
         """The configuration of given hands on the branch of another one, `near`."""
         if len(near) != self.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
-        try:
-            hands = np.asarray(hands, dtype=float)
-        except (TypeError, ValueError):
-            hands = np.full((), np.nan)
+        hands = numbers(hands)
         now = self._hands_of(near)
         if hands.shape != now.shape or not np.isfinite(hands).all():
             raise OptionError(
@@ -168,8 +166,8 @@ class CoordinatedMotion:
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
         """Sample the movement; at `SAMPLE_RATE` or finer unless `n_steps` is given."""
         duration = self.scene.duration
-        if n_steps is not None and (not isinstance(n_steps, (int, np.integer)) or n_steps < 2):
-            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        if n_steps is not None:
+            require_steps(n_steps)
         n_steps = n_steps or max(201, int(np.ceil(duration * SAMPLE_RATE - 1e-9)) + 1)
         s = np.linspace(0.0, 1.0, n_steps)
         position, velocity, _ = self.hands(s)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.primitives.arguments import is_number, numbers, require_steps, vector
 from comove.primitives.basis import MotionBasis, released, rollouts
 from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
@@ -23,7 +24,6 @@ from comove.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 BLOCK = 4000  # samples that are fitted at a time
-MAX_STEPS = 100_000_000
 
 
 class Recording(Protocol):
@@ -62,7 +62,7 @@ class DMP:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variant", Variant.named(self.variant))
-        if not (np.isscalar(self.duration) and 0 < _number(self.duration) < np.inf):
+        if not is_number(self.duration) or not self.duration > 0:
             raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
         if self.learned is None:
             object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
@@ -179,9 +179,9 @@ class DMP:
 
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
-        period = estimated_period(time, position) if period is None else _number(period)
+        period = estimated_period(time, position) if period is None else period
         shortest = 2 * time[-1] / (len(time) - 1)  # which samples can tell
-        if not shortest <= period <= time[-1] * (1 + 1e-9):
+        if not is_number(period) or not shortest <= period <= time[-1] * (1 + 1e-9):
             raise OptionError(
                 f"period = {period!r}",
                 way_out=f"give one from {shortest:.4g} s to the recording's {time[-1]:.4g} s",
@@ -242,8 +242,8 @@ class DMP:
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
         """
-        new_duration = self.duration if duration is None else _number(duration)
-        if not (np.isfinite(new_duration) and new_duration > 0):
+        new_duration = self.duration if duration is None else duration
+        if not is_number(new_duration) or not new_duration > 0:
             raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
         ratio = self.duration / new_duration
         moved = replace(
@@ -285,7 +285,7 @@ class DMP:
         OptionError
             If an argument is out of range.
         """
-        _require_steps(n_steps)
+        require_steps(n_steps)
         dmp = self.towards(
             start=start,
             goal=goal,
@@ -311,11 +311,8 @@ class DMP:
         OptionError
             If `weights` has another shape.
         """
-        _require_steps(n_steps)
-        try:
-            weights = np.asarray(weights, dtype=float)
-        except (TypeError, ValueError):
-            weights = np.full((), np.nan)
+        require_steps(n_steps)
+        weights = numbers(weights)
         if weights.ndim != 3 or weights.shape[1:] != self.weights.shape:
             raise OptionError(
                 f"weights of shape {weights.shape}",
@@ -331,10 +328,7 @@ class DMP:
 
         A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
         """
-        try:
-            time = np.asarray(time, dtype=float)
-        except (TypeError, ValueError):
-            time = np.full((), np.nan)
+        time = numbers(time)
         if time.ndim != 1 or not np.isfinite(time).all():
             raise OptionError(f"time of shape {time.shape}", way_out="give an array of finite numbers [s]")
         curve, s = self.curve, np.maximum(time / self.duration, 0.0)
@@ -396,31 +390,7 @@ class DMP:
         return self.variant.scaling(self.learned, self.goal - self.start, extent)
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
-        if value is None:
-            return default
-        try:
-            vector = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            vector = np.full(1, np.nan)
-        if vector.shape != self.start.shape or not np.isfinite(vector).all():
-            raise OptionError(f"{name} = {value!r}", way_out=f"give {len(self.start)} finite numbers")
-        return vector
-
-
-def _require_steps(n_steps: object) -> None:
-    if (
-        not isinstance(n_steps, (int, np.integer))
-        or isinstance(n_steps, bool)
-        or not 2 <= n_steps <= MAX_STEPS
-    ):
-        raise OptionError(f"n_steps = {n_steps!r}", way_out=f"give a whole number from 2 to {MAX_STEPS:,}")
-
-
-def _number(value: object) -> float:
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        return float("nan")
+        return default if value is None else vector(name, value, self.n_dims)
 
 
 def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int) -> Array:

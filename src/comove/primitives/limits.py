@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
+from comove.primitives.arguments import is_number, numbers, vector
 from comove.primitives.basis import MotionBasis
 from comove.primitives.dmp import DMP
 from comove.primitives.flow import OMEGA
@@ -229,10 +230,7 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
     if not isinstance(via, (list, tuple)) or not all(isinstance(point, ViaPoint) for point in via):
         raise OptionError(f"via = {via!r}", way_out="give a list of ViaPoint(time, position)")
     for point in via:
-        if (
-            not isinstance(point.time, (int, float, np.integer, np.floating))
-            or not 0 < point.time < dmp.duration
-        ):
+        if not is_number(point.time) or not 0 < point.time < dmp.duration:
             raise OptionError(
                 f"a via-point at {point.time!r} s of a movement of {dmp.duration:g} s",
                 way_out="give a time between start and end",
@@ -241,22 +239,14 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
         for order, value in enumerate((point.position, point.velocity)):
             if value is None:
                 continue
-            try:
-                vector = np.asarray(value, dtype=float)
-            except (TypeError, ValueError):
-                vector = np.full((), np.nan)
-            if vector.shape != (dmp.n_dims,) or not np.isfinite(vector).all():
-                raise OptionError(f"a via-point at {value!r}", way_out=f"give {dmp.n_dims} finite numbers")
+            passed = vector("a via-point", value, dmp.n_dims)
             rows.append(np.concatenate([boundary[order], shape[order]], axis=1))
-            targets.append(vector[None] * dmp.duration**order)
+            targets.append(passed[None] * dmp.duration**order)
     return np.concatenate(rows), np.concatenate(targets)
 
 
 def _limit(name: str, value: ArrayLike, dmp: DMP) -> Array:
-    try:
-        limit = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        limit = np.zeros(1)
+    limit = numbers(value)
     if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
         raise OptionError(f"{name} = {value!r}", way_out=f"give a positive number, or {dmp.n_dims} of them")
     return np.broadcast_to(limit, dmp.start.shape)

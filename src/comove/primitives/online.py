@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
+from comove.primitives.arguments import is_number, vector
 from comove.primitives.flow import LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
@@ -135,14 +136,8 @@ class DMPState:
 
     def __post_init__(self) -> None:
         for name in ("position", "slope", "goal"):
-            array = _numbers(getattr(self, name))
-            if array.shape != self.curve.goal.shape or not np.isfinite(array).all():
-                raise OptionError(
-                    f"{name} = {getattr(self, name)!r}",
-                    way_out=f"give {len(self.curve.goal)} finite numbers",
-                )
-            object.__setattr__(self, name, array)
-        if not (_is_number(self.duration) and self.duration > 0):
+            object.__setattr__(self, name, vector(name, getattr(self, name), len(self.curve.goal)))
+        if not (is_number(self.duration) and self.duration > 0):
             raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
 
     @property
@@ -169,19 +164,15 @@ def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | Non
     OptionError
         If `dt` is not positive, or `rate` or `coupling` are not finite.
     """
-    if not (_is_number(dt) and dt > 0):
+    if not (is_number(dt) and dt > 0):
         raise OptionError(f"dt = {dt!r}", way_out="give a positive number of seconds")
-    if not _is_number(rate):
+    if not is_number(rate):
         raise OptionError(f"rate = {rate!r}", way_out="give a finite number: 1 as recorded, 0 paused")
     if rate == 0.0:
         return replace(state, time=state.time + dt, rate=0.0)
     curve, pushed = state.curve, np.zeros_like(state.position)
     if coupling is not None:
-        pushed = _numbers(coupling)
-        if pushed.shape != state.position.shape or not np.isfinite(pushed).all():
-            raise OptionError(
-                f"coupling = {coupling!r}", way_out=f"give {len(state.position)} finite numbers"
-            )
+        pushed = vector("coupling", coupling, len(state.position))
         pushed = pushed * (state.duration / rate) ** 2
     ds = float(np.clip(rate * dt / state.duration, -LONG_AFTER, LONG_AFTER))
     now = state.progress
@@ -219,21 +210,9 @@ def rate_for_lag(lag: float, tolerance: float) -> float:
     OptionError
         If the tolerance is not positive or the lag not finite.
     """
-    if not (_is_number(lag) and _is_number(tolerance) and tolerance > 0):
+    if not (is_number(lag) and is_number(tolerance) and tolerance > 0):
         raise OptionError(
             f"lag = {lag!r}, tolerance = {tolerance!r}",
             way_out="give finite lengths, and a positive tolerance",
         )
     return 1.0 / (1.0 + (lag / tolerance) ** 2)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
-
-
-def _numbers(value: object) -> Array:
-    """An array of what are numbers, NaN for what is none."""
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return np.full((), np.nan)

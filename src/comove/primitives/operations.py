@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
+from comove.primitives.arguments import is_number, numbers, require_steps, vector
 from comove.primitives.basis import MotionBasis
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import Phase
@@ -66,10 +67,7 @@ def rotate(dmp: DMP, rotation: float | Rotation | ArrayLike, *, about: ArrayLike
     way_out = "give an angle [rad] in the plane, scipy's Rotation in space, or a rotation matrix"
     if hasattr(rotation, "as_matrix"):
         rotation = rotation.as_matrix()
-    try:
-        matrix = np.asarray(rotation, dtype=float)
-    except (TypeError, ValueError):
-        matrix = np.full((), np.nan)
+    matrix = numbers(rotation)
     if matrix.ndim == 0 and dmp.n_dims == 2 and np.isfinite(matrix):
         c, s = np.cos(matrix), np.sin(matrix)
         matrix = np.array([[c, -s], [s, c]])
@@ -90,7 +88,7 @@ def scale(dmp: DMP, factor: float, *, about: ArrayLike | None = None) -> DMP:
     factor : positive; mirror a movement to turn it round
     about : the point that stays, shape (n_dims,); the start, or the centre of a rhythmic movement, unless given
     """
-    if not _is_number(factor) or not 0 < factor < np.inf:
+    if not is_number(factor) or not 0 < factor < np.inf:
         raise OptionError(f"factor = {factor!r}", way_out="give a positive number")
     return _mapped(dmp, factor * np.eye(dmp.n_dims), about)
 
@@ -146,7 +144,7 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
         raise OptionError(
             "a rhythmic movement and one that ends cannot be blended", way_out="give two of a kind"
         )
-    if not _is_number(share) or not np.isfinite(share):
+    if not is_number(share) or not np.isfinite(share):
         raise OptionError(f"share = {share!r}", way_out="give a number, from 0 to 1 for movements in between")
     a, b = settled(a), settled(b)
     if (a.variant, a.phase, a.weights.shape) != (b.variant, b.phase, b.weights.shape):
@@ -218,8 +216,7 @@ class Sequence:
 
     def rollout(self, *, n_steps: int = 201) -> Trajectory:
         """Play the movements at even times."""
-        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
-            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        require_steps(n_steps)
         return self.at(np.linspace(0.0, self.duration, n_steps))
 
     def fitted(self, *, n_basis: int | None = None, phase: Phase | None = None) -> DMP:
@@ -270,7 +267,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> Sequence:
                 "the movements differ in their dimensions", way_out="give movements of one dimension"
             )
     shortest = min(dmp.duration for dmp in movements)
-    if not _is_number(overlap) or not 0 <= overlap <= shortest / 2:
+    if not is_number(overlap) or not 0 <= overlap <= shortest / 2:
         raise OptionError(
             f"overlap = {overlap!r} s", way_out=f"give 0 to {shortest / 2:.4g} s, half of the shortest"
         )
@@ -389,14 +386,4 @@ def _require_ending(dmp: DMP, doing: str) -> None:
 
 def _vector(name: str, value: object, dmp: DMP) -> Array:
     _require_positions(dmp)
-    try:
-        vector = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        vector = np.full(1, np.nan)
-    if vector.shape != dmp.start.shape or not np.isfinite(vector).all():
-        raise OptionError(f"{name} = {value!r}", way_out=f"give {dmp.n_dims} finite numbers")
-    return vector
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return vector(name, value, dmp.n_dims)

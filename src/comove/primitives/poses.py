@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives import rotations
+from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.dmp import DMP
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.online import Curve, DMPState, advance, begin
@@ -78,7 +79,7 @@ class Pose:
     orientation: Array = (1.0, 0.0, 0.0, 0.0)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        position, orientation = _numbers(self.position), _numbers(self.orientation)
+        position, orientation = numbers(self.position), numbers(self.orientation)
         if position.shape not in ((2,), (3,)) or not np.isfinite(position).all():
             raise OptionError(f"position = {self.position!r}", way_out="give 2 or 3 finite numbers")
         norm = np.linalg.norm(orientation)
@@ -291,8 +292,7 @@ class PoseDMP:
         n_steps: int = 201,
     ) -> PoseTrajectory:
         """Play the movement, between other poses if they are given; exact at every sample."""
-        if not isinstance(n_steps, (int, np.integer)) or n_steps < 2:
-            raise OptionError(f"n_steps = {n_steps!r}", way_out="give a whole number, two or more")
+        require_steps(n_steps)
         dmp = self.towards(start=start, goal=goal, duration=duration)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
@@ -437,16 +437,8 @@ def _between(start: Array) -> Array:
     return max(SHARES, key=lambda share: (min(margin(share), 0.5 * np.pi), -share)) * start
 
 
-def _numbers(value: object) -> Array:
-    """A new array of what are numbers, NaN for what is none."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return np.full((), np.nan)
-
-
 def _unit(axis: Sequence[float]) -> Array:
-    vector = _numbers(axis)
+    vector = numbers(axis)
     length = np.linalg.norm(vector)
     if vector.shape != (3,) or not (np.isfinite(length) and length > 0):
         raise OptionError(f"axis = {axis!r}", way_out="give three numbers, not all of them zero")

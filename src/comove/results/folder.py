@@ -341,7 +341,10 @@ def _phase(text: str) -> Phase:
     if name == "linear":
         return LinearPhase()
     if name == "exponential":
-        return ExponentialPhase(float(alpha))
+        try:
+            return ExponentialPhase(float(alpha))
+        except OptionError as error:
+            raise ValueError(str(error)) from error
     raise ValueError(f"unknown phase '{text}'")
 
 

@@ -1,0 +1,57 @@
+"""What arguments are: numbers, vectors, counts; what is none is told in one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+
+Array = NDArray[np.float64]
+
+MAX_STEPS = 100_000_000
+
+
+def is_number(value: object) -> bool:
+    """Whether `value` is one finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        return False
+    return -1e308 < value < 1e308
+
+
+def numbers(value: object) -> Array:
+    """A new array of what are numbers; NaN, of no dimension, for what is none."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.full((), np.nan)
+
+
+def vector(name: str, value: object, n_dims: int) -> Array:
+    """A new array of `n_dims` finite numbers.
+
+    Raises
+    ------
+    OptionError
+        If `value` is none.
+    """
+    array = numbers(value)
+    if array.shape != (n_dims,) or not np.isfinite(array).all():
+        raise OptionError(f"{name} = {value!r}", way_out=f"give {n_dims} finite numbers")
+    return array
+
+
+def require_steps(n_steps: object) -> None:
+    """Refuse what is no number of samples.
+
+    Raises
+    ------
+    OptionError
+        If `n_steps` is no whole number from 2 on.
+    """
+    if (
+        isinstance(n_steps, bool)
+        or not isinstance(n_steps, (int, np.integer))
+        or not 2 <= n_steps <= MAX_STEPS
+    ):
+        raise OptionError(f"n_steps = {n_steps!r}", way_out=f"give a whole number from 2 to {MAX_STEPS:,}")
