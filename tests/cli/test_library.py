@@ -147,7 +147,7 @@ def test_adding_listing_removing(filled):
     outcome = good("library", "list")
     for name in filled.names:
         assert re.search(rf"^{name} ", outcome.stdout, re.MULTILINE)
-    assert "holds 1 primitives" in good("library", "remove", "Sine-0", "swing").stdout
+    assert "holds 1 primitive\n" in good("library", "remove", "Sine-0", "swing").stdout
     assert filled.names == ("Angle-0",)
 
 

@@ -68,5 +68,6 @@ def add(
     for primitive in primitives:
         library.add(primitive, replace=replace)
         print(r.learned_text(primitive))
-    print(f"{folder} holds {len(library)} primitives")
+    count = len(library)
+    print(f"{folder} holds {count} primitive{'' if count == 1 else 's'}")
     return 0

@@ -24,5 +24,6 @@ def remove(
             library.get(name)  # which says what there is
     for name in dict.fromkeys(names):
         library.remove(name)
-    print(f"{folder} holds {len(library)} primitives")
+    count = len(library)
+    print(f"{folder} holds {count} primitive{'' if count == 1 else 's'}")
     return 0
