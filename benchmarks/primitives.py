@@ -204,7 +204,7 @@ def rigid_load() -> None:
 
 
 RECORDING = """
-import resource, sys, time
+import re, sys, time
 started = time.perf_counter()
 from comove.demonstrations import Demonstration, segment
 from comove.primitives import DMP
@@ -214,7 +214,7 @@ parts = segment(recording)
 cut = time.perf_counter()
 dmps = [DMP.fit(part, n_basis=20) for part in parts]
 done = time.perf_counter()
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+peak = int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024  # its own, not its parent's
 print(len(parts), read - started, cut - read, done - cut, done - started, peak)
 """
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 COARSE = 1600  # intervals of a first look
-COARSE_PARTS = 64  # of an edge, at a first look
+COARSE_PARTS = 32  # of an edge, at a first look
 REFINEMENTS, PARTS = 3, 8  # how often and how finely the lowest cells are looked at again
 KEPT_OF_AN_EDGE, KEPT = 6, 16  # cells, of the lowest values and as many of the lowest bounds
 
