@@ -55,8 +55,32 @@ class ResultError(InputError):
     """A result folder that is missing, incomplete or edited."""
 
 
+class RobotError(InputError):
+    """A robot's description or model that cannot be read or used, or a motion that is not its own."""
+
+
+class ExtraError(ComoveError):
+    """Something optional is not installed; the message holds the command that installs it.
+
+    Parameters
+    ----------
+    what
+        What needs it, in words.
+    extra
+        The extra of this package that brings it.
+    """
+
+    def __init__(self, what: str, extra: str):
+        super().__init__(f"{what} needs more than the core: python -m pip install 'comove[{extra}]'")
+        self.extra = extra
+
+
 class OptionError(InputError):
     """An option or argument outside its range."""
+
+
+class ConstraintError(InputError):
+    """Constraints that cannot be met together near a movement."""
 
 
 class ComoveWarning(UserWarning):

@@ -1,0 +1,1 @@
+"""Export: verified joint motions as files and messages that robots play."""

@@ -1,0 +1,163 @@
+"""A robot's description: which URDFs stand where, which arms they have, and what a URDF cannot say.
+
+```yaml
+name: baxter
+models:                        # one or several, each on its own base
+  - urdf: package://example-robot-data/robots/baxter_description/urdf/baxter.urdf
+    srdf: package://example-robot-data/robots/baxter_description/srdf/baxter_manipulation.srdf
+arms:
+  left: {tip: left_gripper, home: [0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5]}
+  right: {tip: right_gripper, home: [-0.08, -1.0, 1.19, 1.94, -0.67, 1.03, 0.5]}
+acceleration: 5.0              # rad/s^2, of joints that `limits` does not name
+```
+
+Paths are relative to the description, or ``package://NAME/...``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+
+from comove.errors import RobotError, SceneError, near_name
+from comove.scenes.messages import Contract, explained, scene_error
+from comove.scenes.model import (
+    UNTURNED,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Quaternion,
+    Vector,
+    _as_tuple,
+    _at_least,
+    _Part,
+    _Wrong,
+)
+from comove.scenes.yaml_reader import read_yaml
+
+BUNDLED = Path(__file__).parent / "descriptions"
+
+
+def _point(vector: tuple[float, ...]) -> tuple[float, ...]:
+    if len(vector) != 3:
+        raise _Wrong(f"{list(vector)} has {len(vector)} numbers", "write three: x, y, z")
+    return vector
+
+
+Point = Annotated[Vector, AfterValidator(_point)]
+
+
+class Placement(_Part):
+    """A frame in another one: `position` [m] and orientation, w first."""
+
+    position: Point = (0.0, 0.0, 0.0)
+    quaternion_wxyz: Quaternion = UNTURNED
+
+
+class ModelSource(_Part):
+    """A URDF and where its base stands in the scene; `prefix` goes before every name in it."""
+
+    urdf: str
+    srdf: str | None = None
+    base: Placement = Placement()
+    prefix: str = ""
+
+
+class ArmDescription(_Part):
+    """An arm: its last frame, the grasp frame in it (z the approach), the joints' values at home [rad]."""
+
+    tip: str
+    tool: Placement = Placement()
+    home: Vector | None = None
+    fingers: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    """Joints that close on the load; `posture` says how wide they are while it is carried."""
+
+
+class JointLimits(_Part):
+    """What a joint keeps where its URDF says nothing or too much [rad or m, s, N m or N]."""
+
+    lower: Number | None = None
+    upper: Number | None = None
+    velocity: Positive | None = None
+    acceleration: Positive | None = None
+    effort: Positive | None = None
+
+
+class Servo(_Part):
+    """Position servos of a simulator: `stiffness` by joint of an arm [N m/rad]."""
+
+    stiffness: Vector
+
+
+class Uncertainty(_Part):
+    """How far the bases may stand from where the description says."""
+
+    position: NotNegative = 0.0
+    rotation_deg: NotNegative = 0.0
+
+
+class RobotFile(_Part):
+    """A robot description as written."""
+
+    name: Name
+    models: Annotated[tuple[ModelSource, ...], BeforeValidator(_as_tuple), _at_least(1, "model")]
+    arms: dict[str, ArmDescription]
+    posture: dict[str, Number] = Field(default={})
+    """Values of joints that do not move [rad or m]; 0 where not named."""
+    acceleration: Positive = 5.0
+    limits: dict[str, JointLimits] = Field(default={})
+    servo: Servo | None = None
+    uncertainty: Uncertainty = Uncertainty()
+
+
+_PLACES = {"models": ModelSource, "uncertainty": Uncertainty, "servo": Servo}
+_CONTRACT = Contract(root=RobotFile, families={}, places=_PLACES)
+__all__ = ["RobotFile", "bundled_robots", "find_description", "load_description"]
+
+
+def bundled_robots() -> tuple[str, ...]:
+    """Names of the descriptions that come with the package."""
+    return tuple(sorted(path.stem for path in BUNDLED.glob("*.yaml")))
+
+
+def find_description(robot: str | Path, folder: Path | None = None) -> Path:
+    """The file of a robot: the name of a bundled one, or a path (relative to `folder`, if given).
+
+    Raises
+    ------
+    RobotError
+        If there is none.
+    """
+    if str(robot) in bundled_robots():
+        return BUNDLED / f"{robot}.yaml"
+    path = Path(robot)
+    if folder is not None and not path.is_absolute():
+        path = folder / path
+    if not path.is_file():
+        raise RobotError(
+            f"there is no robot '{robot}', nor a file of that name",
+            key="robot",
+            way_out=f"{near_name(str(robot), bundled_robots())}; or name a description (YAML)",
+        )
+    return path
+
+
+def load_description(path: Path) -> RobotFile:
+    """Read and check a robot description.
+
+    Raises
+    ------
+    RobotError
+        One message that names file, key, line, value and way out of the first three errors.
+    """
+    try:
+        data, lines = read_yaml(path)
+        try:
+            return RobotFile.model_validate(data)
+        except ValidationError as error:
+            raise scene_error(explained(error, data, _CONTRACT), path, lines) from None
+    except SceneError as error:
+        raise RobotError(error.message, file=error.file, key=error.key, way_out=error.way_out) from None

@@ -1,0 +1,1 @@
+"""Simulators: joint motions in real physics."""
