@@ -178,7 +178,7 @@ def rigid_load() -> None:
         }
         row = [n_hands]
         for pace in (1.0, 2.0, 0.5):
-            dmp = CooperativeDMP.rigid(load, grasps)
+            dmp = CooperativeDMP(load, grasps)
             state, off, turned, k = dmp.initial_state(), 0.0, 0.0, 0
             while state.progress < 1.0:
                 stopped = state.progress > 0.4 and k % 7 == 0

@@ -43,7 +43,7 @@ def random_pose(rng, reach=0.4):
 def carried(n_hands, seed=0):
     rng = np.random.default_rng(seed)
     grasps = {f"hand{i}": random_pose(rng) for i in range(n_hands)}
-    return CooperativeDMP.rigid(PoseDMP.fit(recording(seed)), grasps)
+    return CooperativeDMP(PoseDMP.fit(recording(seed)), grasps)
 
 
 def relative_error(poses, grasps):

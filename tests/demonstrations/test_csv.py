@@ -255,6 +255,8 @@ def test_what_cannot_be_written_is_told(tmp_path, refused):
     missing = tmp_path / "no" / "carry.csv"
     refused(lambda p: write_csv(p, demo), missing, key=None, says="cannot be written", way_out="check")
     refused(lambda p: write_csv(p, demo), tmp_path, key=None, says="is no file", way_out="another name")
+    zero = tmp_path / "a\0b.csv"
+    refused(lambda p: write_csv(p, demo), zero, key=None, says="cannot name a file", way_out="another name")
     assert os.listdir(tmp_path) == []
 
 

@@ -156,9 +156,8 @@ def test_long_recordings_are_fitted_as_short_ones(variant):
     miss = long.at(s).position - position
     basis = long.basis.on_cycle(s)[0] if variant == "rhythmic" else long.basis.at(s)[1][0]
     size = np.linalg.norm(basis, axis=0)[:, None] * np.linalg.norm(miss, axis=0)
-    assert (
-        np.abs(basis.T @ miss / size).max() < 1e-6
-    )  # what is left lies across everything the weights can do
+    # What is left lies across everything the weights can do.
+    assert np.abs(basis.T @ miss / size).max() < 1e-6
 
 
 @pytest.mark.parametrize(("n_basis", "most"), [(10, 0.25), (20, 0.060), (50, 0.010)])

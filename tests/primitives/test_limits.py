@@ -82,6 +82,15 @@ def test_what_holds_already_is_left_alone():
     assert np.allclose(same.weights, dmp.weights, rtol=1e-12)
 
 
+def test_an_infinite_limit_is_none():
+    dmp = random_dmp(6)
+    limit = 0.9 * largest(dmp)[0] * [1.0, np.inf]
+    kept = constrained(dmp, velocity=limit, acceleration=np.inf)
+    assert np.array_equal(kept.weights[0], constrained(dmp, velocity=limit[0]).weights[0])
+    assert np.allclose(kept.weights[1], dmp.weights[1], rtol=1e-12)
+    assert slowed(dmp, velocity=np.inf).duration == dmp.duration == slowed(dmp).duration
+
+
 def test_the_change_is_the_least():
     """Against a general optimiser on the same programme."""
     dmp = random_dmp(5, n_basis=8)

@@ -49,6 +49,18 @@ def test_whole_turns_about_a_fixed_axis(seed, turns):
     assert np.abs(rotations.continuous_logarithm(quaternions) - vectors).max() < 1e-9
 
 
+@settings(max_examples=40)
+@given(seeds)
+def test_the_turn_between_orientations_leads_from_one_to_the_other(seed):
+    a, b = (rotations.exponential(v) for v in np.random.default_rng(seed).standard_normal((2, 3)))
+    turn = rotations.turn_between(a, b)
+    assert np.linalg.norm(turn) <= np.pi + 1e-12
+    led = rotations.quaternion_product(rotations.exponential(turn), b)
+    assert abs(led @ a) == pytest.approx(1.0, abs=1e-12)
+    longer = rotations.turn_between(a, b, 2 * np.pi * turn / np.linalg.norm(turn) + turn)
+    assert np.linalg.norm(longer) == pytest.approx(np.linalg.norm(turn) + 2 * np.pi, rel=1e-12)
+
+
 def test_standing_still_is_no_turn():
     assert not rotations.continuous_logarithm(np.tile([-1.0, 0, 0, 0], (5, 1))).any()
 

@@ -175,6 +175,5 @@ def test_integration_by_a_library_agrees():
     times = np.sort(np.random.default_rng(0).uniform(0, 1, 7))
     solved = solve_ivp(system, (0, 1), np.concatenate(dmp.boundary_values()[:2]), t_eval=times, rtol=1e-9,
                        atol=1e-8, max_step=1 / N_INTERVALS)  # fmt: skip
-    assert (
-        np.abs(solved.y[:2].T - dmp.at(times * dmp.duration).position).max() < 1e-4
-    )  # of 45: the forcing has kinks
+    # Of 45: the forcing has kinks.
+    assert np.abs(solved.y[:2].T - dmp.at(times * dmp.duration).position).max() < 1e-4

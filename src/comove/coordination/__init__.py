@@ -2,7 +2,6 @@
 
 from comove.coordination.constraints import (
     Constraint,
-    ConstraintError,
     Distance,
     Poses,
     RelativePose,
@@ -19,6 +18,7 @@ from comove.coordination.coordinates import (
     projected_coordinates,
 )
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
+from comove.errors import ConstraintError
 
 __all__ = [
     "Constraint",

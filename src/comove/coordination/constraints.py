@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ComoveError, OptionError, near_name
+from comove.errors import ConstraintError, OptionError, near_name
 from comove.primitives.arguments import is_number, numbers
 from comove.primitives.poses import VERTICAL, Pose
 from comove.primitives.rotations import conjugate, exponential, matrices, quaternion_product
@@ -29,10 +29,6 @@ TURN_LENGTH = 0.3  # m, that a radian counts as
 TOLERANCE = 1e-12  # m or rad, of what is met
 MAX_ITERATIONS = 50
 DIFFERENCE = 1e-6  # m or rad
-
-
-class ConstraintError(ComoveError):
-    """Constraints that cannot be met together near the movement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +148,8 @@ class Upright:
     def __call__(self, poses: Poses) -> Array:
         pointing = poses.rotation(self.name) @ (np.asarray(self.axis) / np.linalg.norm(self.axis))
         aside = np.linalg.norm(pointing[:, :2], axis=1, keepdims=True)
-        angle = np.arctan2(
-            aside, pointing[:, 2:]
-        )  # not the sine, which is blind at right angles and upside down
+        # The angle, not its sine, which is blind at right angles and upside down.
+        angle = np.arctan2(aside, pointing[:, 2:])
         return pointing[:, :2] * np.where(aside > 1e-9, angle / np.maximum(aside, 1e-9), 1.0)
 
 
@@ -191,8 +186,8 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
     sizes = [np.abs(_rows(constraint, poses)).max() for constraint in constraints]
     missed = constraints[int(np.argmax(sizes))]
     raise ConstraintError(
-        f"the constraints cannot be met together: {missed} is missed by {max(sizes):.3g}; "
-        "drop one, or begin from a movement that nearly meets them"
+        f"the constraints cannot be met together: {missed} is missed by {max(sizes):.3g}",
+        way_out="drop one, or begin from a movement that nearly meets them",
     )
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.constraints import TURN_LENGTH, Constraint, ConstraintError, Poses, project
+from comove.coordination.constraints import TURN_LENGTH, Constraint, Poses, project
 from comove.demonstrations import Demonstration
-from comove.errors import DemonstrationError, OptionError, near_name
+from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.primitives import rotations
 from comove.primitives.arguments import require_steps
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
@@ -111,11 +111,6 @@ class CooperativeDMP:
                 f"the movements last {', '.join(f'{d:g}' for d in sorted(durations))} s",
                 way_out="bring them to one duration by towards(duration=...)",
             )
-
-    @classmethod
-    def rigid(cls, load: PoseDMP, grasps: Mapping[str, Pose]) -> CooperativeDMP:
-        """Hands that hold a rigid load at `grasps`, poses in the load's frame."""
-        return cls(load, grasps)
 
     @classmethod
     def from_hand(
@@ -321,7 +316,8 @@ class CooperativeDMP:
         if fast.any():
             raise ConstraintError(
                 f"the projection onto the constraints moves hands more than {MAX_STRETCH:g} times as fast as their "
-                f"movement near {begin[fast][0]:.4g} s; begin from a movement that nearly meets them"
+                f"movement near {begin[fast][0]:.4g} s",
+                way_out="begin from a movement that nearly meets them",
             )
 
     def _movements(self) -> dict[str, PoseDMP]:

@@ -286,9 +286,8 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
     turn = np.eye(len(start)) if closed else similarity(own, wanted)
     still = np.zeros_like(start)
-    classic = (
-        dmp.variant is Variant.CLASSIC
-    )  # scales along the axes; for these ends the closed form is the same
+    # The classic form scales along the axes and cannot be turned; for these ends the closed form is the same.
+    classic = dmp.variant is Variant.CLASSIC
     return replace(
         dmp,
         variant=Variant.CLOSED_FORM if classic else dmp.variant,

@@ -1,4 +1,4 @@
-"""What readers and writers of recordings share: paths, sizes, whole files or none, and belonging together."""
+"""What readers and writers of files share: paths, sizes, whole files or none; and belonging together."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib
 import math
 import os
 import shutil
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +16,7 @@ from typing import IO, Any
 import numpy as np
 
 from comove.demonstrations.demonstration import Demonstration
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, InputError
 
 MAX_ROWS = 2_000_000
 """Samples that are read from one file."""
@@ -24,27 +25,29 @@ _EVEN_SHARE = 1e-3
 """How far stamps may lie from even ones, in steps, where a format knows only a rate."""
 
 
-def existing_file(path: str | os.PathLike[str], max_bytes: int, way_out: str) -> Path:
+def existing_file(
+    path: str | os.PathLike[str], max_bytes: int, way_out: str, error: type[InputError] = DemonstrationError
+) -> Path:
     """Return `path` if it is a file of at most `max_bytes`; `way_out` says what to do with a larger one.
 
     Raises
     ------
-    DemonstrationError
+    error
         It is missing, a folder, no regular file, or too large.
     """
     path = Path(path)
-    with telling(path):
+    with telling(path, error=error):
         if not path.exists():
-            raise DemonstrationError(
+            raise error(
                 "there is no such file", file=path, way_out=f"check the path (relative to {Path.cwd()})"
             )
         if not path.is_file():
             what = "a folder" if path.is_dir() else "not a regular file"
-            raise DemonstrationError(f"it is {what}", file=path, way_out="name the file that was recorded")
+            raise error(f"it is {what}", file=path, way_out="name the file itself")
         size = path.stat().st_size
     if size > max_bytes:
         limit = max_bytes / _MEGABYTE
-        raise DemonstrationError(
+        raise error(
             f"it has {size / _MEGABYTE:.0f} MB, more than the {limit:.0f} MB that are read",
             file=path,
             way_out=way_out,
@@ -53,16 +56,16 @@ def existing_file(path: str | os.PathLike[str], max_bytes: int, way_out: str) ->
 
 
 @contextlib.contextmanager
-def telling(path: Path, doing: str = "read") -> Iterator[None]:
-    """Tell a failure of the file system as a `DemonstrationError` that names `path`."""
+def telling(path: Path, doing: str = "read", error: type[InputError] = DemonstrationError) -> Iterator[None]:
+    """Tell a failure of the file system as an `error` that names `path`."""
     try:
         yield
-    except OSError as error:
-        raise DemonstrationError(
-            f"it cannot be {doing}: {error.strerror or error}",
+    except OSError as failure:
+        raise error(
+            f"it cannot be {doing}: {failure.strerror or failure}",
             file=path,
             way_out="check the path, and that you may use it",
-        ) from error
+        ) from failure
 
 
 def extra(module: str, file: object) -> ModuleType:
@@ -85,39 +88,74 @@ def extra(module: str, file: object) -> ModuleType:
 
 
 @contextlib.contextmanager
-def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[Any]]:
-    """Open `path` for writing bytes; it appears, or replaces what was there, only when all went well.
-
-    Raises
-    ------
-    DemonstrationError
-        The folder is missing or not writable, or `path` is a folder.
-    """
-    with whole_path(path) as draft, open(draft, "wb") as file:
+def whole_file(
+    path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
+) -> Iterator[IO[Any]]:
+    """Open `path` for writing bytes; as `whole_path`."""
+    with whole_path(path, error, replace=replace) as draft, open(draft, "wb") as file:
         yield file
 
 
 @contextlib.contextmanager
-def whole_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Lend a path to write a file at; it becomes `path`, or replaces what was there, only when all went well.
+def whole_path(
+    path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
+) -> Iterator[Path]:
+    """Lend a path to write a file at; it becomes `path` only when all went well and the disk holds it.
+
+    Parameters
+    ----------
+    replace : replace a file that is there already; otherwise it is refused, whoever made it meanwhile
 
     Raises
     ------
-    DemonstrationError
-        The folder is missing or not writable, or `path` is a folder.
+    error
+        The folder is missing or not writable, or `path` is a folder or may not be replaced.
     """
     path = Path(path)
-    with telling(path, "written"):
+    with telling(path, "written", error):
         if path.exists() and not path.is_file():
-            raise DemonstrationError(
-                "it is there already and is no file", file=path, way_out="choose another name"
-            )
-        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+            raise error("it is there already and is no file", file=path, way_out="choose another name")
+        draft = _draft(path, error)
         try:
             yield draft
-            os.replace(draft, path)
+            with open(draft, "rb+") as file:
+                os.fsync(file.fileno())
+            if replace:
+                os.replace(draft, path)
+            else:
+                _claim(draft, path, error)
         finally:
             draft.unlink(missing_ok=True)
+
+
+def _draft(path: Path, error: type[InputError]) -> Path:
+    """A path beside `path` that no other process or thread takes."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
+    try:
+        draft.lstat()
+    except ValueError as failure:  # a zero byte, or what is no character
+        raise error(
+            f"it cannot name a file: {failure}", file=path, way_out="choose another name"
+        ) from failure
+    except OSError:  # not there yet
+        pass
+    return draft
+
+
+def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
+    """Give the draft its name, unless somebody else was first."""
+    try:
+        try:
+            os.link(draft, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            open(path, "xb").close()
+            os.replace(draft, path)
+    except FileExistsError as failure:
+        raise error(
+            "it is there already", file=path, way_out="choose another name, or replace it"
+        ) from failure
 
 
 @contextlib.contextmanager
@@ -137,7 +175,7 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise DemonstrationError(
                 f"there is no folder {path.parent}", file=path, way_out="check the path, or make the folder"
             )
-        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+        draft = _draft(path, DemonstrationError)
         try:
             yield draft
             if path.exists():

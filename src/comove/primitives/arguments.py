@@ -41,6 +41,20 @@ def vector(name: str, value: object, n_dims: int) -> Array:
     return array
 
 
+def instants(time: object) -> Array:
+    """A new array of finite times [s], shape (n_steps,).
+
+    Raises
+    ------
+    OptionError
+        If `time` is none.
+    """
+    array = numbers(time)
+    if array.ndim != 1 or not np.isfinite(array).all():
+        raise OptionError(f"time of shape {array.shape}", way_out="give an array of finite numbers [s]")
+    return array
+
+
 def require_steps(n_steps: object) -> None:
     """Refuse what is no number of samples.
 

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.primitives.flow import OMEGA, propagated, values_at
+from comove.primitives.flow import OMEGA, from_rest, values_at
 from comove.primitives.forcing import N_INTERVALS, Kernels, gaussians
 from comove.primitives.phase import LinearPhase, Phase
 
@@ -148,9 +148,8 @@ def motion_basis(
     _, singular, right = np.linalg.svd(weights[order] @ null_space, full_matrices=False)
     of_shape = null_space @ (right.T / singular)
     of_shape /= np.linalg.norm(weights[0, N_INTERVALS // 2] @ of_shape)  # unit z: the middle moves by 1
-    of_shape *= np.where(
-        np.exp(-3.0 * knots) @ weights[0] @ of_shape < 0.0, -1.0, 1.0
-    )  # alike on every machine
+    # The decomposition leaves the signs open: they are made alike on every machine.
+    of_shape *= np.where(np.exp(-3.0 * knots) @ weights[0] @ of_shape < 0.0, -1.0, 1.0)
     motions = inputs + weights @ of_boundary, weights @ of_shape
     arrays = *motions, coasting + psi @ of_boundary, psi @ of_shape
     for array in arrays:
@@ -182,20 +181,6 @@ def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int =
 def _sampled(basis: MotionBasis, n_steps: int) -> Array:
     boundary, shape = basis.at(np.linspace(0.0, 1.0, n_steps))
     return np.ascontiguousarray(np.concatenate([shape[0], boundary[0]], axis=1).T)
-
-
-def from_rest(psi: Array) -> Array:
-    """Motions from rest towards nothing under every forcing function.
-
-    Parameters
-    ----------
-    psi : array, shape (n_knots, n_functions)
-
-    Returns
-    -------
-    array, shape (3, n_knots, n_functions): position, velocity and acceleration
-    """
-    return propagated(psi, np.zeros(psi.shape[1]))
 
 
 def released(s: Array) -> Array:

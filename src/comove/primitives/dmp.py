@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.arguments import is_number, numbers, require_steps, vector
+from comove.primitives.arguments import instants, is_number, numbers, require_steps, vector
 from comove.primitives.basis import MotionBasis, released, rollouts
 from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
@@ -328,9 +328,7 @@ class DMP:
 
         A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
         """
-        time = numbers(time)
-        if time.ndim != 1 or not np.isfinite(time).all():
-            raise OptionError(f"time of shape {time.shape}", way_out="give an array of finite numbers [s]")
+        time = instants(time)
         curve, s = self.curve, np.maximum(time / self.duration, 0.0)
         inside = s - np.floor(s) if curve.periodic else s
         position, velocity, _ = values_at(curve.knots, curve.force, curve.goal, inside)
@@ -386,6 +384,12 @@ class DMP:
         return advance(state, dt, rate, coupling)
 
     def scaling(self) -> Array:
+        """A(d): what the variant multiplies the learned forcing term by for these ends.
+
+        Returns
+        -------
+        array, shape (n_dims, n_dims)
+        """
         extent = np.abs(self.learned).max() + np.abs(self.weights).max(initial=0.0)
         return self.variant.scaling(self.learned, self.goal - self.start, extent)
 

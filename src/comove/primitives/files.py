@@ -10,10 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.demonstrations import Demonstration
+from comove.demonstrations.files import existing_file, telling, whole_file
 from comove.errors import LibraryError, OptionError, near_name
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
@@ -181,44 +180,9 @@ def write_primitive(path: str | os.PathLike[str], primitive: Primitive, *, repla
     LibraryError
         If the file cannot be written, is there already, or the primitive holds what cannot be read again.
     """
-    path = Path(path)
     data = dumps(primitive, path)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
-    try:
-        if path.exists() and not path.is_file():
-            raise LibraryError("it is there already and is no file", file=path, way_out="choose another name")
-        try:
-            with open(draft, "xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            if not replace:
-                _claim(draft, path)
-            else:
-                os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
-    except FileExistsError as error:
-        raise LibraryError(
-            "it is there already", file=path, way_out="choose another name, or replace it"
-        ) from error
-    except (OSError, ValueError) as error:
-        raise LibraryError(
-            f"it cannot be written: {getattr(error, 'strerror', None) or error}",
-            file=path,
-            way_out="name a file in a folder that you may write",
-        ) from error
-
-
-def _claim(draft: Path, path: Path) -> None:
-    """Give the draft its name; `FileExistsError` if somebody else was first."""
-    try:
-        os.link(draft, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        open(path, "xb").close()
-        os.replace(draft, path)
+    with whole_file(path, LibraryError, replace=replace) as file:
+        file.write(data)
 
 
 def read_primitive(path: str | os.PathLike[str]) -> Primitive:
@@ -229,25 +193,9 @@ def read_primitive(path: str | os.PathLike[str]) -> Primitive:
     LibraryError
         If the file is missing, no primitive, incomplete or changed; names the key and the way out.
     """
-    path = Path(path)
-    try:
-        if not path.is_file():
-            what = "it is a folder" if path.is_dir() else "there is no such file"
-            raise LibraryError(what, file=path, way_out=f"check the path (relative to {Path.cwd()})")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise LibraryError(
-                f"it has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB of any primitive",
-                file=path,
-                way_out="name the file of a primitive",
-            )
+    path = existing_file(path, MAX_BYTES, "name the file of a primitive", LibraryError)
+    with telling(path, error=LibraryError):
         data = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise LibraryError(
-            f"it cannot be read: {getattr(error, 'strerror', None) or error}",
-            file=path,
-            way_out="check the path, and that you may read it",
-        ) from error
     return loads(data, path)
 
 
@@ -281,9 +229,8 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
             "the primitive holds numbers that are not finite", file=file, way_out="learn it again"
         ) from error
     _read(json.loads(json.dumps(content)), file)  # nothing is written that would be refused
-    return (_laid_out(content) + "\n").encode(
-        errors="backslashreplace"
-    )  # as JSON writes what is no character
+    # What is no character is written as JSON does.
+    return (_laid_out(content) + "\n").encode(errors="backslashreplace")
 
 
 def loads(data: bytes, file: object = None) -> Primitive:

@@ -48,29 +48,28 @@ def flow(t, response, error, velocity, force, slope):
 
 
 @numba.njit(cache=True)
-def propagated(psi, goal):
-    """Position and velocity at the knots from rest under every column of a forcing towards every column's goal.
+def from_rest(psi):
+    """Motions from rest towards nothing under every forcing function.
 
     Parameters
     ----------
-    psi : array, shape (n_knots, n_columns)
-    goal : array, shape (n_columns,)
+    psi : array, shape (n_knots, n_functions)
 
     Returns
     -------
-    array, shape (3, n_knots, n_columns); acceleration last
+    array, shape (3, n_knots, n_functions): position, velocity and acceleration at the knots
     """
-    n_knots, n_columns = psi.shape
-    knots = np.zeros((3, n_knots, n_columns))
+    n_knots, n_functions = psi.shape
+    knots = np.zeros((3, n_knots, n_functions))
     response = responses(INTERVAL)
     for k in range(n_knots):
-        for j in range(n_columns):
-            error, velocity = knots[0, k, j] - goal[j], knots[1, k, j]
-            knots[2, k, j] = -(OMEGA**2) * error - 2 * OMEGA * velocity + psi[k, j]
+        for j in range(n_functions):
+            position, velocity = knots[0, k, j], knots[1, k, j]
+            knots[2, k, j] = -(OMEGA**2) * position - 2 * OMEGA * velocity + psi[k, j]
             if k + 1 < n_knots:
                 slope = (psi[k + 1, j] - psi[k, j]) / INTERVAL
-                error, velocity = flow(INTERVAL, response, error, velocity, psi[k, j], slope)
-                knots[0, k + 1, j], knots[1, k + 1, j] = goal[j] + error, velocity
+                position, velocity = flow(INTERVAL, response, position, velocity, psi[k, j], slope)
+                knots[0, k + 1, j], knots[1, k + 1, j] = position, velocity
     return knots
 
 

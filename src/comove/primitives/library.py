@@ -132,7 +132,7 @@ class Library:
         """
         path = self.path(name)
         if not path.is_file():
-            raise LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name))
+            raise self._missing(name)
         return renamed(read_primitive(path), name)
 
     def add(self, primitive: Primitive, name: str | None = None, *, replace: bool = False) -> Path:
@@ -186,9 +186,7 @@ class Library:
         try:
             path.unlink()
         except FileNotFoundError:
-            raise LibraryError(
-                f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name)
-            ) from None
+            raise self._missing(name) from None
         except OSError as error:
             raise LibraryError(
                 f"it cannot be deleted: {error.strerror}", file=path, way_out="ask for the right to do so"
@@ -232,6 +230,9 @@ class Library:
                 file=self.folder,
                 way_out="name the folder of a library",
             ) from error
+
+    def _missing(self, name: str) -> LibraryError:
+        return LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name))
 
     def _known(self, name: str) -> str:
         names = self.names

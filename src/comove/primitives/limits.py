@@ -24,6 +24,7 @@ from comove.primitives.forcing import INTERVAL
 
 Array = NDArray[np.float64]
 
+NAMES = ("velocity", "acceleration")
 MAX_ROUNDS = 8  # of lowering the limits at the knots
 SLACK = 1e-9  # of a limit, by which it is undercut: rounding
 MET = 1e-9  # of the movement's size, by which via-points may be missed: rounding
@@ -70,12 +71,9 @@ def slowed(dmp: DMP, *, velocity: ArrayLike | None = None, acceleration: ArrayLi
     velocity, acceleration : a number or an array of shape (n_dims,), [m/s] and [m/s^2]
     """
     fastest, hardest = largest(dmp)
-    longer = [1.0]
-    if velocity is not None:
-        longer.append(float((fastest / _limit("velocity", velocity, dmp)).max()))
-    if acceleration is not None:
-        longer.append(float(np.sqrt((hardest / _limit("acceleration", acceleration, dmp)).max())))
-    return dmp.towards(duration=dmp.duration * max(longer))
+    by_velocity = (fastest / _limit("velocity", velocity, dmp)).max()
+    by_acceleration = np.sqrt((hardest / _limit("acceleration", acceleration, dmp)).max())
+    return dmp.towards(duration=dmp.duration * max(1.0, float(by_velocity), float(by_acceleration)))
 
 
 def constrained(
@@ -100,17 +98,14 @@ def constrained(
         If no weights do all of it, or an argument is out of range.
     """
     _require_an_end(dmp)
-    limits = [
-        None if velocity is None else _limit("velocity", velocity, dmp) * dmp.duration,
-        None if acceleration is None else _limit("acceleration", acceleration, dmp) * dmp.duration**2,
-    ]
+    of_velocity = _limit("velocity", velocity, dmp) * dmp.duration
+    of_acceleration = _limit("acceleration", acceleration, dmp) * dmp.duration**2
+    limits = np.stack([of_velocity, of_acceleration], axis=1)
     rows, targets = _via_rows(dmp, via)
     basis, values, weights = dmp.basis, dmp.boundary_values(), dmp.shape_weights
     new = np.stack(
         [
-            _solved(
-                basis, values[:, d], weights[d], (rows, targets[:, d]), [_of(limit, d) for limit in limits], d
-            )
+            _solved(basis, values[:, d], weights[d], (rows, targets[:, d]), limits[d], d)
             for d in range(dmp.n_dims)
         ]
     )
@@ -129,16 +124,19 @@ def _solved(
     boundary: Array,
     weights: Array,
     via: tuple[Array, Array],
-    limits: list[float | None],
+    limits: Array,
     dimension: int,
 ) -> Array:
-    """Shape weights of one coordinate, nearest to `weights`; arrays, shape (n_basis,)."""
+    """Shape weights of one coordinate, nearest to `weights`; arrays, shape (n_basis,).
+
+    `limits` are those of velocity and acceleration in unit duration, infinite where there is none.
+    """
     equalities, targets = via[0][:, 4:], via[1] - via[0][:, :4] @ boundary
-    lowered = list(limits)
+    lowered = limits
     for _ in range(MAX_ROUNDS):
         rows, lower, upper = [equalities], [targets], [targets]
         for order, limit in enumerate(lowered, start=1):
-            if limit is not None:
+            if limit < np.inf:
                 coast = basis.boundary[order] @ boundary
                 rows.append(basis.shape[order])
                 lower.append(-limit - coast)
@@ -148,24 +146,16 @@ def _solved(
         )
         if solution is None:
             wanted = ["the via-points"] if len(targets) else []
-            wanted += [
-                name for name, limit in zip(("velocity", "acceleration"), limits, strict=True) if limit
-            ]
+            wanted += [name for name, limit in zip(NAMES, limits, strict=True) if limit < np.inf]
             raise OptionError(
                 f"no movement of {len(weights)} weights keeps {' and '.join(wanted)} in dimension {dimension}",
                 way_out="give it more time or more weights, or ask for less",
             )
         knots = basis.boundary @ boundary + basis.shape @ solution
-        peaks = [float(peak[0]) for peak in _largest(knots[:, :, None])]
-        excess = [
-            0.0 if limit is None else peak / limit - 1 for peak, limit in zip(peaks, limits, strict=True)
-        ]
-        if max(excess) <= 0.0:
+        excess = np.concatenate(_largest(knots[:, :, None])) / limits - 1
+        if excess.max() <= 0.0:
             return solution
-        lowered = [
-            limit and limit * (1 - 2 * max(over, 0.0) - SLACK)
-            for limit, over in zip(lowered, excess, strict=True)
-        ]
+        lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - SLACK)
     raise OptionError(
         f"the limits in dimension {dimension} cannot be kept between the knots", way_out="give it more time"
     )
@@ -245,15 +235,12 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
     return np.concatenate(rows), np.concatenate(targets)
 
 
-def _limit(name: str, value: ArrayLike, dmp: DMP) -> Array:
-    limit = numbers(value)
+def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
+    """Limit of every coordinate, infinite where none is given; array, shape (n_dims,)."""
+    limit = numbers(np.inf if value is None else value)
     if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
         raise OptionError(f"{name} = {value!r}", way_out=f"give a positive number, or {dmp.n_dims} of them")
     return np.broadcast_to(limit, dmp.start.shape)
-
-
-def _of(limit: Array | None, dimension: int) -> float | None:
-    return None if limit is None else float(limit[dimension])
 
 
 def _require_an_end(dmp: DMP) -> None:

@@ -205,9 +205,8 @@ class PoseDMP:
                 way_out="give 2 or 3 beside orientations",
             )
         reference = orientation[-1] / np.linalg.norm(orientation[-1])
-        reference = reference * np.sign(
-            reference[np.flatnonzero(np.abs(reference) > 1e-9)[0]]
-        )  # w > 0, if not zero
+        # Of both signs the one with w > 0, or where w is zero the next component.
+        reference = reference * np.sign(reference[np.flatnonzero(np.abs(reference) > 1e-9)[0]])
         relative = rotations.quaternion_product(orientation, rotations.conjugate(reference))
         if n_dims == 2 and axis is not None and np.abs(_unit(axis) - VERTICAL).max() > UNIT:
             raise OptionError(
@@ -340,17 +339,11 @@ class PoseDMP:
         s, now = state.turning.progress, self.pose(state).orientation
         values = curve.at(s)
         turning = replace(state.turning, goal=turn, curve=curve, position=values[0], slope=values[1])
-        gap = rotations.logarithm(
-            rotations.quaternion_product(now, rotations.conjugate(self._orientation(values[0])))
-        )
+        gap = rotations.turn_between(now, self._orientation(values[0]))
         slope = self._slope(gap, self._spin(state), values)
         later = curve.at(s + NUDGE)  # where both would be a moment later, for the curvature of the bridge
         then = self.step(state, NUDGE * state.turning.duration)
-        gap_then = rotations.logarithm(
-            rotations.quaternion_product(
-                self.pose(then).orientation, rotations.conjugate(self._orientation(later[0]))
-            )
-        )
+        gap_then = rotations.turn_between(self.pose(then).orientation, self._orientation(later[0]))
         bend = (self._slope(gap_then, self._spin(then), later) - slope) / NUDGE
         nothing = replace(state.aside.curve, bridge=None)
         aside = replace(
@@ -362,10 +355,7 @@ class PoseDMP:
         """The state of a body that was pushed to `pose`; what turns about an axis takes the nearest turn about it."""
         pose = self._checked("pose", pose, tilted=True)
         undisturbed = self._orientation(state.turning.position)
-        aside = rotations.logarithm(
-            rotations.quaternion_product(pose.orientation, rotations.conjugate(undisturbed)),
-            state.aside.position,
-        )
+        aside = rotations.turn_between(pose.orientation, undisturbed, state.aside.position)
         if self.axis is not None:
             aside = (aside @ self.axis) * self.axis
         return PoseState(
@@ -394,14 +384,13 @@ class PoseDMP:
 
     def _turn(self, pose: Pose, near: Array) -> Array:
         """The coordinates of a pose's orientation that are nearest to `near`."""
-        relative = rotations.quaternion_product(pose.orientation, rotations.conjugate(self.reference))
-        vector = rotations.logarithm(relative, self._vectors(near))
+        vector = rotations.turn_between(pose.orientation, self.reference, self._vectors(near))
         return vector if self.axis is None else np.array([vector @ self.axis])
 
     def _require_no_leap(self, name: str, pose: Pose, near: Array, turn: Array) -> None:
         """Refuse coordinates far from `near` for a body that hardly turned: so it is near whole turns."""
-        between = rotations.quaternion_product(pose.orientation, rotations.conjugate(self._orientation(near)))
-        if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(rotations.logarithm(between)):
+        turned = rotations.turn_between(pose.orientation, self._orientation(near))
+        if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(turned):
             raise OptionError(
                 f"the {name} turns away from the axis of a movement of whole turns",
                 way_out="turn it about that axis only, or cut the movement in two",

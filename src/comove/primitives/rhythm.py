@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from comove.primitives.basis import from_rest, released
-from comove.primitives.flow import values_at
+from comove.primitives.basis import released
+from comove.primitives.flow import from_rest, values_at
 from comove.primitives.forcing import N_INTERVALS, von_mises
 
 Array = NDArray[np.float64]
@@ -115,21 +115,16 @@ def estimated_period(time: Array, position: Array) -> float:
     spectrum = np.abs(np.fft.rfft(x, 2 * n, axis=0)) ** 2
     products = np.fft.irfft(spectrum.sum(axis=1))[:n]
     energy = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=1))])
-    lags = np.arange(n)
-    both = np.sqrt((energy[n - lags]) * (energy[n] - energy[lags]))
-    correlation = products / np.maximum(both, 1e-300)
-    lags = lags[1 : int(LONGEST * n)]
-    inner = correlation[lags]
-    fallen = np.flatnonzero(inner < CORRELATED)
-    if not fallen.size:
+    both = np.sqrt(energy[:0:-1] * (energy[n] - energy[:n]))
+    correlation = (products / np.maximum(both, 1e-300))[1 : int(LONGEST * n)]  # by lags of 1, 2, ... samples
+    fallen = np.flatnonzero(correlation < CORRELATED)
+    rest = correlation[fallen[0] :] if fallen.size else np.zeros(0)
+    high = np.flatnonzero(rest >= max(CORRELATED, 0.9 * rest.max(initial=0.0)))
+    if not high.size:
         return float(time[-1])
-    high = inner[fallen[0] :] >= max(CORRELATED, 0.9 * inner[fallen[0] :].max(initial=0.0))
-    if not high.any():
-        return float(time[-1])
-    first = fallen[0] + int(np.argmax(high))
-    stretch = inner[first:]
-    peak = first + int(np.argmax(stretch[: max(2, first // 2)]))
-    guess = even[lags[peak]]
+    first = fallen[0] + high[0]
+    peak = first + np.argmax(correlation[first : first + max(2, first // 2)])
+    guess = float(even[1 + peak])
 
     def misfit(period: float) -> float:
         later = even[even <= even[-1] - period]
@@ -137,7 +132,8 @@ def estimated_period(time: Array, position: Array) -> float:
         then = np.stack([np.interp(later + period, even, column) for column in x.T])
         return float(((then - now) ** 2).mean())
 
-    bounds = 0.95 * guess, min(1.05 * guess, 0.98 * time[-1])
-    if bounds[0] >= bounds[1]:
-        return float(guess)
-    return float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9 * guess}).x)
+    shortest, longest = 0.95 * guess, min(1.05 * guess, 0.98 * time[-1])
+    if shortest >= longest:
+        return guess
+    options = {"xatol": 1e-9 * guess}
+    return float(minimize_scalar(misfit, bounds=(shortest, longest), method="bounded", options=options).x)

@@ -59,6 +59,21 @@ def logarithm(quaternion: Array, near: Array | None = None) -> Array:
     return axis * (angle + 2 * np.pi * turns)
 
 
+def turn_between(a: Array, b: Array, near: Array | None = None) -> Array:
+    """The rotation vector r with ``exp(r) b = a`` that is nearest to `near`, the shortest unless given.
+
+    Parameters
+    ----------
+    a, b : arrays, shape (4,), unit quaternions
+    near : array, shape (3,)
+
+    Returns
+    -------
+    array, shape (3,), [rad]
+    """
+    return logarithm(quaternion_product(a, conjugate(b)), near)
+
+
 def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array:
     """Rotation vectors of a movement, without jumps; the last one is the shortest, or the one nearest to `last`.
 

@@ -128,9 +128,8 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
         if parts > 1:
             s = np.linspace(0.0, 1.0, N_INTERVALS * parts + 1)[:-1]
             acceleration = motion.coordinates.motion(motion.at(s))[2, :, :n_hands]
-            acceleration = np.concatenate(
-                [acceleration, last[None]]
-            )  # the end, before the forcing is cut off
+            # The end is that of the knots: by `at`, the forcing is cut off there.
+            acceleration = np.concatenate([acceleration, last[None]])
         size = np.linalg.norm(acceleration, axis=2)
         change = np.repeat(jerk, parts, axis=0) * (0.5 * INTERVAL / parts)
         bound = float((np.maximum(size[1:], size[:-1]) + change).max()) / scale

@@ -165,11 +165,9 @@ def _draw_distance(axes: Axes, dmp: DMP, demonstration: Demonstration, unit: str
 
 
 def _draw_acceleration(axes: Axes, dmp: DMP, unit: str) -> None:
-    s = np.linspace(0.0, 1.0, N_STEPS)
-    of_boundary, of_shape = dmp.basis.at(s)
-    acceleration = of_boundary[2] @ dmp.boundary_values() + of_shape[2] @ dmp.shape_weights.T
-    acceleration = acceleration / dmp.duration**2
-    axes.plot(s * dmp.duration, np.linalg.norm(acceleration, axis=1), color=COLOURS[0], linewidth=1.6)
+    acceleration = np.linalg.norm(dmp.curve.knots[2], axis=1) / dmp.duration**2
+    time = np.linspace(0.0, dmp.duration, len(acceleration))
+    axes.plot(time, acceleration, color=COLOURS[0], linewidth=1.6)
     axes.set(title="acceleration", xlabel="time [s]", ylabel=f"acceleration [{unit}/s²]")
     axes.set_ylim(bottom=0.0)
 
