@@ -55,8 +55,8 @@ SPATIAL = {
     ],
     "limits": {"speed": 1, "acceleration": 2.5, "clearance": 0.01},
     "demonstration": {"lasa": "Angle", "demo": 3, "plane": "xz", "scale": 0.01},
-    "robot": {"model": "baxter", "links": [1, 2.5, None, True]},
-    "grasp": {"a": [0, 0, 1]},
+    "robot": "baxter",
+    "grasp": {"orientation": "down", "yaw": "load", "offset_deg": {"a": 30}},
 }
 PLANAR = {
     "name": "plate",
@@ -154,7 +154,7 @@ def test_a_spatial_scene_and_a_polygon():
     "load", [None, {"shape": "box", "size": [1, 1, 1]}, {"shape": "mesh", "file": "a.stl"}]
 )
 def test_other_loads(load):
-    scene = parse_scene(SPATIAL | {"load": load})
+    scene = parse_scene(SPATIAL | {"load": load, "grasp": None})
     assert scene.holders == (("a", "b", "c") if load else ())
 
 
@@ -310,9 +310,10 @@ ONE_WRONG = [
     ("speed: 1.0", "speed: 0", "limits.speed (line 12)", "0 is out of range", "greater than 0"),
     ("speed: 1.0", "clearance: -1", "limits.clearance (line 12)", "-1 is out of range", "not less than 0"),
     ("speed: 1.0", "sped: 1.0", "limits.sped (line 12)", "unknown key 'sped'", "'speed'?"),
-    ("limits: {speed: 1.0}", "robot: [1]", "robot (line 12)", "[1] is neither text nor", "a name or"),
+    ("limits: {speed: 1.0}", "robot: [1]", "robot (line 12)", "[1] is not text", "write a name"),
     ("limits: {speed: 1.0}", "grasp: up", "grasp (line 12)", "'up' is not a mapping", "'key: value'"),
-    ("limits: {speed: 1.0}", "robot: {a: [.nan]}", "robot.a[0] (line 12)", "nan is not a finite", "number"),
+    ("limits: {speed: 1.0}", "robot: ''", "robot (line 12)", "'' names no robot", "such as baxter"),
+    ("limits: {speed: 1.0}", "grasp: {}", "grasp (line 12)", "the scene is planar", "leave grasp out"),
     (
         "[left, right]",
         "[left, rihgt]",
@@ -511,7 +512,7 @@ SPATIAL_WRONG = [
     (("workspace", "lower"), [0] * 4, "workspace.lower", "4 numbers", "write 2 (planar) or 3 (spatial)"),
     (("workspace", "lower"), [0], "workspace.lower", "1 number", "write 2 (planar) or 3 (spatial)"),
     (("manipulators",), [], "manipulators", "0 entries", "at least 1 manipulator"),
-    (("robot",), {"a": object()}, "robot.a", "is not plain data", "lists and mappings"),
+    (("robot",), {"a": object()}, "robot", "is not text", "write a name"),
     (("duration",), 10**400, "duration", "is not a number", "plain number"),
     (("duration",), 10**5000, "duration", "a very long int is not a number", "plain number"),
 ]

@@ -8,11 +8,13 @@ from comove.scenes.constraints import (
     SeparationConstraint,
     UprightConstraint,
 )
+from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 
 __all__ = [
     "Constraint",
     "DistanceConstraint",
+    "Grasp",
     "RelativePoseConstraint",
     "SameHeightConstraint",
     "Scene",

@@ -34,6 +34,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
         *_workspace_flaws(scene),
         *_rotation_flaws(scene),
         *_holder_flaws(scene),
+        *_grasp_flaws(scene),
         *_constraint_flaws(scene),
         *_file_flaws(scene, folder),
     ]
@@ -104,6 +105,9 @@ def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     for i, constraint in enumerate(scene.constraints):
         for j, name in enumerate(getattr(constraint, "between", ())):
             yield ("constraints", i, "between", j), name
+    offsets = scene.grasp.offset_deg if scene.grasp else None
+    for name in offsets if isinstance(offsets, dict) else ():
+        yield ("grasp", "offset_deg", name), name
 
 
 def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:
@@ -144,6 +148,13 @@ def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
     if grasps is not None and set(grasps) != set(holders):
         message = f"grasps are given for {show([*grasps])}, but the load is held by {show(holders)}"
         yield Flaw(("load", "grasps"), message, "give one grasp to each holder, or correct held_by")
+
+
+def _grasp_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    if scene.grasp is not None and scene.dimension == 2:
+        yield Flaw(("grasp",), "hands hold things in space, and the scene is planar", "leave grasp out")
+    elif scene.grasp is not None and scene.load is None:
+        yield Flaw(("grasp",), "there is no load to hold", "add a load, or leave grasp out")
 
 
 def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:

@@ -60,7 +60,6 @@ _KINDS = {
     "model_type": ("a mapping", "write 'key: value' lines"),
     "model_attributes_type": ("a mapping", "write 'key: value' lines"),
     "invalid_key": ("a key", "write keys as text"),
-    "invalid-json-value": ("plain data", "use text, numbers, lists and mappings"),
 }
 _BOUNDS = {
     "greater_than": ("gt", "greater than"),

@@ -22,9 +22,10 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
-    JsonValue,
     SerializerFunctionWrapHandler,
+    Tag,
     ValidationError,
     model_serializer,
     model_validator,
@@ -126,16 +127,10 @@ def _version(number: int) -> int:
     return number
 
 
-def _text_or_mapping(value: Any) -> Any:
-    if not isinstance(value, str | dict | None):
-        raise _Wrong(f"{show(value)} is neither text nor a mapping", "write a name or 'key: value' lines")
-    return value
-
-
-def _mapping(value: Any) -> Any:
-    if not isinstance(value, dict | None):
-        raise _Wrong(f"{show(value)} is not a mapping", "write 'key: value' lines")
-    return value
+def _robot_name(name: str) -> str:
+    if not name.strip() or not name.isprintable():
+        raise _Wrong(f"{show(name)} names no robot", "write a name such as baxter, or a description's path")
+    return name
 
 
 Number = Annotated[float, AfterValidator(_no_minus_zero)]
@@ -362,6 +357,36 @@ Constraint = Annotated[
 ]
 
 
+class GraspPart(_Part):
+    """How hands hold the load: they keep their tilt, given in one of two ways, and turn with it.
+
+    `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
+    the load's heading is 0.
+    """
+
+    orientation: Literal["down"] | None = None
+    quaternion_wxyz: Quaternion | None = None
+    yaw: Literal["load"] = "load"
+    offset_deg: Annotated[
+        Annotated[Number, Tag("one")] | Annotated[dict[str, Number], Tag("each")],
+        Discriminator(lambda value: "each" if isinstance(value, dict) else "one"),
+    ] = 0.0
+    """By which hands are turned about the vertical against the load's heading; one for all, or by name [deg]."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _down_unless_said(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("orientation") is None and data.get("quaternion_wxyz") is None:
+            return data | {"orientation": "down"}
+        return data
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> GraspPart:
+        if self.orientation is not None and self.quaternion_wxyz is not None:
+            raise _Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
+        return self
+
+
 class DemonstrationSource(_Part):
     """Where the taught movement comes from: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
@@ -416,8 +441,9 @@ class SceneFile(_Part):
     limits: Limits = Limits()
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(_as_tuple)] = ()
     demonstration: DemonstrationSource | None = None
-    robot: Annotated[JsonValue, AfterValidator(_text_or_mapping)] = None
-    grasp: Annotated[JsonValue, AfterValidator(_mapping)] = None
+    robot: Annotated[str, AfterValidator(_robot_name)] | None = None
+    """A robot's name, or the path of its description relative to the scene."""
+    grasp: GraspPart | None = None
 
     @property
     def dimension(self) -> int:
@@ -466,6 +492,7 @@ CONTRACT = Contract(
         "manipulators": Manipulator,
         "limits": Limits,
         "demonstration": DemonstrationSource,
+        "grasp": GraspPart,
     },
 )
 """What messages know of the keys."""

@@ -351,11 +351,13 @@ def _upright(
         if tilt > allowed:
             who = ", ".join(f"'{file.names[i]}'" for i in group.members)
             how = "not turn" if file.dimension == 2 else "turn about the vertical only"
+            unsaid = file.grasp is not None and not any(c.type == "upright" for c in file.constraints)
             raise SceneError(
                 f"the body that {who} hold is tilted by {degrees(tilt):.3g} deg at the {end}, and it may {how} "
-                f"(tolerance {degrees(allowed):.3g} deg)",
+                f"({'as grasp implies; ' if unsaid else ''}tolerance {degrees(allowed):.3g} deg)",
                 file=path,
                 key=f"manipulators.{end}",
-                way_out="keep the tilt of the start, or widen the tolerance",
+                way_out="keep the tilt of the start, or "
+                + ("give {type: upright, tolerance_deg: ..}" if unsaid else "widen the tolerance"),
             )
     return replace(kept, start=poses[0], goal=poses[1])

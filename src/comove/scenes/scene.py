@@ -21,6 +21,7 @@ from comove.primitives.rotations import matrices
 from comove.scenes import distances as sd
 from comove.scenes.constraints import (
     ROUNDING,
+    UPRIGHT_TOLERANCE_DEG,
     Constraint,
     DistanceConstraint,
     RelativePoseConstraint,
@@ -29,6 +30,7 @@ from comove.scenes.constraints import (
     UprightConstraint,
     distance_tolerance,
 )
+from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import RigidGroup, rotation_in_plane
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
 from comove.scenes.rigid import levelled, require_same_heights, rigid_group, rigid_sets
@@ -37,6 +39,7 @@ from comove.scenes.taught import read_demonstration, read_movement
 Array = NDArray[np.float64]
 
 LOADS = ("bar", "frame", "polygon")
+HEADING = 1e-3  # m, between the first two holders, seen from above
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
@@ -77,6 +80,7 @@ class Scene:
     constraints : what must hold at every instant, distances that load and relative poses imply included
     body : what must not touch anything
     obstacles : array, shape (n_obstacles, distances.N_COLUMNS), the table that kernels take
+    grasp : how the hands hold the load, None where the file does not say
     """
 
     file: SceneFile
@@ -90,6 +94,7 @@ class Scene:
     constraints: tuple[Constraint, ...]
     body: Body
     obstacles: Array
+    grasp: Grasp | None = None
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -271,11 +276,13 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         constraints=explicit + tuple(implied),
         body=_body(file, names, groups),
         obstacles=_obstacle_table(file, n_dims),
+        grasp=grasp_of(file, _carried(file, groups)),
     )
     moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
     for end, given in (("start", scene.start), ("goal", scene.goal)):
         _say_shift(end, given, moved[end], names)
     scene = replace(scene, **moved)
+    _require_heading(scene, path)
     _require_free_ends(scene, path)
     _require_separate_ends(scene, path)
     return scene
@@ -300,7 +307,17 @@ def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
             constraints.append(SeparationConstraint(i, j, c.distance, c.tolerance))
         else:
             constraints.append(SameHeightConstraint(i, j, c.tolerance))
+    if file.grasp is not None and not any(isinstance(c, UprightConstraint) for c in constraints):
+        # Hands that keep their tilt keep that of what they hold.
+        holders = tuple(file.names.index(name) for name in file.holders)
+        constraints.append(UprightConstraint(holders, radians(UPRIGHT_TOLERANCE_DEG)))
     return tuple(constraints)
+
+
+def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
+    """The hands, by number, that are one body with the load."""
+    holders = {file.names.index(name) for name in file.holders}
+    return next((group.members for group in groups if holders & set(group.members)), ())
 
 
 def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
@@ -365,6 +382,22 @@ def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
             f"the {end} was moved onto the constraints, '{names[worst]}' most, by {shift[worst]:.3g} m",
             ComoveWarning,
             stacklevel=4,
+        )
+
+
+def _require_heading(scene: Scene, path: object) -> None:
+    """Refuse a grasp whose hands cannot tell where the load is heading; it turns about the vertical only."""
+    if scene.grasp is None or len(scene.grasp.holders) < 2:
+        return
+    first, second = scene.grasp.holders[:2]
+    if np.hypot(*(scene.start[first] - scene.start[second])[:2]) < HEADING:
+        names = scene.manipulators
+        raise SceneError(
+            f"'{names[first]}' and '{names[second]}' hold the load one above the other, so that it has no heading "
+            "that the hands could turn with",
+            file=path,
+            key="grasp",
+            way_out="move one of them aside, or name first in held_by two holders that are beside each other",
         )
 
 

@@ -1,0 +1,95 @@
+"""How hands hold a load that turns about the vertical only: a function of where the hands are.
+
+The heading psi of the load is the direction, seen from above, from its second holder to its first. A hand's grasp
+frame (z the approach direction, fingers open along y) keeps its tilt and turns with the load:
+
+    R(psi) = Rz(psi + offset) R(0)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.primitives.rotations import matrices
+from comove.scenes.groups import rotation_in_plane
+from comove.scenes.model import SceneFile
+
+Array = NDArray[np.float64]
+
+DOWN = np.diag([-1.0, 1.0, -1.0])
+"""A grasp frame whose approach direction points down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """Orientations of the hands while they carry the load.
+
+    Attributes
+    ----------
+    holders : the hands, by number, from the second of which to the first the heading points; one alone holds a
+        load that does not turn, whose heading is 0
+    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included
+    turning : array of bool, shape (n_manipulators,), which hands go along with the load; others do not turn
+    """
+
+    holders: tuple[int, ...]
+    at_rest: Array
+    turning: NDArray[np.bool_]
+
+    def heading(self, hands: Array) -> Array:
+        """Heading of the load [rad], between -pi and pi; array, shape (...).
+
+        Parameters
+        ----------
+        hands : array, shape (..., n_manipulators, 3), [m]
+        """
+        x, y = self._along(hands)
+        return np.arctan2(y, x)
+
+    def hand_rotations(self, hands: Array) -> Array:
+        """Orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
+
+        Parameters
+        ----------
+        hands : array, shape (..., n_manipulators, 3), [m]
+        """
+        x, y = self._along(hands)
+        size = np.hypot(x, y)[..., None]
+        c = np.where(self.turning, x[..., None] / size, 1.0)[..., None]
+        s = np.where(self.turning, y[..., None] / size, 0.0)[..., None]
+        rotations = np.empty((*c.shape[:-1], 3, 3))
+        rotations[..., 0, :] = c * self.at_rest[:, 0] - s * self.at_rest[:, 1]
+        rotations[..., 1, :] = s * self.at_rest[:, 0] + c * self.at_rest[:, 1]
+        rotations[..., 2, :] = self.at_rest[:, 2]
+        return rotations
+
+    def _along(self, hands: Array) -> tuple[Array, Array]:
+        """From the second holder to the first, seen from above [m]; two arrays, shape (...)."""
+        hands = np.asarray(hands, dtype=float)
+        if len(self.holders) == 1:
+            return np.ones(hands.shape[:-2]), np.zeros(hands.shape[:-2])
+        first, second = self.holders[:2]
+        return tuple(np.moveaxis(hands[..., first, :2] - hands[..., second, :2], -1, 0))
+
+
+def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
+    """The grasp that a scene file describes, None where it says nothing.
+
+    Parameters
+    ----------
+    carried : the hands, by number, that are one body with the load
+    """
+    part = file.grasp
+    if part is None:
+        return None
+    offset = part.offset_deg
+    offsets = [offset.get(name, 0.0) if isinstance(offset, dict) else offset for name in file.names]
+    held = DOWN if part.quaternion_wxyz is None else matrices(np.array(part.quaternion_wxyz))
+    return Grasp(
+        holders=tuple(file.names.index(name) for name in file.holders),
+        at_rest=np.stack([rotation_in_plane(np.deg2rad(angle)) @ held for angle in offsets]),
+        turning=np.isin(np.arange(len(file.names)), carried),
+    )

@@ -1,0 +1,196 @@
+"""Hands that hold a load keep their tilt and turn with it, whatever the load does."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from comove.coordination.coordinates import ANGLE, load_coordinates
+from comove.errors import ComoveWarning
+from comove.scenes import Scene, UprightConstraint
+
+from .test_scene import BAR, quiet, refused, scene_of
+
+ANGLES = st.floats(-7.0, 7.0)
+
+
+def stick(psi=0.0, tilt=0.0):
+    """Both hands (2, 3) of a stick of 0.2 m whose heading is psi, tilted, about (0.5, 0.5, 0.5)."""
+    along = np.array([np.cos(tilt) * np.cos(psi), np.cos(tilt) * np.sin(psi), np.sin(tilt)])
+    return 0.5 + 0.1 * np.stack([along, -along])
+
+
+def held(**grasp):
+    return quiet(scene_of(stick(), stick(1.0), load=BAR, grasp=grasp))
+
+
+def rotations(grasp, psi):
+    """What the grasp says of a stick of heading psi, as rotations of SciPy, one a hand."""
+    return [Rotation.from_matrix(matrix) for matrix in grasp.hand_rotations(stick(psi))]
+
+
+@given(psi=ANGLES, tilt=st.floats(-1.5, 1.5))
+def test_the_heading_points_from_the_second_holder_to_the_first(psi, tilt):
+    scene = held()
+    turn = scene.grasp.heading(stick(psi, tilt)) - psi
+    assert abs(np.sin(turn / 2)) < 1e-9
+    swapped = quiet(scene_of(stick(), stick(1.0), load={**BAR, "held_by": ["b", "a"]}, grasp={}))
+    turn = swapped.grasp.heading(stick(psi, tilt)) - psi
+    assert abs(np.cos(turn / 2)) < 1e-9
+
+
+def test_down_is_down_and_yaws_with_the_stick():
+    """At heading 0 the frame is diag(-1, 1, -1); its z axis, the approach, always points down."""
+    grasp = held(orientation="down", yaw="load").grasp
+    assert np.array_equal(grasp.hand_rotations(stick()), [np.diag([-1.0, 1.0, -1.0])] * 2)
+    for hand in grasp.hand_rotations(stick(0.7)):
+        assert np.allclose(hand[:, 2], [0, 0, -1], atol=1e-15)
+        assert np.allclose(hand[:, 1], [-np.sin(0.7), np.cos(0.7), 0])  # the fingers open across the stick
+
+
+@given(psi=ANGLES, vector=st.tuples(*[st.floats(-3, 3)] * 3), offset=st.floats(-400, 400))
+def test_a_hand_turns_about_the_vertical_by_heading_and_offset(psi, vector, offset):
+    at_rest = Rotation.from_rotvec(vector)
+    x, y, z, w = at_rest.as_quat()
+    grasp = held(quaternion_wxyz=[w, x, y, z], offset_deg={"b": offset}).grasp
+    first, second = rotations(grasp, psi)
+    assert (first * (Rotation.from_euler("z", psi) * at_rest).inv()).magnitude() < 1e-9
+    both = Rotation.from_euler("z", psi + np.deg2rad(offset))
+    assert (second * (both * at_rest).inv()).magnitude() < 1e-9
+
+
+def test_one_offset_serves_all_hands():
+    one, each = held(offset_deg=30.0).grasp, held(offset_deg={"a": 30.0, "b": 30.0}).grasp
+    assert np.array_equal(one.at_rest, each.at_rest)
+    assert np.allclose(one.at_rest[0, :, 1], [-np.sin(np.pi / 6), np.cos(np.pi / 6), 0])
+
+
+def test_many_instants_at_once():
+    """Any leading axes; the same as one by one, and rotations throughout."""
+    grasp = held(offset_deg=10.0).grasp
+    hands = np.random.default_rng(0).normal(size=(4, 5, 2, 3))
+    all_at_once = grasp.hand_rotations(hands)
+    assert all_at_once.shape == (4, 5, 2, 3, 3)
+    assert grasp.heading(hands).shape == (4, 5)
+    assert np.array_equal(all_at_once[2, 3], grasp.hand_rotations(hands[2, 3]))
+    assert np.allclose(all_at_once @ np.swapaxes(all_at_once, -1, -2), np.eye(3), atol=1e-14)
+    assert np.allclose(np.linalg.det(all_at_once), 1.0)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6))
+def test_hands_are_one_rigid_body_with_the_load(seed):
+    """Between any two configurations all hands turn by what the load's block turns by."""
+    rng = np.random.default_rng(seed)
+    scene = held(offset_deg={"a": 20.0})
+    coordinates = load_coordinates(scene)
+    assert coordinates.parts[0].kind == ANGLE
+    q = rng.uniform(0.0, 3.0, (2, 4))
+    hands = coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
+    first, second = scene.grasp.hand_rotations(hands)
+    turn = Rotation.from_euler("z", q[1, 3] - q[0, 3])
+    for a, b in zip(first, second, strict=True):
+        assert (Rotation.from_matrix(b) * Rotation.from_matrix(a).inv() * turn.inv()).magnitude() < 1e-9
+
+
+def test_a_grasp_keeps_the_load_upright():
+    """Unless the file says so itself, with its own tolerance."""
+    (upright,) = (c for c in held().constraints if isinstance(c, UprightConstraint))
+    assert upright == UprightConstraint((0, 1), pytest.approx(np.deg2rad(0.1)))
+    data = scene_of(stick(), stick(1.0), load=BAR, grasp={})
+    scene = quiet(data | {"constraints": [{"type": "upright", "tolerance_deg": 2.0}]})
+    assert [c.tolerance for c in scene.constraints if isinstance(c, UprightConstraint)] == [np.deg2rad(2.0)]
+    tilted = refused(scene_of(stick(), stick(1.0, 0.05), load=BAR, grasp={}))
+    assert "tilted by 2.86 deg at the goal" in tilted.message
+    assert "as grasp implies" in tilted.message
+    assert "type: upright" in tilted.way_out
+    assert quiet(scene_of(stick(), stick(1.0), load=BAR)).grasp is None
+
+
+def test_only_who_goes_along_with_the_load_turns():
+    """A free hand keeps its orientation; one tied to a holder turns with the load."""
+    hands = np.concatenate([stick(), [[0.1, 0.1, 0.1], [0.9, 0.9, 0.9]]])
+    goal = np.concatenate([stick(), hands[2:]])
+    scene = quiet(
+        scene_of(
+            hands,
+            goal,
+            load={**BAR, "held_by": ["a", "b"]},
+            grasp={},
+            constraints=[{"type": "relative_pose", "between": ["a", "d"]}],
+        )
+    )
+    assert scene.grasp.turning.tolist() == [True, True, False, True]
+    moved = np.concatenate([stick(0.5), hands[2:]])
+    turned = scene.grasp.hand_rotations(moved)
+    assert np.array_equal(turned[2], scene.grasp.at_rest[2])
+    assert np.array_equal(turned[3], turned[0])
+
+
+def test_a_load_on_end_has_no_heading():
+    hands = [[0.5, 0.5, 0.6], [0.5, 0.5, 0.4]]
+    error = refused(scene_of(hands, np.add(hands, [0.2, 0, 0]), load=BAR, grasp={}))
+    assert "'a' and 'b' hold the load one above the other" in error.message
+    assert "move one of them aside" in error.way_out
+    third = [*hands, [0.6, 0.5, 0.6]]
+    frame = {"shape": "frame", "edges": [["a", "b"], ["b", "c"]]}
+    scene = quiet(scene_of(third, third, load=frame | {"held_by": ["c", "b", "a"]}, grasp={}))
+    assert scene.grasp.heading(scene.start) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("grasp", "key", "message", "way_out"),
+    [
+        ({"orientation": "up"}, "grasp.orientation", "'up' is not known", "'down'"),
+        ({"yaw": "free"}, "grasp.yaw", "'free' is not known", "'load'"),
+        ({"orientaton": "down"}, "grasp.orientaton", "unknown key", "'orientation'?"),
+        ("down", "grasp", "'down' is not a mapping", "'key: value'"),
+        (
+            {"orientation": "down", "quaternion_wxyz": [0, 1, 0, 0]},
+            "grasp",
+            "both orientation and quaternion_wxyz",
+            "one of the two",
+        ),
+        ({"quaternion_wxyz": [0, 1, 0, 1]}, "grasp.quaternion_wxyz", "the norm 1.41", "w first"),
+        ({"offset_deg": "left"}, "grasp.offset_deg", "'left' is not a number", "plain number"),
+        ({"offset_deg": {"a": "x"}}, "grasp.offset_deg.a", "'x' is not a number", "plain number"),
+        ({"offset_deg": {"left": 3}}, "grasp.offset_deg.left", "no manipulator 'left'", "a, b"),
+        ({"offset_deg": np.nan}, "grasp.offset_deg", "nan is not a finite number", "plain number"),
+    ],
+)
+def test_what_is_wrong_with_a_grasp(grasp, key, message, way_out):
+    error = refused(scene_of(stick(), stick(1.0), load=BAR, grasp=grasp))
+    assert error.key == key
+    assert message in error.message
+    assert way_out in error.way_out
+
+
+def test_a_grasp_needs_space_and_a_load():
+    flat = refused(scene_of([[0, 0], [0.2, 0]], [[1, 0], [1.2, 0]], load=BAR, grasp={}))
+    assert (flat.key, flat.way_out) == ("grasp", "leave grasp out")
+    assert "the scene is planar" in flat.message
+    empty = refused(scene_of(stick(), stick(1.0), grasp={}))
+    assert (empty.key, empty.way_out) == ("grasp", "add a load, or leave grasp out")
+
+
+def test_a_robot_is_named_in_words():
+    data = scene_of(stick(), stick(1.0), load=BAR)
+    assert quiet(data | {"robot": "baxter"}).file.robot == "baxter"
+    for wrong in ({"model": "baxter"}, 7, "", "a\nb"):
+        assert refused(data | {"robot": wrong}).key == "robot"
+
+
+def test_the_checksum_is_of_what_is_meant():
+    """What stands for the default does not change it; another way of holding does."""
+    data = scene_of(stick(), stick(1.0), load=BAR)
+    plain = quiet(data | {"grasp": {}}).sha256
+    assert quiet(data | {"grasp": {"orientation": "down", "yaw": "load", "offset_deg": 0}}).sha256 == plain
+    others = [{"offset_deg": 1}, {"quaternion_wxyz": [0, 0, 1, 0]}]
+    sums = {plain, quiet(data).sha256, *(quiet(data | {"grasp": grasp}).sha256 for grasp in others)}
+    assert len(sums) == 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ComoveWarning)
+        Scene.from_dict({**data, "grasp": None})
