@@ -349,6 +349,31 @@ def test_other_content_has_another_checksum(path, value):
         assert Scene.from_dict(changed).sha256 != quiet(data).sha256
 
 
+@pytest.mark.parametrize(
+    "data",
+    [bar_scene(), polygon_scene(), scene_of(TRIANGLE, TRIANGLE + 0.5, load=FRAME)],
+    ids=["bar", "plate", "frame"],
+)
+def test_a_load_may_have_a_mass(data):
+    """It is content where it is given, and nothing where it is not."""
+    assert quiet(data).load_mass is None
+    heavy = {**data, "load": {**data["load"], "mass": 0.25}}
+    assert quiet(heavy).load_mass == 0.25
+    assert quiet(heavy).sha256 != quiet(data).sha256
+    assert quiet({**data, "load": {**data["load"], "mass": None}}).sha256 == quiet(data).sha256
+    for wrong in (0, -1.0, np.inf, "1 kg"):
+        assert refused({**data, "load": {**data["load"], "mass": wrong}}).key == "load.mass"
+
+
+def test_nobody_carries_a_mass_without_a_load():
+    assert quiet(scene_of([[0.0, 0.0]], [[1.0, 0.0]])).load_mass is None
+
+
+def test_checksums_stay_what_they_were():
+    """Results name the scene by its checksum: keys added since, which a scene leaves out, are no part of it."""
+    assert quiet(bar_scene()).sha256 == "4804723594b4add8a375fa6a8779fc4dd6ba40c1f72058b9092a5f5fa44a15ab"
+
+
 def test_limits_are_endless_where_none_is_given():
     scene = quiet(bar_scene())
     assert scene.speed_limit == scene.acceleration_limit == np.inf

@@ -228,7 +228,17 @@ Obstacle = Annotated[
 ]
 
 
-class BarLoad(_Part):
+class _Load(_Part):
+    """A load of `mass` [kg], None where nothing is said: loads without one keep their checksum."""
+
+    mass: Positive | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_no_mass(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in write(self).items() if key != "mass" or value is not None}
+
+
+class BarLoad(_Load):
     """A bar between two hands `length` apart, `overhang` longer at both ends, of `radius` [m]."""
 
     shape: Literal["bar"]
@@ -238,7 +248,7 @@ class BarLoad(_Part):
     held_by: Pair | None = None
 
 
-class FrameLoad(_Part):
+class FrameLoad(_Load):
     """Rods of `radius` [m] between the hands that `edges` names in pairs."""
 
     shape: Literal["frame"]
@@ -247,7 +257,7 @@ class FrameLoad(_Part):
     held_by: Names | None = None
 
 
-class _Gripped(_Part):
+class _Gripped(_Load):
     """A load with a frame of its own, in which `grasps` says where each hand holds it [m]."""
 
     grasps: dict[str, Vector] | None = None

@@ -155,6 +155,11 @@ class Scene:
         """Acceleration limit of every manipulator [m/s^2], infinite where there is none."""
         return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
 
+    @property
+    def load_mass(self) -> float | None:
+        """Mass of the load [kg], None where there is no load or nothing is said of it."""
+        return None if self.file.load is None else self.file.load.mass
+
     @cached_property
     def demonstration(self) -> Demonstration | None:
         """The recording that the scene names, None where it names none, or a primitive of a library (see `taught`).
