@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from comove.coordination.constraints import (
     TURN_LENGTH,
-    ConstraintError,
     Distance,
     Poses,
     RelativePose,
@@ -19,7 +18,7 @@ from comove.coordination.constraints import (
 )
 from comove.coordination.cooperative import CooperativeDMP
 from comove.demonstrations import Demonstration
-from comove.errors import DemonstrationError, OptionError
+from comove.errors import ConstraintError, DemonstrationError, OptionError
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 
 seeds = st.integers(0, 2**32 - 1)
@@ -333,3 +332,13 @@ def test_what_is_refused():
         dmp.redirected(dmp.initial_state(), grasp)
     with pytest.raises(OptionError, match="n_steps"):
         dmp.rollout(n_steps=0)
+
+
+@pytest.mark.parametrize("time", [1.0, "x", ["x"], [[0.0], [1.0]], [0.0, np.nan], None])
+@pytest.mark.parametrize("constraints", [(), (Distance("a", "b", 0.5),)])
+def test_times_that_are_none(time, constraints):
+    load = PoseDMP.fit(recording(0))
+    aside = load.towards(start=Pose(load.start.position + 0.3, load.start.orientation))
+    for movement in (load, CooperativeDMP(None, {"a": load, "b": aside}, constraints)):
+        with pytest.raises(OptionError, match="give an array of finite numbers"):
+            movement.at(time)

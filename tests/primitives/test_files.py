@@ -236,6 +236,8 @@ ONE_WRONG = [
     (("movement", "phase"), "linear", "movement.phase", "'linear' is no mapping"),
     (("movement", "phase", "name"), "lin", "movement.phase.name", "'lin' is not known"),
     (("movement", "phase", "alpha"), -1.0, "movement.phase.alpha", "no decay rate"),
+    (("movement", "phase", "alpha"), 0.0, "movement.phase.alpha", "0.0 is no decay rate"),
+    (("movement", "phase", "alpha"), 50.0, "movement.phase.alpha", "50.0 is no decay rate"),
     (("movement", "duration"), 0.0, "movement.duration", "0.0 is no duration"),
     (("movement", "duration"), "2", "movement.duration", "'2' has another shape"),
     (("movement", "duration"), 1e400, "movement.duration", "not finite"),

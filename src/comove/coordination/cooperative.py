@@ -22,7 +22,7 @@ from comove.coordination.constraints import TURN_LENGTH, Constraint, Poses, proj
 from comove.demonstrations import Demonstration
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.primitives import rotations
-from comove.primitives.arguments import require_steps
+from comove.primitives.arguments import instants, require_steps
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.trajectory import PoseTrajectory
 
@@ -198,8 +198,10 @@ class CooperativeDMP:
         ------
         ConstraintError
             If the constraints cannot be met together near the movement.
+        OptionError
+            If `time` is no such array.
         """
-        time = np.asarray(time, dtype=float)
+        time = instants(time)
         poses, velocity, spin = self._free(time)
         if self.constraints and len(time):
             nudge = NUDGE * self.duration

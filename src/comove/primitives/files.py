@@ -22,7 +22,7 @@ from comove.demonstrations import Demonstration
 from comove.demonstrations.files import existing_file, telling, whole_file
 from comove.errors import LibraryError, OptionError, near_name
 from comove.primitives.dmp import DMP
-from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import PoseDMP
 from comove.primitives.rotations import conjugate, quaternion_product
 from comove.primitives.variants import Variant
@@ -373,8 +373,9 @@ def _phase(part: _Part) -> Phase:
     if name != "exponential":
         raise part.wrong("name", f"{_shown(name)} is not known", near_name(name, ("linear", "exponential")))
     alpha = part.with_keys(("name", "alpha")).number("alpha")
-    if not 0 <= alpha <= 100:
-        raise part.wrong("alpha", f"{alpha!r} is no decay rate", "a number from 0 to 100 belongs there")
+    if not 0 < alpha <= FASTEST:
+        way_out = f"a number above 0, at most {FASTEST:g}, belongs there"
+        raise part.wrong("alpha", f"{alpha!r} is no decay rate", way_out)
     return ExponentialPhase(alpha)
 
 
