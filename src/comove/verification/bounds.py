@@ -48,7 +48,7 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         if part.kind != POINT:
             swing, twist = _turning_bounds(part.kind, turn)
         points = part.points[:, :2] if part.kind == ANGLE else part.points
-        reach = np.linalg.norm(points, axis=1)
+        reach = lengths(points)
         with np.errstate(invalid="ignore"):
             acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
             jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
@@ -65,7 +65,7 @@ def distance_error(relative: Array, distance: float) -> float:
     ----------
     relative : array, shape (3, n_knots, n_dims), r and its first two derivatives at the knots
     """
-    apart = np.linalg.norm(relative[0], axis=1)
+    apart = lengths(relative[0])
     fastest, bend, _ = _column_bounds(relative)
     nearest = np.minimum(apart[1:], apart[:-1]) - 0.5 * INTERVAL * fastest
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -84,7 +84,7 @@ def least_distance(relative: Array, bend: Array) -> float:
     """
     here, step = relative[:-1], np.diff(relative, axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    nearest = lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step)
     return float((nearest - INTERVAL**2 / 8 * bend).min())
 
 
@@ -108,7 +108,7 @@ def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> fl
     velocity : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
     jerk : as `node_bounds` gives it
     """
-    speed = np.linalg.norm(velocity, axis=2)
+    speed = lengths(velocity)
     bound = np.maximum(speed[1:], speed[:-1]) + INTERVAL**2 / 8 * jerk[:, : speed.shape[1]]
     return float(bound.max()) / motion.scene.duration
 
@@ -130,12 +130,17 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
             acceleration = motion.coordinates.motion(motion.at(s))[2, :, :n_hands]
             # The end is that of the knots: by `at`, the forcing is cut off there.
             acceleration = np.concatenate([acceleration, last[None]])
-        size = np.linalg.norm(acceleration, axis=2)
+        size = lengths(acceleration)
         change = np.repeat(jerk, parts, axis=0) * (0.5 * INTERVAL / parts)
         bound = float((np.maximum(size[1:], size[:-1]) + change).max()) / scale
         if bound <= limit or size.max() / scale > limit:
             break
     return bound
+
+
+def lengths(vectors: Array) -> Array:
+    """Euclidean lengths; (..., width) -> (...). Twice as fast as numpy's norm, and the judge takes very many."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
 def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
@@ -149,14 +154,14 @@ def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
     -------
     first, second, third : arrays, shape (n_intervals,)
     """
-    ends = np.linalg.norm(columns[2], axis=1)
+    ends = lengths(columns[2])
     second = np.exp(OMEGA * INTERVAL) * np.maximum(ends[1:], ends[:-1])
-    speeds = np.linalg.norm(columns[1], axis=1)
+    speeds = lengths(columns[1])
     first = np.maximum(speeds[1:], speeds[:-1]) + 0.5 * INTERVAL * second
     p = columns[2, :-1]
     q = (columns[2, 1:] * np.exp(OMEGA * INTERVAL) - p) / INTERVAL
     begin, end = q - OMEGA * p, q - OMEGA * p - OMEGA * INTERVAL * q
-    third = np.maximum(np.linalg.norm(begin, axis=1), np.linalg.norm(end, axis=1))
+    third = np.maximum(lengths(begin), lengths(end))
     return first, second, third
 
 
@@ -183,7 +188,7 @@ def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
         return np.hypot(second, first**2), third + 3 * first * second + first**3
     here, step = turn[0, :-1], np.diff(turn[0], axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    nearest = np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+    nearest = lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step)
     least = nearest - INTERVAL**2 / 8 * second
     with np.errstate(divide="ignore", invalid="ignore"):
         a1, a2, a3 = (np.where(least > 0, x / least, np.inf) for x in (first, second, third))

@@ -26,7 +26,7 @@ from comove.scenes.constraints import (
     SeparationConstraint,
     UprightConstraint,
 )
-from comove.verification.bounds import NodeBounds, distance_error, largest_size, least_distance
+from comove.verification.bounds import NodeBounds, distance_error, largest_size, least_distance, lengths
 
 Array = NDArray[np.float64]
 
@@ -168,7 +168,7 @@ def _keeps_tilt(part: Part, n_dims: int) -> bool:
 
 
 def _apart(position: Array, i: int, j: int) -> Array:
-    return np.linalg.norm(position[:, i] - position[:, j], axis=1)
+    return lengths(position[:, i] - position[:, j])
 
 
 def _names(motion: CoordinatedMotion, c: Constraint) -> str:

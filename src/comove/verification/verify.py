@@ -19,7 +19,7 @@ from comove.scenes.constraints import (
     UprightConstraint,
 )
 from comove.trajectory import Trajectory
-from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
+from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
 from comove.verification.constraints import Finding, examine
 
@@ -161,7 +161,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         clearance_min=clearance.lower,
         distance_error_max=_worst(findings, DistanceConstraint, max) or 0.0,
         end_error=float(ends.max()),
-        end_speed=float(np.linalg.norm(velocity[-1], axis=-1).max() / duration),
+        end_speed=float(lengths(velocity[-1]).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
         separation_spare_min=_worst(findings, SeparationConstraint, min),
