@@ -132,17 +132,17 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
         if counts[0] + counts[1] + 2 >= max_nodes:
             break
         random_configuration(space, rng, sample)
-        near = _nearest(space, trees[this], counts[this], sample)
-        _towards(space, trees[this, near], sample, STEP, target)
+        near = nearest(space, trees[this], counts[this], sample)
+        towards(space, trees[this, near], sample, STEP, target)
         if edge_is_free(space, trees[this, near], target, margin, scratch, nodes):
             new = counts[this]
             copy_to(target, trees[this, new])
             parents[this, new] = near
             counts[this] += 1
             other = 1 - this
-            at = _nearest(space, trees[other], counts[other], target)
+            at = nearest(space, trees[other], counts[other], target)
             while counts[other] + 1 < max_nodes:
-                arrived = _towards(space, trees[other, at], trees[this, new], STEP, target)
+                arrived = towards(space, trees[other, at], trees[this, new], STEP, target)
                 if not edge_is_free(space, trees[other, at], target, margin, scratch, nodes):
                     break
                 end = counts[other]
@@ -152,13 +152,13 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
                 at = end
                 if arrived:
                     mine, theirs = (new, at) if this == 0 else (at, new)
-                    return _joined(trees, parents, mine, theirs)
+                    return joined(trees, parents, mine, theirs)
         this = 1 - this
     return np.empty((0, n_columns))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _nearest(space, tree, count, q):
+def nearest(space, tree, count, q):
     best, least = 0, np.inf
     for i in range(count):
         distance = span(space, tree[i], q)
@@ -168,7 +168,7 @@ def _nearest(space, tree, count, q):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _towards(space, p, q, step, out):
+def towards(space, p, q, step, out):
     """Go from p towards q, at most `step`; True where q is reached."""
     length = span(space, p, q)
     interpolate(space, p, q, min(1.0, step / max(length, 1e-12)), out)
@@ -176,7 +176,7 @@ def _towards(space, p, q, step, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _joined(trees, parents, mine, theirs):
+def joined(trees, parents, mine, theirs):
     """Path from the root of tree 0 through `mine` ~ `theirs` to the root of tree 1."""
     depths = np.zeros(2, dtype=np.int64)
     for tree in range(2):
