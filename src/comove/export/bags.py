@@ -1,0 +1,171 @@
+"""Motions as bags of ROS: `trajectory_msgs/JointTrajectory` for controllers, `sensor_msgs/JointState` for viewers.
+
+| topic | type | what |
+|---|---|---|
+| ``/comove/ARM/joint_trajectory`` | JointTrajectory | one arm, as its controller takes it |
+| ``/comove/joint_trajectory`` | JointTrajectory | all moving joints |
+| ``/comove/joint_states`` | JointState | all moving joints, one message a sample |
+| ``/comove/provenance`` | String | JSON: version, and checksums of scene, robot and motion |
+
+All but the states are latched (ROS 2: transient local), so that who comes late gets them too. No topic is one that
+a robot listens to: what is played back moves nothing. Stamps begin at `START`, since 0 means "none" in ROS.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comove.errors import ExtraError
+from comove.export.parts import NANO, Part, Samples
+
+START = NANO  # ns, stamp of time zero
+CALLER = "/comove"
+TRAJECTORY, STATE, TEXT = (
+    "trajectory_msgs/msg/JointTrajectory",
+    "sensor_msgs/msg/JointState",
+    "std_msgs/msg/String",
+)
+Message = tuple[str, str, int, Any]
+"""Topic, type, stamp [ns] and the message."""
+
+
+def require_rosbags(part: Part) -> None:
+    """Tell that the library is missing before anything is written."""
+    try:
+        import rosbags  # noqa: F401
+    except ImportError as error:
+        raise ExtraError("a bag of ROS", "data") from error
+
+
+def write_rosbag1(path: Path, part: Part, rate: float) -> None:
+    """One file of ROS 1."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(path) as writer:
+
+        def connect(topic: str, kind: str) -> Any:
+            latching = int(kind != STATE)
+            return writer.add_connection(topic, kind, typestore=store, callerid=CALLER, latching=latching)
+
+        _write(writer, connect, store.serialize_ros1, _messages(store, part, part.samples(rate)))
+
+
+def write_rosbag2(path: Path, part: Part, rate: float) -> None:
+    """A folder of ROS 2: SQLite and ``metadata.yaml``."""
+    inner = path / part.name  # the library names files after their folder, which has no name yet
+    path.mkdir(exist_ok=True)
+    _write_ros2(inner, part, rate, "SQLITE3")
+    for file in sorted(inner.iterdir()):
+        os.replace(file, path / file.name)
+    inner.rmdir()
+
+
+def write_mcap(path: Path, part: Part, rate: float) -> None:
+    """One file of ROS 2, as it stands in the folder that ROS 2 would record."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        _write_ros2(Path(folder, "bag"), part, rate, "MCAP")
+        os.replace(Path(folder, "bag", "bag.mcap"), path)
+
+
+def _write_ros2(path: Path, part: Part, rate: float, storage: str) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(path, version=8, storage_plugin=StoragePlugin[storage]) as writer:
+        for key, value in part.provenance.asdict().items():
+            writer.set_custom_data(f"comove.{key}", value)
+
+        def connect(topic: str, kind: str) -> Any:
+            qos = [_quality(latched=kind != STATE)]
+            return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
+
+        _write(writer, connect, store.serialize_cdr, _messages(store, part, part.samples(rate)))
+
+
+def _quality(latched: bool) -> Any:
+    """Reliable; what is latched is kept for who comes late."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    never = QosTime(0, 0)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=never,
+        lifespan=never,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=never,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def _write(
+    writer: Any,
+    connect: Callable[[str, str], Any],
+    encode: Callable[[Any, str], Any],
+    messages: list[Message],
+) -> None:
+    kinds = {topic: kind for topic, kind, _, _ in messages}
+    connections = {topic: connect(topic, kind) for topic, kind in kinds.items()}
+    for topic, kind, stamp, message in messages:
+        writer.write(connections[topic], stamp, encode(message, kind))
+
+
+def _messages(store: Any, part: Part, samples: Samples) -> list[Message]:
+    """All messages in the order of their stamps."""
+    String, State = store.types[TEXT], store.types[STATE]
+    text = json.dumps(part.provenance.asdict(), sort_keys=True)
+    messages: list[Message] = [("/comove/provenance", TEXT, START, String(data=text))]
+    groups = {f"/comove/{arm}": names for arm, names in part.arms.items()}
+    groups["/comove"] = part.joints.joint_names
+    for prefix, names in groups.items():
+        message = _trajectory(store, names, samples, part.columns(names))
+        messages.append((f"{prefix}/joint_trajectory", TRAJECTORY, START, message))
+    names, none = list(part.joints.joint_names), np.empty(0)
+    for row, time in enumerate(samples.nanoseconds.tolist()):
+        message = State(
+            header=_header(store, START + time, row),
+            name=names,
+            position=samples.position[row],
+            velocity=samples.velocity[row],
+            effort=none,
+        )
+        messages.append(("/comove/joint_states", STATE, START + time, message))
+    return messages
+
+
+def _trajectory(store: Any, names: tuple[str, ...], samples: Samples, columns: list[int]) -> Any:
+    Point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
+    Duration = store.types["builtin_interfaces/msg/Duration"]
+    position, velocity, acceleration = (
+        np.ascontiguousarray(array[:, columns])
+        for array in (samples.position, samples.velocity, samples.acceleration)
+    )
+    points = [
+        Point(
+            positions=position[row],
+            velocities=velocity[row],
+            accelerations=acceleration[row],
+            effort=np.empty(0),
+            time_from_start=Duration(sec=time // NANO, nanosec=time % NANO),
+        )
+        for row, time in enumerate(samples.nanoseconds.tolist())
+    ]
+    return store.types[TRAJECTORY](header=_header(store, START, 0), joint_names=list(names), points=points)
+
+
+def _header(store: Any, stamp: int, row: int) -> Any:
+    Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    count = {"seq": row} if "seq" in Header.__dataclass_fields__ else {}  # ROS 1 counts its messages
+    return Header(**count, stamp=Time(sec=stamp // NANO, nanosec=stamp % NANO), frame_id="")

@@ -1,0 +1,144 @@
+"""The formats, and how their files come to be: all of them whole, or none."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from comove.demonstrations.files import whole_file, whole_folder, whole_path
+from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
+from comove.export.baxter import require_baxter, write_baxter
+from comove.export.parts import (
+    CARRY,
+    SAMPLE_RATE,
+    ExportError,
+    Part,
+    parts_of,
+    require_rate,
+)
+from comove.export.tables import write_csv, write_npz
+
+if TYPE_CHECKING:
+    from comove.robots.verify import VerifiedJointMotion
+
+
+def _nothing(part: Part) -> None:
+    """Any robot will do, and nothing is needed."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Attributes
+    ----------
+    name : what the user calls it
+    what : who reads it
+    suffix : of the file; empty where it is a folder
+    write : takes the path, a part and the rate [Hz]
+    require : takes a part; tells what the format cannot hold, or lacks
+    carry, others : names of the files; others with the part's name in place of the braces
+    sidecar : whether provenance stands beside the file because it has no place in it
+    """
+
+    name: str
+    what: str
+    suffix: str
+    write: Callable[[Path, Part, float], None]
+    require: Callable[[Part], None] = _nothing
+    carry: str = "motion"
+    others: str = "motion_{}"
+    sidecar: bool = False
+
+    def path(self, folder: Path, part: str) -> Path:
+        """Where a part is written."""
+        stem = self.carry if part == CARRY else self.others.format(part)
+        return folder / f"{stem}{self.suffix}"
+
+
+BAXTER_CSV = Format(
+    name="baxter-csv",
+    what="the Baxter SDK's joint_trajectory_file_playback.py",
+    suffix=".csv",
+    write=write_baxter,
+    require=require_baxter,
+    carry="baxter",
+    others="{}",
+    sidecar=True,
+)
+CSV = Format("csv", "spreadsheets and scripts", ".csv", write_csv, sidecar=True)
+NPZ = Format("npz", "NumPy", ".npz", write_npz)
+ROSBAG1 = Format("rosbag1", "ROS 1", ".bag", write_rosbag1, require_rosbags)
+ROSBAG2 = Format("rosbag2", "ROS 2", "", write_rosbag2, require_rosbags)
+MCAP = Format("mcap", "ROS 2 and Foxglove", ".mcap", write_mcap, require_rosbags)
+FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROSBAG2, MCAP)}
+
+
+def export(
+    motion: VerifiedJointMotion, folder: str | Path, format: Format = BAXTER_CSV, *, rate: float = SAMPLE_RATE
+) -> list[Path]:
+    """Write a verified motion for a robot.
+
+    Parameters
+    ----------
+    motion : sealed by the judge; nothing else is taken
+    folder : made if missing; what is in it already stays
+    format : one of `FORMATS`
+    rate : samples a second [Hz], at least 20
+
+    Returns
+    -------
+    The files and folders that were written, the carry first.
+
+    Raises
+    ------
+    ExportError
+        If the motion is not verified, the rate is too low, the robot does not fit the format, or a file is there
+        already. Nothing is written then.
+    """
+    parts = parts_of(motion)
+    require_rate(motion, rate)
+    for part in parts.values():
+        format.require(part)
+    folder = _ready(Path(folder))
+    targets = {name: format.path(folder, name) for name in parts}
+    sidecars = {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
+    _require_new([*targets.values(), *sidecars.values()])
+    with contextlib.ExitStack() as drafts:
+        for name, part in parts.items():
+            draft = drafts.enter_context(_draft(targets[name], format))
+            format.write(draft, part, rate)
+            if name in sidecars:
+                file = drafts.enter_context(whole_file(sidecars[name], ExportError, replace=False))
+                file.write((json.dumps(_told(part, rate), indent=2) + "\n").encode())
+    return [*targets.values(), *sidecars.values()]
+
+
+def _ready(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(
+            f"it cannot be made: {error.strerror}", file=folder, way_out="name a folder that you may write"
+        ) from error
+    return folder
+
+
+def _require_new(paths: list[Path]) -> None:
+    for path in paths:
+        if path.exists() or path.is_symlink():
+            raise ExportError(
+                "it is there already", file=path, way_out="name another folder, or move it away first"
+            )
+
+
+def _draft(path: Path, format: Format) -> contextlib.AbstractContextManager[Path]:
+    return whole_path(path, ExportError, replace=False) if format.suffix else whole_folder(path)
+
+
+def _told(part: Part, rate: float) -> dict[str, object]:
+    return {**part.provenance.asdict(), "rate_hz": rate, "duration_s": part.joints.duration}

@@ -1,0 +1,214 @@
+"""What is handed to a robot: up to three motions of its joints, and where they come from.
+
+The *carry* is the verified motion. The *approach* brings the hands from home to the grasp and grips, the *release*
+lets go and brings them home; both come from `comove.robots.approach`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.errors import RobotError
+from comove.results.folder import checksum
+from comove.robots.motion import JointMotion
+
+if TYPE_CHECKING:
+    from comove.robots.verify import VerifiedJointMotion
+
+Array = NDArray[np.float64]
+
+SAMPLE_RATE = 100.0  # Hz
+LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 0.01 mm, linear by 0.4 mm
+LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
+NANO = 10**9
+OPEN, CLOSED = 100.0, 0.0  # per cent
+CARRY = "carry"
+
+
+class ExportError(RobotError):
+    """What cannot be exported, or not there."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a motion comes from; written into everything that leaves the tool."""
+
+    comove: str
+    scene: str
+    scene_sha256: str
+    robot: str
+    robot_sha256: str
+    motion_sha256: str
+    part: str
+
+    def asdict(self) -> dict[str, str]:
+        """By name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A joint motion at even instants, whole nanoseconds as ROS counts them; at rest at both ends.
+
+    Attributes
+    ----------
+    time : array, shape (n_steps,) [s]
+    nanoseconds : array of int, shape (n_steps,)
+    position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, rad/s, rad/s^2]
+    """
+
+    time: Array
+    nanoseconds: NDArray[np.int64]
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One motion to play.
+
+    Attributes
+    ----------
+    name : carry, approach or release
+    joints : of all moving joints of the robot
+    arms : joint names by arm, from the base to the tip
+    gripped_from : when the grippers close [s]; infinite where they are open throughout
+    provenance : where it comes from
+    """
+
+    name: str
+    joints: JointMotion
+    arms: Mapping[str, tuple[str, ...]]
+    gripped_from: float
+    provenance: Provenance
+
+    def samples(self, rate: float) -> Samples:
+        """From the exact curve, at `rate` [Hz] or a little finer, so that the end is a sample."""
+        n_steps = max(2, int(np.ceil(self.joints.duration * rate - 1e-9)) + 1)
+        nanoseconds = np.rint(np.linspace(0.0, self.joints.duration, n_steps) * NANO).astype(np.int64)
+        time = nanoseconds / NANO
+        position, velocity, acceleration = self.joints.at(time)
+        ends = [0, -1]
+        position[ends], velocity[ends] = self.joints.position[ends], 0.0
+        return Samples(time, nanoseconds, position, velocity, acceleration)
+
+    def opening(self, time: Array) -> Array:
+        """Opening of the grippers [per cent]; array, shape (n_steps,)."""
+        return np.where(time >= self.gripped_from, CLOSED, OPEN)
+
+    def columns(self, names: tuple[str, ...]) -> list[int]:
+        """Where joints stand in the samples."""
+        return [self.joints.joint_names.index(name) for name in names]
+
+
+def parts_of(motion: VerifiedJointMotion) -> dict[str, Part]:
+    """The motions to play, by name, in their order.
+
+    Raises
+    ------
+    ExportError
+        If `motion` has not been verified.
+    """
+    require_verified(motion)
+    arms = {
+        arm.name: tuple(motion.robot.joint_names[column] for column in arm.columns)
+        for arm in motion.robot.arms
+    }
+    carry = Part(CARRY, motion.joints, arms, 0.0, _provenance(motion, CARRY))
+    return {carry.name: carry}
+
+
+def require_verified(motion: Any) -> None:
+    """Refuse everything but what the judge has sealed.
+
+    Raises
+    ------
+    ExportError
+        If `motion` has not been verified.
+    """
+    from comove.robots.verify import VerifiedJointMotion
+
+    if not isinstance(motion, VerifiedJointMotion):
+        raise ExportError(
+            f"the motion is a {type(motion).__name__}, which nobody has verified",
+            key="motion",
+            way_out="give the VerifiedJointMotion that comove.robots.verify makes",
+        )
+
+
+def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
+    """Refuse rates at which what is played is no longer what was verified.
+
+    Raises
+    ------
+    ExportError
+        If `rate` [Hz] is too low or no rate; says what a low one would do.
+    """
+    if not isinstance(rate, (int, float)) or not 0.0 < rate <= LARGEST_RATE:
+        raise ExportError(
+            f"the rate is {rate!r} Hz",
+            key="rate",
+            way_out=f"give one between {LEAST_RATE:g} and {LARGEST_RATE:g} Hz",
+        )
+    if rate < LEAST_RATE:
+        cubic, linear = (1e3 * error for error in sampling_errors(motion, rate))
+        raise ExportError(
+            f"at {rate:g} Hz the hands would be up to {cubic:.3g} mm (cubic interpolation) or {linear:.3g} mm "
+            "(linear) off their distance or path",
+            key="rate",
+            way_out=f"give {LEAST_RATE:g} Hz or more; {SAMPLE_RATE:g} Hz is usual",
+        )
+
+
+def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, float]:
+    """How far samples at `rate` [Hz], joined by a cubic spline or by straight lines, lead the hands astray.
+
+    Returns
+    -------
+    cubic, linear : change of a distance between two hands; of its place, where there is one hand only [m]
+    """
+    samples = parts_of(motion)[CARRY].samples(rate)
+    time = np.linspace(0.0, motion.joints.duration, max(1001, 10 * len(samples.time)))
+    cubic = JointMotion(samples.time, motion.joints.joint_names, samples.position).curve(time)
+    linear = np.stack([np.interp(time, samples.time, q) for q in samples.position.T], axis=-1)
+    exact = _spread(motion, motion.joints.curve(time))
+    return tuple(float(np.linalg.norm(_spread(motion, q) - exact, axis=-1).max()) for q in (cubic, linear))
+
+
+def motion_sha256(joints: JointMotion) -> str:
+    """Checksum of a joint motion: its instants, joints and positions, from which all the rest follows."""
+    arrays = {
+        "time": joints.time,
+        "joint_names": np.array(joints.joint_names),
+        "position": joints.position,
+    }
+    return checksum(arrays)
+
+
+def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
+    """Distances between neighbouring hands, array of shape (n_steps, n_pairs, 1); one hand's place instead."""
+    robot = motion.robot
+    hands = np.array([[robot.tool_pose(row, arm)[:3, 3] for arm in robot.arms] for row in q])
+    if len(robot.arms) == 1:
+        return hands
+    return np.linalg.norm(np.diff(hands, axis=1), axis=-1)[..., None]
+
+
+def _provenance(motion: VerifiedJointMotion, part: str) -> Provenance:
+    scene, robot = motion.motion.scene, motion.robot
+    return Provenance(
+        comove=__version__,
+        scene=scene.name,
+        scene_sha256=scene.sha256,
+        robot=robot.name,
+        robot_sha256=robot.sha256,
+        motion_sha256=motion_sha256(motion.joints),
+        part=part,
+    )

@@ -1,0 +1,67 @@
+"""What all formats have in common: whole or not at all, nothing unverified, nothing overwritten, not too coarse."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from comove.errors import ComoveError
+from comove.export import FORMATS, ExportError, export, parts_of
+from comove.export.parts import sampling_errors
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_nothing_is_overwritten(verified, tmp_path, name):
+    written = export(verified, tmp_path, FORMATS[name])
+    assert sorted(tmp_path.iterdir()) == sorted(written)
+    before = {path: path.stat().st_mtime_ns for path in written}
+    with pytest.raises(ExportError, match="there already; name another folder"):
+        export(verified, tmp_path, FORMATS[name])
+    assert {path: path.stat().st_mtime_ns for path in written} == before
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_nothing_is_left_half_written(verified, tmp_path, name):
+    def full(path: Path, part, rate):
+        FORMATS[name].write(path, part, rate)
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(ComoveError, match="cannot be written: No space left on device"):
+        export(verified, tmp_path, replace(FORMATS[name], write=full))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_unverified_is_refused(verified, tmp_path, name):
+    with pytest.raises(ExportError, match="JointMotion, which nobody has verified"):
+        export(verified.joints, tmp_path, FORMATS[name])
+    assert not list(tmp_path.iterdir())
+
+
+def test_coarse_rates_are_refused_with_what_they_would_do(verified, tmp_path):
+    told = r"at 2 Hz .* up to 0\.\d+ mm \(cubic .* or 2\.\d+ mm \(linear\).*20 Hz or more"
+    with pytest.raises(ExportError, match=told):
+        export(verified, tmp_path, rate=2)
+    for rate in (0, -1.0, float("nan"), float("inf"), 1e6, "100"):
+        with pytest.raises(ExportError, match="between 20 and 1000 Hz"):
+            export(verified, tmp_path, rate=rate)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("steps", "cubic", "linear"), [(200, 1e-3, 0.03), (50, 7e-3, 0.43), (20, 0.54, 2.5)])
+def test_sampling_errors_are_those_that_were_measured(verified, steps, cubic, linear):
+    """The table of shared/robots.md: steps over 10 s, change of the stick's length [mm]."""
+    found = [1e3 * error for error in sampling_errors(verified, steps / 10)]
+    assert found[0] < 3 * cubic and linear / 3 < found[1] < 3 * linear
+
+
+def test_samples_are_even_and_rest_at_both_ends(verified):
+    (part,) = parts_of(verified).values()
+    for rate in (20.0, 33.0, 100.0, 1000.0):
+        samples = part.samples(rate)
+        assert (np.diff(samples.nanoseconds) > 0).all() and np.ptp(np.diff(samples.nanoseconds)) <= 1
+        assert np.diff(samples.time).max() <= 1 / rate + 1e-9
+        assert samples.time[-1] == part.joints.duration
+        assert not samples.velocity[[0, -1]].any()
+        assert (samples.position[[0, -1]] == part.joints.position[[0, -1]]).all()
