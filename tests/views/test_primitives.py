@@ -1,5 +1,7 @@
 """Pictures of primitives: drawn for every kind, labelled, and saying what they show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,13 +22,14 @@ def texts(figure):
 
 
 def drawn(figure, tmp_path):
+    figure.set_dpi(110)  # as `save` does, so that what is measured is what was saved
     save(figure, tmp_path / "picture.png")
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
     return figure
 
 
-def overlaps(figure):
-    """Labels and titles of different axes that cover each other."""
+def unreadable(figure):
+    """Labels and titles of axes that cover each other, or are cut off."""
     renderer = figure.canvas.get_renderer()
     boxes = []
     for axes in figure.axes:
@@ -34,7 +37,9 @@ def overlaps(figure):
             if artist.get_text():
                 boxes.append((artist.get_text(), artist.get_window_extent(renderer)))
     pairs = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :]]
-    return [(a[0], b[0]) for a, b in pairs if a[1].overlaps(b[1])]
+    width, height = figure.bbox.size
+    cut = [name for name, box in boxes if min(box.x0, box.y0, width - box.x1, height - box.y1) < 0]
+    return [(a[0], b[0]) for a, b in pairs if a[1].overlaps(b[1])] + cut
 
 
 @pytest.mark.parametrize("variant", list(Variant))
@@ -45,7 +50,7 @@ def test_every_variant(tmp_path, variant, recorded):
     said = texts(figure)
     assert "Sine" in said[0] and variant in said[0]
     assert len(figure.axes) == 6
-    assert not overlaps(figure)
+    assert not unreadable(figure)
     error = f"{primitive.provenance.error_rms:.2g} LASA unit"
     assert any(error in text for text in said) == recorded
     labels = [text for text in said if "[" in text]
@@ -59,8 +64,34 @@ def test_every_dimension(tmp_path, n_dims):
     position = np.stack([np.sin(time * (1 + k)) for k in range(n_dims)], axis=1)
     recording = Demonstration(time, position, "joints", unit="rad")
     primitive = learn(recording, name="joints")
-    assert not overlaps(drawn(draw_primitive(primitive, recording), tmp_path))
-    assert not overlaps(drawn(draw_library([primitive] * 3), tmp_path))
+    assert not unreadable(drawn(draw_primitive(primitive, recording), tmp_path))
+    assert not unreadable(drawn(draw_library([primitive] * 3), tmp_path))
+
+
+def test_no_label_is_cut_off(tmp_path):
+    """Limits that the layout learned too late made wider labels than there was room for."""
+    time = np.linspace(0, 3, 301)
+    way = (time / 3) ** 3 * (10 - 15 * time / 3 + 6 * (time / 3) ** 2)
+    position = np.stack([0.5 * way, 0.2 * np.sin(np.pi * way), 0.3 * way**2 + 0.02 * np.sin(9 * way)], axis=1)
+    recording = Demonstration(time, position, "reach")
+    assert not unreadable(drawn(draw_primitive(learn(recording), recording), tmp_path))
+
+
+@pytest.mark.parametrize("n_dims", [2, 3])
+@pytest.mark.parametrize("recorded", [True, False])
+def test_orientations_are_drawn(tmp_path, n_dims, recorded):
+    time = np.linspace(0, 3, 301)
+    way = np.sin(time / 2)
+    position = np.stack([0.5 * way, 0.2 * np.sin(np.pi * way), 0.3 * way**2], axis=1)[:, :n_dims]
+    orientation = np.stack([np.cos(way), 0 * way, 0 * way, np.sin(way)], axis=1)
+    orientation[150:] *= -1.0  # the same orientations
+    recording = Demonstration(time, position, "pour", orientation=orientation)
+    figure = drawn(draw_primitive(learn(recording, poses=True), recording if recorded else None), tmp_path)
+    assert not unreadable(figure)
+    last = figure.axes[-1]
+    assert [text.get_text() for text in last.get_legend().get_texts()] == list("wxyz")
+    assert len(last.lines) == (8 if recorded else 4)
+    assert max(np.abs(np.diff(line.get_ydata())).max() for line in last.lines) < 0.05
 
 
 def test_the_goals_that_are_asked_for(tmp_path):
@@ -71,15 +102,16 @@ def test_the_goals_that_are_asked_for(tmp_path):
     assert [0.0, 10.0] in [[round(x, 9) for x in end] for end in ends]
 
 
-def test_the_sheet_names_every_movement(tmp_path):
-    primitives = [learn(SINE, name=f"sine {k}") for k in range(7)]
+@pytest.mark.parametrize("count", [7, 30])
+def test_the_sheet_names_every_movement(tmp_path, count):
+    primitives = [replace(learn(SINE), name=f"sine {k}") for k in range(count)]
     figure = drawn(draw_library(primitives, title="mine"), tmp_path)
     said = texts(figure)
-    assert said[0] == "mine: 7 movements"
+    assert said[0] == f"mine: {count} movements"
     for primitive in primitives:
         assert primitive.name in said
-    assert sum(f"{SINE.duration:.3g} s\nfit error" in text for text in said) == 7
-    assert not overlaps(figure)
+    assert sum(f"{SINE.duration:.3g} s\nfit error" in text for text in said) == count
+    assert not unreadable(figure)
 
 
 def test_sheets_of_none_of_one_and_of_too_many(tmp_path):

@@ -39,7 +39,7 @@ def draw_primitive(
 
     Parameters
     ----------
-    primitive : of poses the positions are drawn
+    primitive : of poses the positions are drawn, and the orientation instead of the forcing functions
     demonstration : the recording that it was fitted to, drawn below it, with the distance between them
     goals : array, shape (n_goals, n_dims), to which it is generalised; eight around its own unless given
     title : the primitive's name unless given
@@ -51,7 +51,7 @@ def draw_primitive(
     figure.suptitle(
         f"{name}   ({dmp.variant}, {dmp.weights.shape[1]} weights a dimension, {what} {dmp.duration:.3g} s)"
     )
-    (path, other, distance), (coordinates, speed, forcing) = figure.subplots(2, 3)
+    (path, other, distance), (coordinates, speed, last) = figure.subplots(2, 3)
     played = _played(dmp, 0.0 if demonstration is None else demonstration.duration)
     view = _view(played)
     recorded = None if demonstration is None else demonstration.position
@@ -69,19 +69,20 @@ def draw_primitive(
     coordinates.set(xlabel="time [s]", ylabel=f"position [{unit}]")
     if dmp.n_dims <= 3 or dmp.n_dims > NAMED:
         coordinates.set_title("coordinates", loc="left" if dmp.n_dims in (2, 3) else "center")
-    if 1 < dmp.n_dims <= NAMED:  # above the axes, where no curve is
-        place = {"loc": "lower right", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.1}
-        coordinates.legend(
-            frameon=False, ncols=dmp.n_dims, handlelength=0.8, handletextpad=0.4, columnspacing=0.8, **place
-        )
+    if 1 < dmp.n_dims <= NAMED:
+        _name_curves(coordinates, dmp.n_dims)
     if demonstration is not None:
         pace = np.gradient(recorded, demonstration.time, axis=0)
         speed.plot(demonstration.time, np.linalg.norm(pace, axis=1), **RECORDED)
     speed.plot(played.time, np.linalg.norm(played.velocity, axis=1), color=COLOURS[0], linewidth=1.6)
     speed.set(title="speed", xlabel="time [s]", ylabel=f"speed [{unit}/s]")
     speed.set_ylim(bottom=0.0)
-    _draw_forcing(forcing, dmp)
-    for axes in (coordinates, speed, forcing, distance):
+    poses = primitive.dmp if isinstance(primitive, Primitive) else primitive
+    if isinstance(poses, PoseDMP):
+        _draw_orientation(last, poses, demonstration)
+    else:
+        _draw_forcing(last, dmp)
+    for axes in (coordinates, speed, last, distance):
         axes.spines[["top", "right"]].set_visible(False)
         axes.margins(x=0.02)
     _legend(figure, path)
@@ -92,9 +93,9 @@ def draw_library(primitives: Iterable[Primitive], *, title: str = "library") -> 
     """A contact sheet: every movement small, with its duration and the error of its fit."""
     primitives = list(primitives)
     shown = primitives[:SHOWN]
-    columns = min(max(1, ceil(sqrt(1.5 * len(shown)))), 8)
-    rows = max(1, ceil(len(shown) / columns))
-    figure = new_figure(max(4.5, 1.75 * columns), 2.0 * rows + 1.0)
+    rows = max(1, ceil(len(shown) / min(max(1, ceil(sqrt(1.5 * len(shown)))), 8)))
+    columns = max(1, ceil(len(shown) / rows))  # the fewest, so that rows are full
+    figure = new_figure(max(4.5, 1.75 * columns), 2.3 * rows + 0.8)
     more = f", the first {SHOWN} are shown" if len(primitives) > SHOWN else ""
     count = f"{len(primitives)} movement{'s' if len(primitives) != 1 else ''}"
     figure.suptitle(f"{title}: {count}{more}")
@@ -116,7 +117,8 @@ def _thumbnail(axes: Axes, primitive: Primitive) -> None:
     _mark(axes, dmp, view, size=5)
     axes.margins(0.12)
     if len(view) == 2:
-        axes.set_aspect("equal", adjustable="datalim")
+        _square(axes)
+    axes.set_box_aspect(1.0)
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_color("0.8")
     axes.set_title(_short(primitive.name, 18), fontsize=9)
@@ -170,6 +172,21 @@ def _draw_acceleration(axes: Axes, dmp: DMP, unit: str) -> None:
     axes.plot(time, acceleration, color=COLOURS[0], linewidth=1.6)
     axes.set(title="acceleration", xlabel="time [s]", ylabel=f"acceleration [{unit}/s²]")
     axes.set_ylim(bottom=0.0)
+
+
+def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | None) -> None:
+    """Its quaternions; those of the recording with the signs that fit them."""
+    if demonstration is not None and demonstration.orientation is not None:
+        recorded = demonstration.orientation
+        fitted = dmp.at(demonstration.time).orientation
+        signs = np.where((fitted * recorded).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+        axes.plot(demonstration.time, signs * recorded, **RECORDED)
+    played = dmp.at(np.linspace(0.0, dmp.duration, N_STEPS))
+    for name, column, colour in zip("wxyz", played.orientation.T, COLOURS, strict=False):
+        axes.plot(played.time, column, color=colour, linewidth=1.6, label=name)
+    axes.set(xlabel="time [s]", ylabel="quaternion")
+    axes.set_title("orientation", loc="left")
+    _name_curves(axes, 4)
 
 
 def _draw_forcing(axes: Axes, dmp: DMP) -> None:
@@ -230,8 +247,8 @@ def _end(dmp: DMP, view: tuple[int, ...]) -> Array:
 def _mark(axes: Axes, dmp: DMP, view: tuple[int, ...], size: float) -> None:
     start = np.array([0.0, dmp.start[0]] if len(view) == 1 else dmp.start[list(view)])[:, None]
     goal = "centre" if dmp.variant is Variant.RHYTHMIC else "goal"
-    axes.plot(*_end(dmp, view), "s", color=GOAL, markersize=size, zorder=5, label=goal)
     axes.plot(*start, "o", color=START, markersize=size, zorder=6, label="start")
+    axes.plot(*_end(dmp, view), "s", color=GOAL, markersize=size, zorder=5, label=goal)
 
 
 def _frame(axes: Axes, dmp: DMP, view: tuple[int, ...], unit: str) -> None:
@@ -240,7 +257,22 @@ def _frame(axes: Axes, dmp: DMP, view: tuple[int, ...], unit: str) -> None:
         return
     names = [f"{_axis(i, dmp.n_dims)} [{unit}]" for i in view]
     axes.set(xlabel=names[0], ylabel=names[1])
-    axes.set_aspect("equal", adjustable="datalim")
+    _square(axes)
+
+
+def _square(axes: Axes) -> None:
+    """Make both scales equal in a square: its limits, and the room that they take, are known before the layout."""
+    limits = np.array([axes.get_xlim(), axes.get_ylim()])
+    middle, reach = limits.mean(axis=1), np.ptp(limits, axis=1).max() / 2
+    axes.set(xlim=middle[0] + [-reach, reach], ylim=middle[1] + [-reach, reach])
+    axes.set_aspect("equal", adjustable="box")
+
+
+def _name_curves(axes: Axes, count: int) -> None:
+    """A legend above the axes, where no curve is."""
+    place = {"loc": "lower right", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.1}
+    spacing = {"handlelength": 0.8, "handletextpad": 0.4, "columnspacing": 0.8}
+    axes.legend(frameon=False, ncols=count, **spacing, **place)
 
 
 def _axis(i: int, n_dims: int) -> str:
