@@ -1,1 +1,20 @@
-"""Simulators: joint motions in real physics."""
+"""Simulators: what a joint motion does, geometrically and in MuJoCo."""
+
+from comove.simulators.execution import Contact, Execution
+from comove.simulators.grasps import Connect, Friction, Grasp, Weld
+from comove.simulators.perturbation import Perturbation, Push
+from comove.simulators.settings import Settings
+from comove.simulators.simulate import simulate
+
+__all__ = [
+    "Connect",
+    "Contact",
+    "Execution",
+    "Friction",
+    "Grasp",
+    "Perturbation",
+    "Push",
+    "Settings",
+    "Weld",
+    "simulate",
+]

@@ -1,0 +1,103 @@
+"""MuJoCo, imported when it is first needed, and where its pictures are made.
+
+MuJoCo chooses how it draws when it is imported, by the environment variable MUJOCO_GL. Without a screen that is EGL
+where a display can be opened, else OSMesa, else nothing: a simulation needs no pictures.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import sys
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+from comove.errors import ExtraError, OptionError
+
+NO_PICTURES = "disabled"
+INSTALL = "apt-get install libegl1 libosmesa6 libgl1-mesa-dri"
+
+_EGL_NO_DISPLAY = 0
+_EGL_PLATFORM_DEVICE = 0x313F  # EGL_EXT_platform_device
+_MOST_DEVICES = 16
+
+
+@cache
+def engine() -> ModuleType:
+    """The module mujoco.
+
+    Raises
+    ------
+    ExtraError
+        If it is not installed.
+    """
+    if "mujoco" not in sys.modules and sys.platform.startswith("linux"):
+        os.environ.setdefault("MUJOCO_GL", drawing_backend())
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ExtraError("simulation", "sim") from error
+    return mujoco
+
+
+def require_pictures() -> None:
+    """Make sure that pictures can be drawn.
+
+    Raises
+    ------
+    OptionError
+        If neither EGL nor OSMesa works.
+    """
+    engine()
+    if os.environ.get("MUJOCO_GL", "").lower() in (NO_PICTURES, "disable", "off", "false", "0"):
+        raise OptionError(
+            "pictures cannot be drawn: neither EGL nor OSMesa works here",
+            key="MUJOCO_GL",
+            way_out=f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs neither",
+        )
+
+
+@cache
+def drawing_backend() -> str:
+    """What MUJOCO_GL is set to where it is not set: egl, osmesa or disabled."""
+    if _egl_works():
+        return "egl"
+    return "osmesa" if _loads("OSMesa") else NO_PICTURES
+
+
+def _loads(library: str) -> ctypes.CDLL | None:
+    name = ctypes.util.find_library(library)
+    try:
+        return None if name is None else ctypes.CDLL(name)
+    except OSError:
+        return None
+
+
+def _egl_works() -> bool:
+    """Whether EGL opens a display on one of its devices; a library without a driver does not."""
+    egl = _loads("EGL")
+    if egl is None:
+        return False
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+    addresses = [egl.eglGetProcAddress(n) for n in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT")]
+    if not all(addresses):
+        return False
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(addresses[0])
+    display_of = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)(
+        addresses[1]
+    )
+    devices, count = (ctypes.c_void_p * _MOST_DEVICES)(), ctypes.c_int()
+    if not query(_MOST_DEVICES, devices, ctypes.byref(count)):
+        return False
+    displays = [display_of(_EGL_PLATFORM_DEVICE, device, None) for device in devices[: count.value]]
+    return any(d not in (None, _EGL_NO_DISPLAY) and egl.eglInitialize(d, None, None) for d in displays)
+
+
+def hangs_on(model: Any, body: int, other: int) -> bool:
+    """Whether a body is another one or moves with it."""
+    while body not in (0, other):
+        body = int(model.body_parentid[body])
+    return body == other

@@ -1,0 +1,268 @@
+"""A joint motion executed in MuJoCo."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.errors import RobotError
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.scenes.groups import quaternion_of_rotation
+from comove.scenes.scene import Scene
+from comove.simulators.engine import engine
+from comove.simulators.execution import Contact, Execution
+from comove.simulators.grasps import Grasp, Weld
+from comove.simulators.loads import load_of
+from comove.simulators.perturbation import PLAN, Perturbation
+from comove.simulators.settings import Settings
+from comove.simulators.world import TIMESTEP, World, build_world
+
+Array = NDArray[np.float64]
+
+DEFAULT = Settings()
+
+
+def simulate(
+    motion: JointMotion,
+    scene: Scene,
+    robot: Robot,
+    grasp: Grasp | None = None,
+    perturbation: Perturbation | None = None,
+    *,
+    settings: Settings = DEFAULT,
+) -> Execution:
+    """Let servos follow a joint motion in MuJoCo, the load in the hands.
+
+    The servos get positions and velocities at every time step, as controllers do that interpolate a trajectory; they
+    know nothing of the load.
+
+    Parameters
+    ----------
+    grasp : how the hands hold the load; welded unless given
+    perturbation : what differs from the plan; nothing unless given
+
+    Raises
+    ------
+    ExtraError
+        If MuJoCo is not installed.
+    RobotError, SceneError
+        If robot, scene and motion do not belong together.
+    """
+    grasp, perturbation = grasp or Weld(), perturbation or PLAN
+    require_own(motion, robot)
+    planned = hand_poses(robot, scene, motion.position[:1])
+    load = load_of(scene, planned[0], grasp.section)
+    world = build_world(robot, scene, load, grasp, perturbation, weight_on_motors=settings.weight_on_motors)
+    data = _at_start(world, motion, perturbation)
+    if load is not None:
+        grasp.close(world, data)
+    engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
+    log = _run(world, data, motion, perturbation, settings)
+    return Execution(
+        robot=robot,
+        scene=scene,
+        motion=motion,
+        simulator="mujoco",
+        grasp=grasp,
+        load=load,
+        settings=settings,
+        perturbation=perturbation,
+        hands_planned=hand_poses(robot, scene, log["commanded"]),
+        **log,
+    )
+
+
+def require_own(motion: JointMotion, robot: Robot) -> None:
+    """Refuse a motion of other joints than the robot's."""
+    if tuple(motion.joint_names) != robot.joint_names:
+        raise RobotError(
+            f"the motion moves {', '.join(motion.joint_names)}, the robot '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}",
+            key="joint_names",
+            way_out="play it on the robot that it was made for",
+        )
+
+
+def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
+    """Grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
+    arms = [robot.arm(name) for name in scene.manipulators]
+    frames = [robot.model.getFrameId(arm.tip) for arm in arms]
+    tools, data = np.stack([arm.tool for arm in arms]), robot.model.createData()
+    poses = np.empty((len(joints), len(arms), 4, 4))
+    for step, q in enumerate(joints):
+        pin.framesForwardKinematics(robot.model, data, q)
+        for i, frame in enumerate(frames):
+            poses[step, i] = data.oMf[frame].homogeneous
+    return poses @ tools
+
+
+def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
+    """The hands stand at the load, whose grasps are where they should hold it."""
+    mj, model = engine(), world.model
+    data = mj.MjData(model)
+    data.qpos[world.qpos] = motion.position[0]
+    data.ctrl[world.servos] = motion.position[0]
+    if world.load is not None:
+        pose = world.load.pose
+        data.qpos[world.load_qpos : world.load_qpos + 3] = (
+            pose[:3, 3] + pose[:3, :3] @ perturbation.start_error
+        )
+        data.qpos[world.load_qpos + 3 : world.load_qpos + 7] = quaternion_of_rotation(pose[:3, :3])
+    mj.mj_forward(model, data)
+    _move_grasps(world, data)
+    mj.mj_forward(model, data)
+    return data
+
+
+def _move_grasps(world: World, data: Any) -> None:
+    """Put the load's sites to where the hands are."""
+    mj, model = engine(), world.model
+    if world.load is None:
+        return
+    load, turned = world.load_body, data.xmat[world.load_body].reshape(3, 3)
+    for hand, held in zip(world.holder_sites, world.held_sites, strict=True):
+        model.site_pos[held] = turned.T @ (data.site_xpos[hand] - data.xpos[load])
+        mj.mju_mat2Quat(model.site_quat[held], (turned.T @ data.site_xmat[hand].reshape(3, 3)).ravel())
+        model.site_sameframe[held] = 0
+
+
+def _run(
+    world: World, data: Any, motion: JointMotion, perturbation: Perturbation, settings: Settings
+) -> dict[str, Any]:
+    """The stepping loop: what the log holds, by the names of `Execution`."""
+    mj, model = engine(), world.model
+    every = max(1, round(1 / (settings.log_rate * TIMESTEP)))
+    n_steps = every * int(np.ceil((motion.duration + settings.hold) / (every * TIMESTEP)))
+    time = np.arange(n_steps + 1) * TIMESTEP
+    position, velocity, _ = motion.at(np.minimum(time, motion.duration))
+    control = position + world.lead * np.where(time[:, None] < motion.duration, velocity, 0.0)
+    push, pushed = _push(world, motion, perturbation, time)
+    log, contacts, unstable = _Log(world, n_steps // every + 1), {}, None
+    began = perf_counter()
+    for step in range(n_steps + 1):
+        data.ctrl[world.servos] = control[step]
+        if pushed[step] != pushed[step - 1]:
+            data.xfrc_applied[world.load_body, :3] = push * pushed[step]
+        logged = step % every == 0
+        if logged:
+            log.write_state(data)
+        mj.mj_step(model, data)  # what it leaves in data, but for the state, is of the time before the step
+        if data.ncon:
+            _note_contacts(world, data, time[step], contacts)
+        if logged:
+            log.write_rest(data)
+            if data.warning[mj.mjtWarning.mjWARN_BADQACC].number:
+                unstable = float(time[step])
+                break
+    took = perf_counter() - began
+    count = log.count
+    return {
+        "time": time[::every][:count],
+        "commanded": position[::every][:count],
+        **log.series(),
+        "contacts": tuple(
+            Contact((world.name_of(a), world.name_of(b)), when, depth)
+            for (a, b), (when, depth) in contacts.items()
+        ),
+        "steps_per_second": (step + 1) / took,
+        "unstable": unstable,
+    }
+
+
+def _push(world: World, motion: JointMotion, perturbation: Perturbation, time: Array) -> tuple[Array, Array]:
+    """The force of a push, array of shape (3,) [N], and at which steps it acts, array of bool."""
+    push = perturbation.push
+    if push is None or world.load is None:
+        return np.zeros(3), np.zeros(len(time), dtype=bool)
+    since = time - push.at * motion.duration
+    return np.array(push.force), (since >= 0) & (since < push.duration)
+
+
+def _note_contacts(
+    world: World, data: Any, time: float, found: dict[tuple[int, int], tuple[float, float]]
+) -> None:
+    """Keep of every watched pair that touches when first and how deep at most."""
+    pairs, depths = data.contact.geom, -data.contact.dist
+    for i in np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0)):
+        pair = (int(pairs[i].min()), int(pairs[i].max()))
+        first, deepest = found.get(pair, (float(time), 0.0))
+        found[pair] = first, max(deepest, float(depths[i]))
+
+
+class _Log:
+    """Samples of what is measured, in arrays that are there from the beginning."""
+
+    def __init__(self, world: World, n_steps: int):
+        self.world, self.count = world, 0
+        self.weight_apart = not world.model.jnt_actgravcomp.any()
+        model, holders = world.model, len(world.holder_sites)
+        self.finger_qpos = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
+        self.hand_of_equality = np.full(model.neq, -1)
+        for i, name in enumerate(world.holder_names):
+            equality = engine().mj_name2id(model, engine().mjtObj.mjOBJ_EQUALITY, f"grasp {name}")
+            if equality >= 0:
+                self.hand_of_equality[equality] = i
+        self.joints = np.empty((n_steps, len(world.qpos)))
+        self.torque = np.empty((n_steps, len(world.qpos)))
+        self.fingers = np.empty((n_steps, len(self.finger_qpos)))
+        self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
+        self.load_pose = np.zeros((n_steps if world.load is not None else 0, 4, 4))
+        self.wrench = np.zeros((n_steps, holders, 6))
+        self.hands[..., 3, 3] = self.load_pose[..., 3, 3] = 1.0
+
+    def write_state(self, data: Any) -> None:
+        """What a step overwrites."""
+        self.joints[self.count] = data.qpos[self.world.qpos]
+        self.fingers[self.count] = data.qpos[self.finger_qpos]
+
+    def write_rest(self, data: Any) -> None:
+        """What belongs to the same instant."""
+        world, i = self.world, self.count
+        self.torque[i] = (data.qfrc_actuator + self.weight_apart * data.qfrc_gravcomp)[world.dofs]
+        self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
+        self.hands[i, :, :3, :3] = data.site_xmat[world.sites].reshape(-1, 3, 3)
+        if world.load is not None:
+            self.load_pose[i, :3, 3] = data.xpos[world.load_body]
+            self.load_pose[i, :3, :3] = data.xmat[world.load_body].reshape(3, 3)
+            self._write_wrenches(data)
+        self.count += 1
+
+    def _write_wrenches(self, data: Any) -> None:
+        """Sum the constraints' forces on the load by the hand that they come from.
+
+        The rows of the constraints' Jacobian for a free body are the force in the world's axes and the torque
+        about its origin in its own.
+        """
+        world, n_dofs = self.world, self.world.model.nv
+        if not data.nefc:
+            return
+        rows = data.efc_J.reshape(data.nefc, n_dofs)[:, world.load_dof : world.load_dof + 6]
+        hand = self._hand_of_rows(data)
+        by_hand = (hand[None, :] == np.arange(len(world.holder_sites))[:, None]) * data.efc_force
+        wrench = by_hand @ rows
+        turned = data.xmat[world.load_body].reshape(3, 3)
+        arms = data.site_xpos[world.holder_sites] - data.xpos[world.load_body]
+        self.wrench[self.count, :, :3] = wrench[:, :3]
+        self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
+
+    def _hand_of_rows(self, data: Any) -> NDArray[np.int64]:
+        """The holder that each row of the constraints belongs to, -1 for none; array, shape (n_rows,)."""
+        kinds = engine().mjtConstraint
+        hand = np.full(data.nefc, -1)
+        equality = data.efc_type == int(kinds.mjCNSTR_EQUALITY)
+        hand[equality] = self.hand_of_equality[data.efc_id[equality]]
+        touching = data.efc_type >= int(kinds.mjCNSTR_CONTACT_FRICTIONLESS)
+        if touching.any():
+            pairs = data.contact.geom
+            hand[touching] = self.world.hand_of_geom[pairs].max(axis=1)[data.efc_id[touching]]
+        return hand
+
+    def series(self) -> dict[str, Array]:
+        """What was written, by the names of `Execution`."""
+        names = ("joints", "torque", "hands", "load_pose", "wrench", "fingers")
+        return {name: getattr(self, name)[: self.count] for name in names}

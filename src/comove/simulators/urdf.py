@@ -1,0 +1,134 @@
+"""A URDF as MuJoCo reads it: meshes converted, joints that do not move fixed where the description holds them."""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ComoveWarning, RobotError
+from comove.primitives.rotations import exponential, matrices
+from comove.robots.description import Placement
+from comove.robots.model import Source, resolve
+from comove.simulators.meshes import as_obj
+
+Array = NDArray[np.float64]
+
+COMPILER = {
+    "balanceinertia": "true",
+    "boundmass": "1e-6",
+    "boundinertia": "1e-10",
+    "discardvisual": "false",
+    "fusestatic": "false",
+    "strippath": "false",
+}
+ROOT = "scene"  # link on which the bases stand
+UNREAD = ("mimic", "safety_controller", "calibration")
+
+
+def for_mujoco(
+    sources: Sequence[Source], posture: Mapping[str, float], moving: Collection[str], *, drawn: bool
+) -> str:
+    """All models of a robot as one, each on its base, for MuJoCo's reader of URDFs.
+
+    Parameters
+    ----------
+    posture : values of joints that do not move [rad or m], 0 where not named
+    moving : names of the joints that do
+    drawn : whether visual meshes are wanted
+    """
+    whole = ET.Element("robot", name="robot")
+    ET.SubElement(ET.SubElement(whole, "mujoco"), "compiler", COMPILER)
+    ET.SubElement(whole, "link", name=ROOT)
+    for i, source in enumerate(sources):
+        tree = ET.fromstring(source.urdf)
+        whole.append(_stand(tree, source.base, i))
+        for joint in tree.findall("joint"):
+            for tag in UNREAD:
+                for child in joint.findall(tag):
+                    joint.remove(child)
+            if joint.get("type") != "fixed" and joint.get("name") not in moving:
+                _fix(joint, posture.get(joint.get("name", ""), 0.0))
+        for link in tree.findall("link"):
+            for visual in link.findall("visual"):
+                if not drawn or not _converted(visual, source.file, needed=False):
+                    link.remove(visual)
+            for collision in link.findall("collision"):
+                _converted(collision, source.file, needed=True)
+        whole.extend(part for part in tree if part.tag in ("link", "joint", "material"))
+    return ET.tostring(whole, encoding="unicode")
+
+
+def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
+    """The joint that fixes a model to where it stands."""
+    children = {joint.find("child").get("link") for joint in tree.findall("joint")}
+    root = next(link.get("name") for link in tree.findall("link") if link.get("name") not in children)
+    joint = ET.Element("joint", name=f"{ROOT} {number}", type="fixed")
+    ET.SubElement(joint, "parent", link=ROOT)
+    ET.SubElement(joint, "child", link=root)
+    _write_origin(
+        ET.SubElement(joint, "origin"), np.array(base.position), matrices(np.array(base.quaternion_wxyz))
+    )
+    return joint
+
+
+def _converted(part: ET.Element, file: Path, needed: bool) -> bool:
+    """Let a visual or collision element name an OBJ; whether there is something to show."""
+    mesh = part.find("geometry/mesh")
+    if mesh is None:
+        return True
+    try:
+        mesh.set("filename", str(as_obj(resolve(mesh.get("filename", ""), file))))
+    except RobotError as error:
+        if needed:
+            raise
+        warnings.warn(f"a part of the robot is not drawn: {error}", ComoveWarning, stacklevel=2)
+        return False
+    return True
+
+
+def _fix(joint: ET.Element, value: float) -> None:
+    """Make a joint a fixed one at a value."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    position, rotation = _vector(origin, "xyz"), _rotation(_vector(origin, "rpy"))
+    axis = joint.find("axis")
+    along = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis, "xyz")
+    along = along / np.linalg.norm(along)
+    if joint.get("type") == "prismatic":
+        position = position + rotation @ along * value
+    elif joint.get("type") in ("revolute", "continuous"):
+        rotation = rotation @ matrices(exponential(along * value))
+    joint.set("type", "fixed")
+    _write_origin(origin, position, rotation)
+
+
+def _write_origin(origin: ET.Element, position: Array, rotation: Array) -> None:
+    origin.set("xyz", " ".join(repr(float(x)) for x in position))
+    origin.set("rpy", " ".join(repr(float(x)) for x in _roll_pitch_yaw(rotation)))
+
+
+def _vector(element: ET.Element, key: str) -> Array:
+    return np.array([float(x) for x in element.get(key, "0 0 0").split()])
+
+
+def _rotation(rpy: Array) -> Array:
+    """Of roll, pitch and yaw about the fixed axes x, y and z."""
+    x, y, z = (matrices(exponential(axis * angle)) for axis, angle in zip(np.eye(3), rpy, strict=True))
+    return z @ y @ x
+
+
+def _roll_pitch_yaw(rotation: Array) -> Array:
+    """The inverse of `_rotation`; upright (pitch of a right angle) the roll is 0."""
+    across = np.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = np.arctan2(-rotation[2, 0], across)
+    if across < 1e-9:
+        return np.array([0.0, pitch, np.arctan2(-rotation[0, 1], rotation[1, 1])])
+    return np.array(
+        [np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])]
+    )
