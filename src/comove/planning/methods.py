@@ -81,7 +81,7 @@ class Comove:
             search.check_time()
             search.stage = "planning"
             begun, nodes = search.time_left(), self._nodes(search.time_left(), failures, pace)
-            path = plan(
+            path = (plan if search.carrier is None else search.carrier.plan)(
                 space,
                 ends[0],
                 ends[2],
@@ -135,7 +135,7 @@ class Comove:
             verdict = search.judge(dmp.rollout())
             if verdict.verified:
                 return search.objective.cost(dmp.rollout()).total, dmp
-            objective = stricter(objective, verdict)
+            objective = stricter(search, objective, verdict)
         return None
 
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
@@ -147,7 +147,7 @@ class Comove:
             verdict = search.judge(dmp.rollout())
             if verdict.verified or not search.hard:
                 return
-            objective, schedule = stricter(objective, verdict), replace(POLISHING, sigma=0.01)
+            objective, schedule = stricter(search, objective, verdict), replace(POLISHING, sigma=0.01)
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Restarts in which the load grows; True once a motion is verified and polished."""
@@ -171,7 +171,7 @@ class Comove:
                 value = search.evaluate(objective, dmp, dmp.weights[None])
                 if value.clearance[0] < -HOPELESS:
                     break
-                objective = stricter(objective, verdict)
+                objective = stricter(search, objective, verdict)
                 dmp = improve(search, objective, dmp, REPAIRING)
         return False
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.optimisers.cmaes import CMAES
 from comove.optimisers.covariance import DiagonalCovariance
 from comove.optimisers.parameters import Parameters
+from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
@@ -34,6 +36,34 @@ SMALLEST_LOAD = 0.05  # of its size, from which it grows
 
 class OutOfTime(Exception):
     """The budget is spent."""
+
+
+class Carrier(Protocol):
+    """What moves the hands, a robot for example: a search asks it what is possible."""
+
+    def plan(
+        self,
+        space: Space,
+        start: Array,
+        goal: Array,
+        margin: float,
+        rng: np.random.Generator,
+        *,
+        required: float,
+        max_nodes: int,
+    ) -> Array | None:
+        """A path that can be carried out; as `comove.planning.planner.plan`."""
+
+    def penalty(self, nodes: Array) -> Array:
+        """What movements cost for what is not possible, 0 where they are; array, shape (n_rollouts,).
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+        """
+
+    def stricter(self) -> Carrier:
+        """The same, but more careful, after a movement that it took for possible was rejected."""
 
 
 class Interruption:
@@ -78,6 +108,7 @@ class Search:
     rng : source of all random numbers
     started, deadline : on the clock of `time.perf_counter` [s]
     checks : further checks that a motion must pass
+    carrier : what moves the hands, None where nothing limits them but the scene
     progress : called once a generation
     interruption : the user's wish to end
     stage : what is being done, in words
@@ -94,6 +125,7 @@ class Search:
     started: float
     deadline: float
     checks: Sequence[Check] = ()
+    carrier: Carrier | None = None
     progress: ProgressCallback | None = None
     interruption: Interruption = field(default_factory=Interruption)
     stage: str = ""
@@ -129,11 +161,18 @@ class Search:
     ) -> Evaluation:
         """Evaluate a population of weights, array of shape (n_rollouts, n_columns, n_basis)."""
         self.evaluations += len(weights)
-        return objective.evaluate(dmp.rollouts(weights, N_STEPS), size)
+        q = dmp.rollouts(weights, N_STEPS)
+        value = objective.evaluate(q, size)
+        if self.carrier is not None:
+            strain = self.carrier.penalty(objective.coordinates.nodes(q, size))
+            value = value._replace(penalty=value.penalty + strain)
+        return value
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
-        """Verify a motion; keep it if it is the best."""
-        verdict = verify(motion, self.checks)
+        """Verify a motion; keep it if it is the best. Further checks, which may be slow, come last."""
+        verdict = verify(motion)
+        if verdict.verified is not None and self.checks:
+            verdict = verify(motion, self.checks)
         if verdict.verified is None:
             violation = self._violation(verdict)
             if self.attempt is None or violation < self.attempt_violation:
@@ -233,8 +272,11 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
     return replace(dmp, weights=best)
 
 
-def stricter(objective: Objective, verdict: Verdict) -> Objective:
-    """The objective with a wider margin, or lower limits, after a motion was rejected for want of them."""
+def stricter(search: Search, objective: Objective, verdict: Verdict) -> Objective:
+    """The objective with a wider margin, or lower limits, after a motion was rejected for want of them.
+
+    Where the scene has nothing against the motion, the carrier had: it becomes more careful.
+    """
     scene, penalty, report = objective.scene, objective.penalty, verdict.report
     changes: dict[str, float] = {}
     if not (report.clearance_min >= scene.clearance and (report.separation_spare_min or 0.0) >= 0):
@@ -242,4 +284,6 @@ def stricter(objective: Objective, verdict: Verdict) -> Objective:
     ratio = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
     if ratio > 1:
         changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)
+    if not changes and search.carrier is not None:
+        search.carrier = search.carrier.stricter()
     return objective.with_penalty(**changes)

@@ -16,7 +16,7 @@ from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.paper import Paper
-from comove.planning.search import OutOfTime, Search
+from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
@@ -39,6 +39,7 @@ def solve(
     cost: CostWeights | None = None,
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
+    carrier: Carrier | None = None,
     progress: ProgressCallback | None = None,
 ) -> Solution:
     """Find a verified coordinated motion for a scene.
@@ -66,6 +67,9 @@ def solve(
         cost is handed out, verified or not.
     checks
         Further checks that a motion must pass to be verified.
+    carrier
+        What moves the hands, such as `comove.robots.Carrying`, and so limits what they can do; give its check
+        along with it.
     progress
         Called once a generation.
 
@@ -89,6 +93,7 @@ def solve(
         started=started,
         deadline=started + budget,
         checks=checks,
+        carrier=carrier,
         progress=progress,
     )
     with suppress(OutOfTime), search.interruption.noticed():

@@ -109,6 +109,8 @@ class RobotFile(_Part):
     """Values of joints that do not move [rad or m]; 0 where not named."""
     acceleration: Positive = 5.0
     limits: dict[str, JointLimits] = Field(default={})
+    springs: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(default={})
+    """Share of the own weight's torque at a joint that springs hold, by joint; a URDF knows no springs."""
     servo: Servo | None = None
     uncertainty: Uncertainty = Uncertainty()
 

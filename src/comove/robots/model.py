@@ -73,6 +73,7 @@ class Robot:
     arms : in the description's order
     lower, upper : arrays, shape (n_joints,) [rad, m for prismatic joints]
     velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad/s, rad/s^2, N m]
+    relief : array, shape (n_joints,), share of the own weight's torque that springs hold
     sha256 : of the description, the models and the meshes they collide with
     sources : the models' texts (URDF), completed and prefixed, with their placements
     """
@@ -86,6 +87,7 @@ class Robot:
     velocity: Array
     acceleration: Array
     effort: Array
+    relief: Array
     sha256: str
     sources: tuple[Source, ...]
 
@@ -213,6 +215,7 @@ def _assemble(description: RobotFile, file: Path) -> Robot:
             model, collision = pin.appendModel(model, part, collision, geometry, 0, placement)
     _require_known(description.posture, known, "posture", file)
     _require_known(description.limits, known, "limits", file)
+    _require_known(description.springs, known, "springs", file)
     moving = _moving_joints(description, model, file)
     return _reduced(description, model, collision, moving, sources, digest.hexdigest(), file)
 
@@ -316,6 +319,14 @@ def _drop_adjacent(model: Any, geometry: Any) -> None:
             geometry.removeCollisionPair(pair)
 
 
+def _drop_rigid(geometry: Any) -> None:
+    """Forget pairs of bodies that have become one by locking joints."""
+    objects = geometry.geometryObjects
+    for pair in [pin.CollisionPair(p.first, p.second) for p in geometry.collisionPairs]:
+        if objects[pair.first].parentJoint == objects[pair.second].parentJoint:
+            geometry.removeCollisionPair(pair)
+
+
 def _move_base(model: Any, geometry: Any, placement: Any) -> None:
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
@@ -332,9 +343,7 @@ def _se3(placement: Placement) -> Any:
     return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
-def _require_known(
-    named: Mapping[str, object] | Iterable[str], known: set[str], key: str, file: Path
-) -> None:
+def _require_known(named: Iterable[str], known: set[str], key: str, file: Path) -> None:
     for name in named:
         if name not in known:
             raise RobotError(
@@ -409,6 +418,7 @@ def _reduced(
                 way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
             )
     reduced, geometry = pin.buildReducedModel(model, collision, locked, posture)
+    _drop_rigid(geometry)
     limits = {
         "lower": np.array(reduced.lowerPositionLimit),
         "upper": np.array(reduced.upperPositionLimit),
@@ -433,7 +443,10 @@ def _reduced(
         _arm(name, arm, np.array([names.index(j) for j in chains[name]]), limits, file)
         for name, arm in description.arms.items()
     )
-    return Robot(description, reduced, geometry, arms, **limits, sha256=sha256, sources=tuple(sources))
+    relief = np.array([description.springs.get(name, 0.0) for name in names])
+    return Robot(
+        description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=tuple(sources)
+    )
 
 
 def _arm(

@@ -1,0 +1,220 @@
+"""A robot as a search sees it: what its arms can do with a movement of the hands."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import SceneError
+from comove.planning.configurations import Space
+from comove.robots.chains import Chains, chains_of
+from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
+from comove.robots.links import ENOUGH, links_clearance, links_of, place_links
+from comove.robots.model import Arm, Robot
+from comove.robots.planner import plan_with_arms
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+DEFAULT_MASS = 0.25  # kg, of a load that states none
+DEFAULT_CLEARANCE = 0.005  # m, of links, where the scene states none
+SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
+SAMPLES = 51  # of a movement that a search looks at
+SEEDS = 64  # random joints from which a pose is solved
+SAME_BRANCH = 0.3  # rad, within which two solutions are one
+BRANCHES = 4  # solutions of the start that are kept, per arm
+
+N_THREADS = min(4, os.cpu_count() or 1)
+_THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
+
+
+@dataclass(frozen=True, eq=False)
+class Carrying:
+    """A robot that carries the load of a scene: the constraint object of a search.
+
+    Attributes
+    ----------
+    robot, scene : who carries what
+    caution : how often a search had to be stricter
+    """
+
+    robot: Robot
+    scene: Scene
+    caution: int = 0
+
+    def __post_init__(self) -> None:
+        if self.scene.grasp is None:
+            raise SceneError(
+                "a robot cannot know how to hold the load",
+                key="grasp",
+                way_out="say it: grasp: {orientation: down, yaw: load}",
+            )
+        for name in self.scene.manipulators:
+            self.robot.arm(name)
+
+    @cached_property
+    def holders(self) -> tuple[Arm, ...]:
+        """The arms in the order of the scene's manipulators."""
+        return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        """Where the chains' joints stand in the robot's vector; array, shape (n_joints,)."""
+        return np.concatenate([arm.columns for arm in self.holders])
+
+    @cached_property
+    def mass(self) -> float:
+        """Of the load [kg]."""
+        return DEFAULT_MASS if self.scene.load_mass is None else self.scene.load_mass
+
+    @cached_property
+    def arms(self) -> Arms:
+        """All of it as arrays."""
+        scene, grasp = self.scene, self.scene.grasp
+        carried = np.zeros(len(self.holders))
+        carried[list(grasp.holders)] = self.mass / len(grasp.holders)
+        around = Surroundings(
+            at_rest=np.ascontiguousarray(grasp.at_rest),
+            turning=np.ascontiguousarray(grasp.turning),
+            first=grasp.holders[0],
+            second=grasp.holders[min(1, len(grasp.holders) - 1)],
+            obstacles=scene.obstacles,
+            edges=scene.body.edges,
+            radii=scene.body.radii,
+            carried=carried,
+            clearance=scene.clearance or DEFAULT_CLEARANCE,
+            spare=SPARE * (1 + self.caution),
+            share=NEAR_LIMIT * 0.9**self.caution,
+            posture=np.concatenate([arm.home for arm in self.holders]),
+        )
+        return Arms(chains_of(self.robot, self.holders), links_of(self.robot, self.holders), around)
+
+    def stricter(self) -> Carrying:
+        """The same with more caution, after a movement that a search took for possible was rejected."""
+        return replace(self, caution=self.caution + 1)
+
+    @cached_property
+    def starts(self) -> tuple[Array, ...]:
+        """Joints that hold the load at the start, by arm; arrays, shape (n_branches, n_joints), best first.
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach the start.
+        """
+        return self._branches("start")
+
+    @cached_property
+    def goals(self) -> tuple[Array, ...]:
+        """The same at the goal."""
+        return self._branches("goal")
+
+    def plan(
+        self,
+        space: Space,
+        start: Array,
+        goal: Array,
+        margin: float,
+        rng: np.random.Generator,
+        *,
+        required: float = 0.0,
+        max_nodes: int = 1000,
+    ) -> Array | None:
+        """A path of the load that the arms can follow; as `comove.planning.planner.plan`."""
+        pairs = list(product(*[range(len(branches)) for branches in self.starts]))
+        chosen = pairs[min(rng.geometric(0.6) - 1, len(pairs) - 1)]
+        first = [branches[k] for branches, k in zip(self.starts, chosen, strict=True)]
+        last = [
+            branches[np.abs(branches - q).max(axis=1).argmin()]
+            for branches, q in zip(self.goals, first, strict=True)
+        ]
+        ends = (start, np.concatenate(first)), (goal, np.concatenate(last))
+        return plan_with_arms(space, self.arms, *ends, margin, rng, required=required, max_nodes=max_nodes)
+
+    def penalty(self, nodes: Array) -> Array:
+        """What movements cost a search for what the robot cannot do, 0 where it can.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+
+        Returns
+        -------
+        array, shape (n_rollouts,)
+        """
+        steps = np.linspace(0, nodes.shape[1] - 1, SAMPLES).round().astype(int)
+        nodes = np.ascontiguousarray(nodes[:, steps])
+        strain = self.strain(nodes, self.best_start(nodes[0]))
+        return strain.penalty.sum(axis=1) + strain.contact
+
+    def strain(self, nodes: Array, start: Array) -> Strain:
+        """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `penalty`."""
+        parts = np.array_split(nodes, min(len(nodes), N_THREADS))
+        done = _THREADS.map(lambda part: follow(self.arms, part, start, self.scene.duration), parts)
+        return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
+
+    def best_start(self, nodes: Array) -> Array:
+        """For each arm the start from which it follows one movement best; array, shape (n_joints,).
+
+        Parameters
+        ----------
+        nodes : array, shape (n_steps, n_nodes, 3) [m]
+        """
+        starts, n_most = self.starts, max(map(len, self.starts))
+        tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
+        if n_most == 1:
+            return np.concatenate(tried[0])
+        penalties = np.array([self.strain(nodes[None], np.concatenate(q)).penalty[0] for q in tried])
+        return np.concatenate([tried[k][i] for i, k in enumerate(penalties.argmin(axis=0))])
+
+    def clearance(self, q: Array, nodes: Array) -> float:
+        """Least distance of the links from obstacles, load and each other, at most 5 cm [m].
+
+        Parameters
+        ----------
+        q : array, shape (n_joints,), of the chains
+        nodes : array, shape (n_nodes, 3), of the load and its hands [m]
+        """
+        chains, links, around = self.arms
+        a, b = np.empty_like(links.start), np.empty_like(links.end)
+        place_links(chains, links, q, a, b)
+        return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
+
+    def _branches(self, end: str) -> tuple[Array, ...]:
+        """Joints at an end, by arm; those that touch something only where nothing else is left."""
+        nodes = self.scene.nodes_at(end)
+        rotations = self.scene.grasp.hand_rotations(nodes[: len(self.holders)])
+        chains, posture, found = self.arms.chains, self.arms.around.posture, []
+        draws = np.random.default_rng(0).uniform(chains.lower, chains.upper, (SEEDS, len(posture)))
+        for i, arm in enumerate(self.holders):
+            seeds = np.concatenate([[posture], draws])
+            joints, missing = solutions(chains, i, rotations[i], nodes[i], posture, seeds)
+            if missing.min() > MET:
+                raise SceneError(
+                    f"the arm '{arm.name}' cannot reach its {end}: {missing.min():.3g} m are missing",
+                    key=f"manipulators.{end}",
+                    way_out="move it nearer, turn the load, or use another robot",
+                )
+            part = slice(chains.first[i], chains.first[i + 1])
+            branches = _distinct(chains, part, joints[missing <= MET][:, part])
+            alone = np.repeat(posture[None], len(branches), axis=0)
+            alone[:, part] = branches
+            free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
+            found.append(branches[free] if free.any() else branches)
+        return tuple(found)
+
+
+def _distinct(chains: Chains, part: slice, joints: Array) -> Array:
+    """The solutions of one arm that differ, those far from the limits first; joints of shape (n, n_joints of it)."""
+    margin = np.minimum(joints - chains.lower[part], chains.upper[part] - joints).min(axis=1)
+    kept: list[Array] = []
+    for i in np.argsort(-margin, kind="stable"):
+        if all(np.abs(joints[i] - other).max() > SAME_BRANCH for other in kept):
+            kept.append(joints[i])
+    return np.array(kept[:BRANCHES])

@@ -1,0 +1,406 @@
+"""Arms as arrays: kinematics, inverse kinematics and dynamics of serial chains, in kernels.
+
+A search looks at thousands of candidate movements a second, far more than one call a configuration allows. The
+judge uses Pinocchio; the tests compare the two.
+
+Notation: q joint positions, J the geometric Jacobian (linear above angular, in the scene's frame), R and p
+orientation and position in the scene's frame.
+"""
+
+from __future__ import annotations
+
+from math import acos, cos, sin, sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.robots.model import Arm, Robot
+
+Array = NDArray[np.float64]
+
+TURN = 0.2  # m, that one radian of a hand counts for in a residual
+DAMPING = 1e-4  # of the damped least squares, relative to the largest diagonal of J J^T
+LARGEST_STEP = 0.3  # rad, of a joint in one iteration
+GRAVITY = 9.81  # m/s^2
+
+
+class Chains(NamedTuple):
+    """The arms that move the hands of a scene, joints of all arms in one row (n_joints).
+
+    Attributes
+    ----------
+    first : array, shape (n_arms + 1,), where each arm's joints begin
+    rotation, offset : arrays, shape (n_joints, 3, 3) and (n_joints, 3): each joint's frame in the one before it
+        (for the first joint of an arm: in the scene) [m]
+    axis : array, shape (n_joints, 3), in the joint's own frame
+    slides : array, shape (n_joints,), whether it is prismatic
+    tool_rotation, tool_offset : arrays, shape (n_arms, 3, 3) and (n_arms, 3): the grasp in the last joint's frame
+    lower, upper, velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad, s, N m]
+    relief : array, shape (n_joints,), share of the own weight's torque that springs hold
+    mass, center, inertia : of the bodies that the joints move, arrays of shape (n_joints,) [kg], (n_joints, 3)
+        [m], (n_joints, 3, 3) about the centre [kg m^2], in the joints' frames
+    """
+
+    first: NDArray[np.int64]
+    rotation: Array
+    offset: Array
+    axis: Array
+    slides: NDArray[np.bool_]
+    tool_rotation: Array
+    tool_offset: Array
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array
+    relief: Array
+    mass: Array
+    center: Array
+    inertia: Array
+
+
+def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
+    """Arrays of some of a robot's arms, in the order given."""
+    model = robot.model
+    columns = np.concatenate([arm.columns for arm in arms])
+    joints = [int(np.flatnonzero(np.array(model.idx_vs) == c)[-1]) for c in columns]
+    placements = [model.jointPlacements[j] for j in joints]
+    axes, slides = zip(*(_axis(model.joints[j]) for j in joints), strict=True)
+    bodies = [model.inertias[j] for j in joints]
+    tools = []
+    for arm in arms:
+        tip = model.frames[model.getFrameId(arm.tip)].placement.homogeneous @ arm.tool
+        tools.append(tip)
+    return Chains(
+        first=np.cumsum([0] + [len(arm.columns) for arm in arms]),
+        rotation=np.array([m.rotation for m in placements]),
+        offset=np.array([m.translation for m in placements]),
+        axis=np.array(axes),
+        slides=np.array(slides),
+        tool_rotation=np.array([tool[:3, :3] for tool in tools]),
+        tool_offset=np.array([tool[:3, 3] for tool in tools]),
+        lower=robot.lower[columns],
+        upper=robot.upper[columns],
+        velocity=robot.velocity[columns],
+        acceleration=robot.acceleration[columns],
+        effort=robot.effort[columns],
+        relief=robot.relief[columns],
+        mass=np.array([body.mass for body in bodies]),
+        center=np.array([body.lever for body in bodies]),
+        inertia=np.array([body.inertia for body in bodies]),
+    )
+
+
+def _axis(joint: object) -> tuple[Array, bool]:
+    """Axis of a joint of one degree of freedom, and whether it slides, from its motion subspace."""
+    data = joint.createData()
+    joint.calc(data, np.zeros(1))
+    subspace = np.array(data.S).reshape(6)
+    slides = bool(np.abs(subspace[:3]).max() > 0.5)
+    return subspace[:3] if slides else subspace[3:], slides
+
+
+@numba.njit(cache=True, error_model="numpy")
+def place_arm(chains, arm, q, rotations, points):
+    """Frames of an arm's joints, and of its grasp behind them.
+
+    Parameters
+    ----------
+    q : array, shape (n_joints,), of all arms
+    rotations, points : results, arrays of shape (n_joints of the arm + 1, 3, 3) and (..., 3)
+    """
+    first, last = chains.first[arm], chains.first[arm + 1]
+    turned = np.empty((3, 3))
+    for j in range(first, last + 1):
+        k = j - first
+        if j < last:
+            offset, turn = chains.offset[j], chains.rotation[j]
+        else:
+            offset, turn = chains.tool_offset[arm], chains.tool_rotation[arm]
+        for a in range(3):
+            if k == 0:
+                points[0, a] = offset[a]
+                for b in range(3):
+                    rotations[0, a, b] = turn[a, b]
+            else:
+                points[k, a] = points[k - 1, a]
+                for b in range(3):
+                    points[k, a] += rotations[k - 1, a, b] * offset[b]
+                    value = 0.0
+                    for c in range(3):
+                        value += rotations[k - 1, a, c] * turn[c, b]
+                    rotations[k, a, b] = value
+        if j == last:
+            break
+        axis = chains.axis[j]
+        if chains.slides[j]:
+            for a in range(3):
+                for b in range(3):
+                    points[k, a] += rotations[k, a, b] * axis[b] * q[j]
+            continue
+        s, c = sin(q[j]), cos(q[j])
+        x, y, z = axis[0], axis[1], axis[2]
+        turned[0, 0], turned[0, 1], turned[0, 2] = (
+            c + x * x * (1 - c),
+            x * y * (1 - c) - z * s,
+            x * z * (1 - c) + y * s,
+        )
+        turned[1, 0], turned[1, 1], turned[1, 2] = (
+            y * x * (1 - c) + z * s,
+            c + y * y * (1 - c),
+            y * z * (1 - c) - x * s,
+        )
+        turned[2, 0], turned[2, 1], turned[2, 2] = (
+            z * x * (1 - c) - y * s,
+            z * y * (1 - c) + x * s,
+            c + z * z * (1 - c),
+        )
+        for a in range(3):
+            x, y, z = rotations[k, a, 0], rotations[k, a, 1], rotations[k, a, 2]
+            for b in range(3):
+                rotations[k, a, b] = x * turned[0, b] + y * turned[1, b] + z * turned[2, b]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def jacobian(chains, arm, rotations, points, out):
+    """Geometric Jacobian of the grasp; result, array of shape (6, n_joints of the arm)."""
+    first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
+    for k in range(n):
+        axis = chains.axis[first + k]
+        x = rotations[k, 0, 0] * axis[0] + rotations[k, 0, 1] * axis[1] + rotations[k, 0, 2] * axis[2]
+        y = rotations[k, 1, 0] * axis[0] + rotations[k, 1, 1] * axis[1] + rotations[k, 1, 2] * axis[2]
+        z = rotations[k, 2, 0] * axis[0] + rotations[k, 2, 1] * axis[1] + rotations[k, 2, 2] * axis[2]
+        if chains.slides[first + k]:
+            out[0, k], out[1, k], out[2, k], out[3, k], out[4, k], out[5, k] = x, y, z, 0.0, 0.0, 0.0
+            continue
+        u, v, w = points[n, 0] - points[k, 0], points[n, 1] - points[k, 1], points[n, 2] - points[k, 2]
+        out[0, k], out[1, k], out[2, k] = y * w - z * v, z * u - x * w, x * v - y * u
+        out[3, k], out[4, k], out[5, k] = x, y, z
+
+
+@numba.njit(cache=True, error_model="numpy")
+def pose_error(rotation, point, target_rotation, target, out):
+    """Twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
+
+    Returns the residual [m]: one radian counts `TURN`.
+    """
+    for a in range(3):
+        out[a] = target[a] - point[a]
+    trace = 0.0
+    for a in range(3):
+        for b in range(3):
+            trace += target_rotation[a, b] * rotation[a, b]
+    angle = acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+    # 2 sin(angle) axis is the antisymmetric part of target * rotation^T
+    for a in range(3):
+        i, j = (a + 2) % 3, (a + 1) % 3
+        value = 0.0
+        for b in range(3):
+            value += target_rotation[i, b] * rotation[j, b] - target_rotation[j, b] * rotation[i, b]
+        out[3 + a] = 0.5 * value
+    size = sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2)
+    if angle > 2.5 and size < 1e-3:  # half a turn: any axis will do to get away from it
+        out[3] += 1.0
+        size = sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2)
+    if size > 1e-8:
+        stretch = (angle if angle > 1e-4 else size) / size
+        for a in range(3, 6):
+            out[a] *= stretch
+    turned = out[3] ** 2 + out[4] ** 2 + out[5] ** 2
+    return sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + TURN * TURN * turned)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solve_damped(jac, free, damping, error, out):
+    """(J_f J_f^T + damping I)^-1 error by Cholesky, J_f the columns in `free`; result, array of shape (6,)."""
+    n = jac.shape[1]
+    a = np.empty((6, 6))
+    largest = 0.0
+    for i in range(6):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(n):
+                if free[k]:
+                    value += jac[i, k] * jac[j, k]
+            a[i, j] = value
+        largest = max(largest, a[i, i])
+    for i in range(6):
+        a[i, i] += damping * largest + 1e-300
+    for i in range(6):
+        for j in range(i + 1):
+            value = a[i, j]
+            for k in range(j):
+                value -= a[i, k] * a[j, k]
+            a[i, j] = sqrt(max(value, 1e-30)) if i == j else value / a[j, j]
+    for i in range(6):
+        value = error[i]
+        for k in range(i):
+            value -= a[i, k] * out[k]
+        out[i] = value / a[i, i]
+    for i in range(5, -1, -1):
+        value = out[i]
+        for k in range(i + 1, 6):
+            value -= a[k, i] * out[k]
+        out[i] = value / a[i, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance, steady, most, q):
+    """Newton's method with damped least squares for one arm, in place, redundancy pulled towards `pull`.
+
+    Joints stay `keep` inside their limits; those that would leave are held, and the others make up for them.
+
+    Parameters
+    ----------
+    pull : array, shape (n_joints,), where the null space goes, by the share `gain` an iteration
+    tolerance : of the residual [m]
+    steady : step [rad] below which it ends, if the residual is small enough as well
+    most : iterations
+
+    Returns
+    -------
+    The residual [m] that is left.
+    """
+    first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
+    rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    jac, error, rest, dual = np.empty((6, n)), np.empty(6), np.empty(6), np.empty(6)
+    step, free = np.empty(n), np.ones(n, dtype=np.bool_)
+    residual, moved = np.inf, np.inf
+    for iteration in range(most + 1):
+        place_arm(chains, arm, q, rotations, points)
+        residual = pose_error(rotations[n], points[n], target_rotation, target, error)
+        if (residual < tolerance and moved < steady) or iteration == most:
+            break
+        jacobian(chains, arm, rotations, points, jac)
+        damping = DAMPING * min(1.0, 100.0 * residual * residual) + 1e-12
+        for k in range(n):
+            free[k] = True
+        for _ in range(3):
+            for i in range(6):
+                rest[i] = error[i]
+                for k in range(n):
+                    if free[k]:
+                        rest[i] -= jac[i, k] * gain * (pull[first + k] - q[first + k])
+            solve_damped(jac, free, damping, rest, dual)
+            largest, settled = 0.0, True
+            for k in range(n):
+                step[k] = 0.0
+                if not free[k]:
+                    continue
+                step[k] = gain * (pull[first + k] - q[first + k])
+                for i in range(6):
+                    step[k] += jac[i, k] * dual[i]
+                largest = max(largest, abs(step[k]))
+                j = first + k
+                out_low = q[j] <= chains.lower[j] + keep + 1e-9 and step[k] < 0.0
+                out_high = q[j] >= chains.upper[j] - keep - 1e-9 and step[k] > 0.0
+                if out_low or out_high:
+                    free[k] = False
+                    settled = False
+            if settled:
+                break
+        scale, moved = min(1.0, LARGEST_STEP / max(largest, 1e-12)), largest
+        for k in range(n):
+            j = first + k
+            q[j] = min(max(q[j] + scale * step[k], chains.lower[j] + keep), chains.upper[j] - keep)
+    return residual
+
+
+@numba.njit(cache=True, error_model="numpy")
+def torques(chains, arm, q, velocity, acceleration, load, load_acceleration, out):
+    """Inverse dynamics of one arm by recursive Newton-Euler (Luh, Walker and Paul, 1980), less what springs hold.
+
+    Parameters
+    ----------
+    q, velocity, acceleration : arrays, shape (n_joints,), of all arms
+    load : point mass at the grasp [kg]
+    load_acceleration : of the grasp in the scene, array of shape (3,) [m/s^2]
+    out : result, array of shape (n_joints,) [N m]; entries of other arms stay
+    """
+    first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
+    rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    place_arm(chains, arm, q, rotations, points)
+    axes, centers, forces, moments = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    w, dw, a, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY), (0.0, 0.0, 0.0)
+    for k in range(n):
+        j = first + k
+        z, c = _turned(rotations[k], chains.axis[j]), _turned(rotations[k], chains.center[j])
+        at = (points[k, 0], points[k, 1], points[k, 2])
+        a = _plus(a, _carried_along(w, dw, _plus(at, before, -1.0)))
+        if chains.slides[j]:
+            a = _plus(_plus(a, _cross(w, z), 2.0 * velocity[j]), z, acceleration[j])
+        else:
+            dw = _plus(_plus(dw, z, acceleration[j]), _cross(w, z), velocity[j])
+            w = _plus(w, z, velocity[j])
+        before = at
+        force = _plus(a, _carried_along(w, dw, c))
+        spin = _inertia_times(rotations[k], chains.inertia[j], w)
+        moment = _plus(_inertia_times(rotations[k], chains.inertia[j], dw), _cross(w, spin))
+        for i in range(3):
+            axes[k, i], centers[k, i] = z[i], c[i]
+            forces[k, i], moments[k, i] = chains.mass[j] * force[i], moment[i]
+    carried = (
+        load * load_acceleration[0],
+        load * load_acceleration[1],
+        load * (load_acceleration[2] + GRAVITY),
+    )
+    about, at = (0.0, 0.0, 0.0), (points[n, 0], points[n, 1], points[n, 2])
+    mass, x, y = 0.0, 0.0, 0.0
+    for k in range(n - 1, -1, -1):
+        j = first + k
+        here, z = (points[k, 0], points[k, 1], points[k, 2]), (axes[k, 0], axes[k, 1], axes[k, 2])
+        force, c = (forces[k, 0], forces[k, 1], forces[k, 2]), (centers[k, 0], centers[k, 1], centers[k, 2])
+        about = _plus(_plus(about, _cross(_plus(at, here, -1.0), carried)), _cross(c, force))
+        about = _plus(about, (moments[k, 0], moments[k, 1], moments[k, 2]))
+        carried, at = _plus(carried, force), here
+        mass += chains.mass[j]
+        x += chains.mass[j] * (here[0] + c[0])
+        y += chains.mass[j] * (here[1] + c[1])
+        if chains.slides[j]:
+            needed, own = _dot(z, carried), z[2] * mass
+        else:
+            needed, own = _dot(z, about), z[0] * (y - mass * here[1]) - z[1] * (x - mass * here[0])
+        out[j] = needed - chains.relief[j] * GRAVITY * own
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _plus(a, b, factor=1.0):
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turned(r, v):
+    return (
+        r[0, 0] * v[0] + r[0, 1] * v[1] + r[0, 2] * v[2],
+        r[1, 0] * v[0] + r[1, 1] * v[1] + r[1, 2] * v[2],
+        r[2, 0] * v[0] + r[2, 1] * v[1] + r[2, 2] * v[2],
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _carried_along(w, dw, arm):
+    """Acceleration of a point at the end of `arm` on a body that turns at w, relative to its beginning."""
+    return _plus(_cross(dw, arm), _cross(w, _cross(w, arm)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _inertia_times(r, inertia, v):
+    """R I R^T v."""
+    back = (
+        r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2],
+        r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2],
+        r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2],
+    )
+    return _turned(r, _turned(inertia, back))

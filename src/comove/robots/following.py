@@ -1,0 +1,202 @@
+"""Arms follow hands, in kernels.
+
+Sample by sample, each from the joints of the samples before, redundancy drawn to the posture at home: so the joints
+move as continuously as the hands. What is missing, the joints' margins, rates and torques, and the distances of the
+links become one penalty a movement.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.robots.chains import Chains, reach_pose, torques
+from comove.robots.links import Links, links_clearance, place_links
+
+Array = NDArray[np.float64]
+
+KEEP = 0.02  # rad, that a search stays inside the joints' limits
+WISHED = 0.15  # rad, of margin to the limits, below which it costs something
+MET = 1e-4  # m, residual at which a pose counts as reached in a search
+PULL = 0.2  # share of the way home that redundancy goes an iteration
+LOOSE = 0.05  # rad, of a step: redundancy need not have come to rest in a search
+FOLLOWING = 6  # iterations a sample
+SETTLING = 200  # iterations from a random seed
+
+
+class Surroundings(NamedTuple):
+    """Everything but the arms, for kernels.
+
+    Attributes
+    ----------
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
+    first, second : hands that give the heading; equal where one hand holds the load alone
+    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
+    edges, radii : the load, arrays of shape (n_edges, 2) and (n_edges,)
+    carried : mass at each hand, array of shape (n_arms,) [kg]
+    clearance : asked for of links [m]
+    spare : that a search keeps on top of it [m]
+    share : of rates and torques that a search keeps to
+    posture : array, shape (n_joints,), where redundancy is drawn to: home
+    """
+
+    at_rest: Array
+    turning: NDArray[np.bool_]
+    first: int
+    second: int
+    obstacles: Array
+    edges: NDArray[np.int64]
+    radii: Array
+    carried: Array
+    clearance: float
+    spare: float
+    share: float
+    posture: Array
+
+
+class Arms(NamedTuple):
+    """All that a kernel needs to know of arms that carry a load."""
+
+    chains: Chains
+    links: Links
+    around: Surroundings
+
+
+class Strain(NamedTuple):
+    """What a movement demands of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
+
+    Attributes
+    ----------
+    missing : largest distance by which a hand's pose is out of reach [m] (a radian counts `TURN`)
+    margin : least distance to a joint limit [rad]
+    rates : array, shape (n_rollouts, n_arms, 3), largest share of the limits of speed, acceleration and torque
+    penalty : of the arm, 0 where nothing is broken
+    clearance : least distance of a link [m], at most what is asked for and a little more
+    contact : penalty of links that are too near, array of shape (n_rollouts,)
+    """
+
+    missing: Array
+    margin: Array
+    rates: Array
+    penalty: Array
+    clearance: Array
+    contact: Array
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solutions(chains, arm, rotation, point, posture, seeds):
+    """Joints of one arm at a pose from several seeds, and what each misses."""
+    missing = np.empty(seeds.shape[0])
+    for k in range(seeds.shape[0]):
+        missing[k] = reach_pose(
+            chains, arm, rotation, point, posture, PULL, KEEP, 1e-9, 1e-4, SETTLING, seeds[k]
+        )
+    return seeds, missing
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hand_rotation(around, hands, i, out):
+    """Orientation of hand i (Grasp.hand_rotations); hands, array of shape (n_arms, 3)."""
+    c, s = 1.0, 0.0
+    if around.turning[i] and around.first != around.second:
+        x = hands[around.first, 0] - hands[around.second, 0]
+        y = hands[around.first, 1] - hands[around.second, 1]
+        size = sqrt(x * x + y * y)
+        c, s = x / size, y / size
+    rest = around.at_rest[i]
+    for b in range(3):
+        out[0, b] = c * rest[0, b] - s * rest[1, b]
+        out[1, b] = s * rest[0, b] + c * rest[1, b]
+        out[2, b] = rest[2, b]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def follow(arms, nodes, start, duration):
+    """Follow movements of the load and its hands; see `Strain` for what comes back.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
+    start : array, shape (n_joints,), from which the first pose is reached
+    """
+    chains, links, around = arms.chains, arms.links, arms.around
+    n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
+    missing, margin = np.zeros((n_rollouts, n_arms)), np.full((n_rollouts, n_arms), np.inf)
+    rates, penalty = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
+    clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
+    q = np.empty((n_steps, start.shape[0]))
+    a, b = np.empty_like(links.start), np.empty_like(links.end)
+    wished = around.clearance + around.spare
+    for k in range(n_rollouts):
+        follow_one(arms, nodes[k], start, q, missing[k], penalty[k])
+        clearance[k] = wished
+        for t in range(0, n_steps, 2):
+            place_links(chains, links, q[t], a, b)
+            apart = links_clearance(
+                links, a, b, around.obstacles, nodes[k, t], around.edges, around.radii, wished
+            )
+            clearance[k] = min(clearance[k], apart)
+            contact[k] += (100.0 * (wished - apart) + 2.0 * (apart < around.clearance)) / n_steps
+        for i in range(n_arms):
+            for t in range(n_steps):
+                least = np.inf
+                for j in range(chains.first[i], chains.first[i + 1]):
+                    least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
+                margin[k, i] = min(margin[k, i], least)
+                penalty[k, i] += 2.0 * max(0.0, WISHED - least) / n_steps
+        _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k])
+        for i in range(n_arms):
+            for ratio in rates[k, i]:
+                if ratio > around.share:
+                    penalty[k, i] += 0.05 + (ratio - around.share)
+    return missing, margin, rates, penalty, clearance, contact
+
+
+@numba.njit(cache=True, error_model="numpy")
+def follow_one(arms, nodes, start, q, missing, penalty):
+    """Joints along one movement; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty` by arm."""
+    chains, around = arms.chains, arms.around
+    n_steps, rotation = nodes.shape[0], np.empty((3, 3))
+    for t in range(n_steps):
+        for j in range(start.shape[0]):
+            if t == 0:
+                q[t, j] = start[j]
+                continue
+            on = q[t - 1, j] if t == 1 else 2.0 * q[t - 1, j] - q[t - 2, j]  # on, as before
+            q[t, j] = min(max(on, chains.lower[j] + KEEP), chains.upper[j] - KEEP)
+        for i in range(chains.first.shape[0] - 1):
+            hand_rotation(around, nodes[t], i, rotation)
+            left = reach_pose(
+                chains, i, rotation, nodes[t, i], around.posture, PULL, KEEP, MET, LOOSE, FOLLOWING, q[t]
+            )
+            missing[i] = max(missing[i], left)
+            if left > MET:
+                penalty[i] += (1.0 + 50.0 * left) / n_steps
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rates(arms, q, nodes, dt, rates):
+    """Largest shares of speed, acceleration and torque limits; result, array of shape (n_arms, 3)."""
+    chains, n_steps, n_joints = arms.chains, q.shape[0], q.shape[1]
+    v, w, pull, tau = np.zeros(n_joints), np.zeros(n_joints), np.zeros(3), np.zeros(n_joints)
+    for t in range(n_steps):
+        # at rest at both ends: as if mirrored in time
+        before, after = t - 1 if t > 0 else 1, t + 1 if t + 1 < n_steps else n_steps - 2
+        for j in range(n_joints):
+            v[j] = (q[after, j] - q[before, j]) / (2.0 * dt)
+            w[j] = (q[after, j] - 2.0 * q[t, j] + q[before, j]) / (dt * dt)
+        for i in range(chains.first.shape[0] - 1):
+            for axis in range(3):
+                pull[axis] = (
+                    nodes[after, i, axis] - 2.0 * nodes[t, i, axis] + nodes[before, i, axis]
+                ) / dt**2
+            if t % 4 == 0:
+                torques(chains, i, q[t], v, w, arms.around.carried[i], pull, tau)
+            for j in range(chains.first[i], chains.first[i + 1]):
+                rates[i, 0] = max(rates[i, 0], abs(q[after, j] - q[t, j]) / dt / chains.velocity[j])
+                rates[i, 1] = max(rates[i, 1], abs(w[j]) / chains.acceleration[j])
+                rates[i, 2] = max(rates[i, 2], abs(tau[j]) / chains.effort[j])

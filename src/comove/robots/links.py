@@ -1,0 +1,288 @@
+"""Links as capsules: what a search sees of a robot's bodies.
+
+Capsules are quick and a little off at the ends of cylinders and the corners of boxes; the judge works on the exact
+geometry.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.robots.chains import Chains, chains_of, place_arm
+from comove.robots.model import Arm, Robot, pin
+from comove.scenes.distances import REACH, segment_distance
+
+Array = NDArray[np.float64]
+
+CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
+CAPPED = 0.3  # share of a cylinder's radius by which its capsule is shorter at either end
+STATIC = -1
+ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
+N_SAMPLES = 400  # random configurations that tell which links can meet
+ROUGH = 1e-3  # m, of distances to obstacles
+
+
+class Links(NamedTuple):
+    """Bodies as capsules in the frames of the joints that move them.
+
+    Attributes
+    ----------
+    joint : array, shape (n_links,), index into the chains' joints, `STATIC` for what does not move
+    arm : array, shape (n_links,), index of the arm, -1 for what does not move
+    start, end : arrays, shape (n_links, 3), of the axis [m]; in the scene where static
+    radius : array, shape (n_links,) [m]
+    pairs : array, shape (n_pairs, 2), of links that may not meet
+    holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
+    """
+
+    joint: NDArray[np.int64]
+    arm: NDArray[np.int64]
+    start: Array
+    end: Array
+    radius: Array
+    pairs: NDArray[np.int64]
+    holds: NDArray[np.bool_]
+
+
+def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
+    """Capsules around the collision geometry; arms that are not among `arms` stay at home."""
+    model, collision = robot.model, robot.collision
+    columns = np.concatenate([arm.columns for arm in arms])
+    of_arm = np.concatenate([np.full(len(arm.columns), i) for i, arm in enumerate(arms)])
+    lasts = {int(arm.columns[-1]) for arm in arms}
+    data = model.createData()
+    pin.forwardKinematics(model, data, robot.home)
+    rows: list[tuple[int, int, Array, Array, float, bool]] = []
+    of_geometry: list[list[int]] = []
+    for item in collision.geometryObjects:
+        column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
+        at = np.flatnonzero(columns == column)
+        moves = len(at) > 0
+        placement = item.placement if moves else data.oMi[item.parentJoint] * item.placement
+        mine = []
+        for a, b, radius in _capsules(item.geometry, moves):
+            mine.append(len(rows))
+            ends = (placement.rotation @ p + placement.translation for p in (a, b))
+            joint, arm = (int(at[0]), int(of_arm[at[0]])) if moves else (STATIC, -1)
+            rows.append((joint, arm, *ends, radius, int(column) in lasts))
+        of_geometry.append(mine)
+    joint, arm, start, end, radius, holds = (np.array(column) for column in zip(*rows, strict=True))
+    pairs = [
+        (i, j)
+        for pair in collision.collisionPairs
+        for i in of_geometry[pair.first]
+        for j in of_geometry[pair.second]
+        if joint[i] != STATIC or joint[j] != STATIC
+    ]
+    links = Links(joint, arm, start, end, radius, np.array(pairs, dtype=np.int64).reshape(-1, 2), holds)
+    return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
+
+
+def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
+    """Forget pairs that hardly ever come near, and those whose capsules, unlike the bodies, overlap at home."""
+    rng = np.random.default_rng(0)
+    samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
+    at_home = _pair_distances(chains, links, home[None])
+    nearest = _pair_distances(chains, links, samples)
+    return links._replace(pairs=links.pairs[(at_home > 0.0) & (nearest < ENOUGH)])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pair_distances(chains, links, samples):
+    """Least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
+    start, end = np.empty_like(links.start), np.empty_like(links.end)
+    least = np.full(links.pairs.shape[0], np.inf)
+    for k in range(samples.shape[0]):
+        place_links(chains, links, samples[k], start, end)
+        for p in range(links.pairs.shape[0]):
+            i, j = links.pairs[p, 0], links.pairs[p, 1]
+            apart = segments_apart(start[i], end[i], start[j], end[j])
+            least[p] = min(least[p], apart - links.radius[i] - links.radius[j])
+    return least
+
+
+def _capsules(shape: Any, moves: bool) -> list[tuple[Array, Array, float]]:
+    """Axis and radius of the capsules that stand for a shape, in its own frame."""
+    kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
+    if kind == "Sphere":
+        return [(0 * z, 0 * z, shape.radius)]
+    if kind == "Capsule":
+        return [(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
+    if kind == "Cylinder":
+        half = max(shape.halfLength - CAPPED * shape.radius, 0.0)
+        return [(-half * z, half * z, shape.radius)]
+    if kind == "Box":
+        return _around_box(np.array(shape.halfSide))
+    points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+    return [_around(points)] if moves else [_ball(cell) for cell in _cells(shape, points)]
+
+
+def _around_box(half: Array) -> list[tuple[Array, Array, float]]:
+    """Parallel capsules along the longest edge of a box."""
+    order = np.argsort(half)
+    thin, wide, long = (np.eye(3)[axis] * half[axis] for axis in order)
+    count = max(1, round(half[order[1]] / max(half[order[0]], 1e-3)))
+    count = min(count, 8)
+    radius = float(np.hypot(half[order[0]], half[order[1]] / count))
+    axis = long * max(0.0, 1.0 - radius * (1 - CAPPED) / max(half[order[2]], 1e-9))
+    shares = (2 * np.arange(count) + 1) / count - 1
+    return [(share * wide - axis + 0 * thin, share * wide + axis, radius) for share in shares]
+
+
+def _around(points: Array) -> tuple[Array, Array, float]:
+    """A capsule around points, along their principal axis."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    centred = points - middle
+    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
+    along = centred @ direction
+    middle = middle + direction * 0.5 * (along.min() + along.max())
+    centred = points - middle
+    along = centred @ direction
+    across = np.linalg.norm(centred - np.outer(along, direction), axis=1)
+    radius = float(across.max())
+    half = max(0.0, float(np.abs(along).max()) - radius * (1 - CAPPED))
+    return middle - half * direction, middle + half * direction, radius
+
+
+def _cells(shape: Any, points: Array) -> list[Array]:
+    """Points of the surface by cell of a grid."""
+    if hasattr(shape, "num_tris") and shape.num_tris:
+        corners = np.array(
+            [points[[t[0], t[1], t[2]]] for t in (shape.tri_indices(i) for i in range(shape.num_tris))]
+        )
+        shares = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4
+        points = np.concatenate([points, (shares @ corners).reshape(-1, 3)])
+    _, cell = np.unique(np.floor(points / CELL).astype(int), axis=0, return_inverse=True)
+    return [points[cell.ravel() == i] for i in range(cell.max() + 1)]
+
+
+def _ball(points: Array) -> tuple[Array, Array, float]:
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle, middle, float(np.linalg.norm(points - middle, axis=1).max())
+
+
+@numba.njit(cache=True, error_model="numpy")
+def place_links(chains, links, q, start, end):
+    """Axes of the links in the scene; results, arrays of shape (n_links, 3) [m]."""
+    n_arms, n_links = chains.first.shape[0] - 1, links.joint.shape[0]
+    for arm in range(n_arms):
+        n = chains.first[arm + 1] - chains.first[arm]
+        rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+        place_arm(chains, arm, q, rotations, points)
+        for i in range(n_links):
+            if links.arm[i] != arm:
+                continue
+            k = links.joint[i] - chains.first[arm]
+            for x in range(3):
+                start[i, x], end[i, x] = points[k, x], points[k, x]
+                for y in range(3):
+                    start[i, x] += rotations[k, x, y] * links.start[i, y]
+                    end[i, x] += rotations[k, x, y] * links.end[i, y]
+    for i in range(n_links):
+        if links.arm[i] < 0:
+            for x in range(3):
+                start[i, x], end[i, x] = links.start[i, x], links.end[i, x]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def segments_apart(a, b, c, d):
+    """Distance [m] of the segments a-b and c-d (Ericson, 2005, 5.1.9)."""
+    uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
+    for x in range(3):
+        u, v, w = b[x] - a[x], d[x] - c[x], a[x] - c[x]
+        uu += u * u
+        vv += v * v
+        uv += u * v
+        uw += u * w
+        vw += v * w
+    s, t = 0.0, 0.0
+    if uu > 1e-18:
+        det = uu * vv - uv * uv
+        if det > 1e-12 * uu * vv:
+            s = min(1.0, max(0.0, (uv * vw - vv * uw) / det))
+        if vv > 1e-18:
+            t = (uv * s + vw) / vv
+            if t < 0.0:
+                t, s = 0.0, min(1.0, max(0.0, -uw / uu))
+            elif t > 1.0:
+                t, s = 1.0, min(1.0, max(0.0, (uv - uw) / uu))
+        else:
+            s = min(1.0, max(0.0, -uw / uu))
+    elif vv > 1e-18:
+        t = min(1.0, max(0.0, vw / vv))
+    square = 0.0
+    for x in range(3):
+        square += (a[x] + s * (b[x] - a[x]) - c[x] - t * (d[x] - c[x])) ** 2
+    return sqrt(square)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def near_enough(a, b, c, d, far):
+    """Whether the bounding balls of two segments are within `far` [m] of each other."""
+    square, one, two = 0.0, 0.0, 0.0
+    for x in range(3):
+        square += (0.5 * (a[x] + b[x] - c[x] - d[x])) ** 2
+        one += (b[x] - a[x]) ** 2
+        two += (d[x] - c[x]) ** 2
+    reach = far + 0.5 * (sqrt(one) + sqrt(two))
+    return square < reach * reach
+
+
+@numba.njit(cache=True, error_model="numpy")
+def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
+    """Least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
+
+    Parameters
+    ----------
+    start, end : arrays, shape (n_links, 3), as `place_links` leaves them [m]
+    nodes, edges, radii : the load and its hands, as the scene's `Body` describes them
+    """
+    least = cap
+    for i in range(links.joint.shape[0]):
+        a, b, r = start[i], end[i], links.radius[i]
+        if links.joint[i] >= 0:
+            x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+            reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
+            for j in range(obstacles.shape[0]):
+                far = reach + obstacles[j, REACH]
+                dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
+                if dx * dx + dy * dy + dz * dz < far * far:
+                    apart = (
+                        segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH)
+                        - r
+                    )
+                    least = min(least, apart)
+        if links.holds[i]:
+            continue
+        for e in range(edges.shape[0]):
+            m, n = edges[e, 0], edges[e, 1]
+            far = least + r + radii[e]
+            if m != n and near_enough(a, b, nodes[m], nodes[n], far):
+                least = min(least, segments_apart(a, b, nodes[m], nodes[n]) - r - radii[e])
+    middle, reach = _balls(links, start, end)
+    for p in range(links.pairs.shape[0]):
+        i, j = links.pairs[p, 0], links.pairs[p, 1]
+        x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
+        far = reach[i] + reach[j] + least
+        if x * x + y * y + z * z < far * far:
+            thick = links.radius[i] + links.radius[j]
+            least = min(least, segments_apart(start[i], end[i], start[j], end[j]) - thick)
+    return least
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _balls(links, start, end):
+    """Bounding balls of the links: middles, array of shape (n_links, 3), and radii (n_links,) [m]."""
+    middle, reach = np.empty_like(start), np.empty(start.shape[0])
+    for i in range(start.shape[0]):
+        square = 0.0
+        for x in range(3):
+            middle[i, x] = 0.5 * (start[i, x] + end[i, x])
+            square += (end[i, x] - start[i, x]) ** 2
+        reach[i] = links.radius[i] + 0.5 * sqrt(square)
+    return middle, reach
