@@ -87,7 +87,7 @@ def test_provenance_travels_with_the_motion(verified, bags, name):
     ((_, message),) = read(bags[name])["/comove/provenance"]
     told = json.loads(message.data)
     assert told == parts_of(verified)["carry"].provenance.asdict()
-    assert told["scene_sha256"] == verified.motion.scene.sha256
+    assert told["scene_sha256"] == verified.scene.sha256
     assert told["robot_sha256"] == verified.robot.sha256
 
 

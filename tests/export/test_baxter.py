@@ -67,7 +67,7 @@ def test_the_reader_of_these_tests_is_as_strict_as_the_sdk(verified, file, tmp_p
 
 def test_provenance_stands_beside_the_file(verified, file):
     told = json.loads(file.with_name("baxter.csv.json").read_text(encoding="utf-8"))
-    assert told["scene_sha256"] == verified.motion.scene.sha256
+    assert told["scene_sha256"] == verified.scene.sha256
     assert told["robot_sha256"] == verified.robot.sha256
     assert len(told["motion_sha256"]) == 64
     assert told["part"] == "carry" and told["rate_hz"] == 100.0 and told["duration_s"] == 10.0

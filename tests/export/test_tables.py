@@ -17,7 +17,7 @@ def test_csv_reads_back_bit_by_bit(verified, tmp_path):
     for kind in ("position", "velocity", "acceleration"):
         table = [[float(row[f"{joint}.{kind}"]) for joint in verified.robot.joint_names] for row in rows]
         assert (np.array(table) == getattr(samples, kind)).all()
-    assert json.loads(sidecar.read_text(encoding="utf-8"))["scene_sha256"] == verified.motion.scene.sha256
+    assert json.loads(sidecar.read_text(encoding="utf-8"))["scene_sha256"] == verified.scene.sha256
 
 
 def test_npz_reads_back_bit_by_bit(verified, tmp_path):

@@ -2,5 +2,19 @@
 
 from comove.export.formats import FORMATS, Format, export
 from comove.export.parts import ExportError, Part, Provenance, parts_of
+from comove.export.send import Outcome, SendError, Tolerances, TrajectoryClient, send
 
-__all__ = ["FORMATS", "ExportError", "Format", "Part", "Provenance", "export", "parts_of"]
+__all__ = [
+    "FORMATS",
+    "ExportError",
+    "Format",
+    "Outcome",
+    "Part",
+    "Provenance",
+    "SendError",
+    "Tolerances",
+    "TrajectoryClient",
+    "export",
+    "parts_of",
+    "send",
+]

@@ -202,7 +202,7 @@ def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
 
 
 def _provenance(motion: VerifiedJointMotion, part: str) -> Provenance:
-    scene, robot = motion.motion.scene, motion.robot
+    scene, robot = motion.scene, motion.robot
     return Provenance(
         comove=__version__,
         scene=scene.name,

@@ -1,0 +1,235 @@
+"""The way to a robot in ROS 1: action servers of FollowJointTrajectory, one an arm.
+
+ROS brings its own Python; what speaks to it is a program of its own, `ros1_bridge.py`, and stops all arms when this
+one ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Any
+
+from comove.export.send import ArmState, Goal, RobotState, SendError, Status
+
+BRIDGE = Path(__file__).with_name("ros1_bridge.py")
+PYTHON = "COMOVE_ROS_PYTHON"
+STARTING = 15.0  # s, for a Python to load ROS beyond what the robot is given
+
+
+@dataclass(frozen=True)
+class Names:
+    """Where a robot's action servers and joint states are; Baxter's unless said."""
+
+    action: str = "robot/limb/{arm}/follow_joint_trajectory"
+    joint_states: str = "/robot/joint_states"
+
+
+class Ros1Client:
+    """A `TrajectoryClient` for ROS 1; close it, or use it as a context.
+
+    Parameters
+    ----------
+    names : of the robot's topics
+    python : with rospy; looked for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
+    """
+
+    def __init__(self, names: Names = Names(), python: str | None = None):
+        self._names, self._python = names, python
+        self._process: subprocess.Popen[str] | None = None
+        self._errors: IO[bytes] | None = None
+        self._events: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._state, self._heard = RobotState(), dict[str, float]()
+
+    def __enter__(self) -> Ros1Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
+        """Find the action server of each arm; see `TrajectoryClient`."""
+        command = {
+            "do": "connect",
+            "servers": {arm: self._names.action.format(arm=arm) for arm in arms},
+            "joint_states": self._names.joint_states,
+            "joints": [name for names in arms.values() for name in names],
+            "timeout": timeout,
+        }
+        tried = []
+        for python in [self._python] if self._python else pythons():
+            self.close()
+            self._begin(python)
+            self._tell(command)
+            answer = self._answer(timeout + STARTING)
+            if answer["event"] == "connected":
+                self._state = RobotState(arms={arm: ArmState() for arm in arms})
+                self._heard = dict.fromkeys(command["joints"], -float("inf"))
+                return
+            if answer["reason"] != "ros":
+                raise _refusal(answer["reason"], answer["what"], timeout)
+            tried.append(f"{python} ({answer['what']})")
+        raise SendError(
+            f"no Python here has ROS 1; tried {', '.join(tried) or 'none'}",
+            key="ros",
+            way_out=f"install rospy, actionlib and trajectory_msgs, and name their Python in {PYTHON}",
+        )
+
+    def send(self, goals: Mapping[str, Goal], delay: float) -> None:
+        """Send all goals with one stamp; see `TrajectoryClient`."""
+        told = {
+            arm: {
+                "joints": goal.joints,
+                "time": goal.nanoseconds.tolist(),
+                "position": goal.position.tolist(),
+                "velocity": goal.velocity.tolist(),
+                "acceleration": goal.acceleration.tolist(),
+            }
+            for arm, goal in goals.items()
+        }
+        arms = {arm: ArmState(Status.PENDING) for arm in goals}
+        self._state = replace(self._state, arms=arms, time=None)
+        self._tell({"do": "send", "delay": delay, "goals": told})
+
+    def cancel(self) -> None:
+        """Stop all arms."""
+        self._tell({"do": "cancel"})
+
+    def state(self, wait: float) -> RobotState:
+        """What is known; waits for news for at most `wait` [s]."""
+        for event in self._news(wait):
+            self._take(event)
+        return replace(
+            self._state, silence=time.monotonic() - min(self._heard.values(), default=-float("inf"))
+        )
+
+    def close(self) -> None:
+        """End the bridge, which stops what still moves."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        try:
+            process.stdin.close()
+            process.wait(3.0)
+        except (OSError, subprocess.TimeoutExpired):
+            process.kill()
+            process.wait()
+        process.stdout.close()
+        self._errors.close()
+
+    def _begin(self, python: str) -> None:
+        self._events, self._errors = queue.Queue(), tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [python, str(BRIDGE)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            start_new_session=True,  # an interruption from the keyboard is told to it by this process
+        )
+        listener = threading.Thread(target=_listen, args=(self._process.stdout, self._events), daemon=True)
+        listener.start()
+
+    def _tell(self, command: Mapping[str, Any]) -> None:
+        try:
+            self._process.stdin.write(json.dumps(command) + "\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError, AttributeError):  # it has ended; what listens says so
+            pass
+
+    def _answer(self, timeout: float) -> dict[str, Any]:
+        """The first event that decides whether there is a robot."""
+        until = time.monotonic() + timeout
+        while (left := until - time.monotonic()) > 0:
+            for event in self._news(left):
+                if event["event"] in ("connected", "refused"):
+                    return event
+                if event["event"] == "ended":
+                    return {"event": "refused", "reason": "ended", "what": self._last_words()}
+                self._take(event)
+        return {"event": "refused", "reason": "ended", "what": "it did not answer"}
+
+    def _news(self, wait: float) -> Iterator[dict[str, Any]]:
+        try:
+            yield self._events.get(timeout=max(wait, 0.0))
+            while True:
+                yield self._events.get_nowait()
+        except queue.Empty:
+            return
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        """Note an event."""
+        state = self._state
+        if event["event"] == "joints":
+            self._heard |= dict.fromkeys(event["position"], time.monotonic())
+            self._state = replace(state, position={**state.position, **event["position"]}, time=event["time"])
+        elif event["event"] == "arm":
+            arm = ArmState(Status[event["status"]], event["text"], event["time"])
+            self._state = replace(state, arms={**state.arms, event["arm"]: arm})
+        elif event["event"] in ("ended", "refused"):
+            lost = ArmState(Status.LOST, f"the bridge to ROS ended: {self._last_words()}")
+            self._state = replace(state, arms=dict.fromkeys(state.arms, lost))
+
+    def _last_words(self) -> str:
+        self._errors.seek(0)
+        lines = self._errors.read()[-4000:].decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "without a word"
+
+
+def pythons() -> list[str]:
+    """Pythons that may have ROS, the likeliest first."""
+    named = os.environ.get(PYTHON)
+    if named:
+        return [named]
+    found = [
+        "/usr/bin/python3",
+        shutil.which("python3"),
+        sys.executable,
+        shutil.which("python"),
+        "/usr/bin/python",
+    ]
+    return [python for python in dict.fromkeys(found) if python and os.access(python, os.X_OK)]
+
+
+def _listen(stream: IO[str], events: queue.Queue[dict[str, Any]]) -> None:
+    try:
+        for line in stream:
+            events.put(json.loads(line))
+    except ValueError:  # closed, or cut off
+        pass
+    events.put({"event": "ended"})
+
+
+def _refusal(reason: str, what: str, timeout: float) -> SendError:
+    """What keeps ROS from moving the robot, and what to do."""
+    if reason == "master":
+        return SendError(
+            f"there is no ROS master at {what}",
+            key="ROS_MASTER_URI",
+            way_out="start one by roscore, or set ROS_MASTER_URI to that of the robot",
+        )
+    if reason == "server":
+        return SendError(
+            f"no action server answers at '{what}' within {timeout:g} s",
+            key="action",
+            way_out="start it (Baxter: rosrun baxter_interface joint_trajectory_action_server.py), or give its name",
+        )
+    if reason == "clock":
+        return SendError(
+            f"ROS uses simulated time and nobody tells it on {what}",
+            key="use_sim_time",
+            way_out="start the simulation, or set use_sim_time to false",
+        )
+    return SendError(
+        f"the bridge to ROS ended: {what}", key="ros", way_out="look whether ROS works in its Python"
+    )

@@ -1,0 +1,310 @@
+# ruff: noqa: UP004, UP010, UP024, UP030, UP032, B904, B905
+"""The half of the sender that lives in ROS 1; a program of its own, because ROS brings its own Python (2.7 or 3).
+
+It reads commands and tells events, one JSON object a line. Commands:
+
+    {"do": "connect", "servers": {ARM: ACTION}, "joint_states": TOPIC, "joints": [NAME], "timeout": s}
+    {"do": "send", "delay": s, "goals": {ARM: {"joints": [NAME], "time": [ns],
+                                               "position": [[rad]], "velocity": ..., "acceleration": ...}}}
+    {"do": "cancel"}
+
+Events:
+
+    {"event": "refused", "reason": "ros" | "master" | "clock" | "server", "what": TEXT}
+    {"event": "connected"}, {"event": "sent"}
+    {"event": "joints", "time": s since the common start, "position": {NAME: rad}}
+    {"event": "arm", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
+
+When its input ends, whoever ended it, all goals are cancelled: an arm must not go on alone.
+"""
+
+from __future__ import print_function
+
+import json
+import os
+import socket
+import sys
+import threading
+import time
+
+HEARTBEAT = 1.0  # s; action servers tell their status five times a second
+FLUSH = 0.3  # s, that a last cancel has to reach the servers
+
+TOLERANCE = "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
+GOAL = """trajectory_msgs/JointTrajectory trajectory
+control_msgs/JointTolerance[] path_tolerance
+control_msgs/JointTolerance[] goal_tolerance
+duration goal_time_tolerance
+"""
+RESULT = """int32 error_code
+int32 SUCCESSFUL=0
+int32 INVALID_GOAL=-1
+int32 INVALID_JOINTS=-2
+int32 OLD_HEADER_TIMESTAMP=-3
+int32 PATH_TOLERANCE_VIOLATED=-4
+int32 GOAL_TOLERANCE_VIOLATED=-5
+string error_string
+"""
+FEEDBACK = """std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+"""
+ACTION = """control_msgs/FollowJointTrajectoryActionGoal action_goal
+control_msgs/FollowJointTrajectoryActionResult action_result
+control_msgs/FollowJointTrajectoryActionFeedback action_feedback
+"""
+ACTION_GOAL = """std_msgs/Header header
+actionlib_msgs/GoalID goal_id
+control_msgs/FollowJointTrajectoryGoal goal
+"""
+ACTION_ANSWER = """std_msgs/Header header
+actionlib_msgs/GoalStatus status
+control_msgs/FollowJointTrajectory{0} {1}
+"""
+CODES = {
+    -1: "the goal is invalid",
+    -2: "the joints are not its own",
+    -3: "the goal came too late",
+    -4: "it left the path by more than its tolerance",
+    -5: "it did not reach the goal within its tolerance",
+}
+SEPARATOR = "\n" + "=" * 80 + "\n"
+
+
+def message_types():
+    """Classes of FollowJointTrajectory by name: not every distribution has control_msgs."""
+    from actionlib_msgs.msg import GoalStatus
+    from genpy.dynamic import generate_dynamic
+    from trajectory_msgs.msg import JointTrajectory
+
+    texts = {
+        "JointTolerance": TOLERANCE,
+        "FollowJointTrajectoryGoal": GOAL,
+        "FollowJointTrajectoryResult": RESULT,
+        "FollowJointTrajectoryFeedback": FEEDBACK,
+        "FollowJointTrajectoryActionGoal": ACTION_GOAL,
+        "FollowJointTrajectoryActionResult": ACTION_ANSWER.format("Result", "result"),
+        "FollowJointTrajectoryActionFeedback": ACTION_ANSWER.format("Feedback", "feedback"),
+    }
+    parts = [ACTION] + ["MSG: control_msgs/" + name + "\n" + text for name, text in texts.items()]
+    for known in (JointTrajectory, GoalStatus):  # with what they consist of
+        first, _, rest = known._full_text.partition(SEPARATOR)
+        parts.append("MSG: " + known._type + "\n" + first)
+        parts += [part for part in rest.split(SEPARATOR) if part]
+    return generate_dynamic("control_msgs/FollowJointTrajectoryAction", SEPARATOR.join(parts))
+
+
+class Refused(Exception):
+    """What keeps a motion from being sent; a reason and what it is about."""
+
+
+class Teller(object):
+    """Writes events; what ROS prints goes to the error stream, so that it does not get between them."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.file = os.fdopen(os.dup(1), "w")
+        os.dup2(2, 1)
+
+    def __call__(self, event, **content):
+        line = json.dumps(dict(content, event=event)) + "\n"
+        with self.lock:
+            try:
+                self.file.write(line)
+                self.file.flush()
+            except (IOError, OSError):  # nobody listens any more; the input ends as well
+                pass
+
+
+class Bridge(object):
+    """A node that has a goal at each of several action servers and listens to the joints."""
+
+    def __init__(self, tell):
+        self.tell = tell
+        self.clients, self.goals, self.heard = {}, {}, {}
+        self.start = None
+        self.closed = set()
+
+    def connect(self, servers, joint_states, joints, timeout):
+        """Wait for all servers, then listen."""
+        import actionlib
+        import rospy
+        from actionlib_msgs.msg import GoalStatusArray
+        from sensor_msgs.msg import JointState
+
+        require_master()
+        rospy.init_node("comove", anonymous=True, disable_signals=True)
+        until = time.time() + timeout
+        while rospy.Time.now().is_zero():  # simulated time
+            if time.time() > until:
+                raise Refused("clock", "/clock")
+            time.sleep(0.01)
+        self.types = message_types()
+        action = self.types["control_msgs/FollowJointTrajectoryAction"]
+        self.clients = {arm: actionlib.ActionClient(name, action) for arm, name in servers.items()}
+        for arm, client in self.clients.items():
+            while not client.wait_for_server(rospy.Duration(0.05)):
+                if time.time() > until:
+                    raise Refused("server", client.ns)
+            rospy.Subscriber(client.ns + "/status", GoalStatusArray, self.on_status, arm)
+            self.watch(arm, client.last_status_msg._connection_header["callerid"])
+        self.joints = set(joints)
+        rospy.Subscriber(joint_states, JointState, self.on_joints, tcp_nodelay=True)
+        self.tell("connected")
+
+    def send(self, goals, delay):
+        """Give every server its goal, all with one stamp, at which they begin."""
+        import rospy
+
+        self.start = rospy.Time.now() + rospy.Duration(delay)
+        messages = {arm: self.goal_message(goal) for arm, goal in goals.items()}
+        for arm, message in messages.items():
+            self.goals[arm] = self.clients[arm].send_goal(message, self.on_change(arm))
+        self.tell("sent")
+
+    def goal_message(self, goal):
+        import rospy
+
+        message = self.types["control_msgs/FollowJointTrajectoryGoal"]()
+        message.trajectory.header.stamp = self.start
+        message.trajectory.joint_names = goal["joints"]
+        rows = zip(goal["time"], goal["position"], goal["velocity"], goal["acceleration"])
+        for nanoseconds, position, velocity, acceleration in rows:
+            point = self.types["trajectory_msgs/JointTrajectoryPoint"]()
+            point.time_from_start = rospy.Duration(nanoseconds // 10**9, nanoseconds % 10**9)
+            point.positions, point.velocities, point.accelerations = position, velocity, acceleration
+            message.trajectory.points.append(point)
+        return message
+
+    def cancel(self):
+        for goal in list(self.goals.values()):
+            goal.cancel()
+
+    def since_start(self, stamp=None):
+        """ROS's time from the common start [s]; none before there is one."""
+        import rospy
+
+        if self.start is None:
+            return None
+        return ((rospy.Time.now() if stamp is None or stamp.is_zero() else stamp) - self.start).to_sec()
+
+    def on_change(self, arm):
+        """What is called when a goal's state changes."""
+        from actionlib import CommState, GoalStatus
+
+        names = {
+            value: key for key, value in vars(GoalStatus).items() if isinstance(value, int) and key.isupper()
+        }
+
+        def tell(goal):
+            done = goal.get_comm_state() == CommState.DONE
+            status = names[goal.get_terminal_state() if done else goal.get_goal_status()]
+            text = goal.get_goal_status_text() or ""
+            result = goal.get_result() if done else None
+            if result is not None and result.error_code:
+                text = result.error_string or CODES.get(result.error_code, text)
+                if status == "SUCCEEDED":
+                    status = "ABORTED"
+            if done or status in ("PENDING", "ACTIVE"):
+                self.tell("arm", arm=arm, status=status, text=text, time=self.since_start())
+            if done:
+                self.closed.add(arm)
+
+        return tell
+
+    def on_joints(self, message):
+        position = {n: p for n, p in zip(message.name, message.position) if n in self.joints}
+        if position:
+            self.tell("joints", time=self.since_start(message.header.stamp), position=position)
+
+    def on_status(self, _, arm):
+        self.heard[arm] = time.time()
+
+    def watch(self, arm, node):
+        """Tell when a server's process ends, which ROS does not: its system closes its connections at once."""
+        import rosgraph
+
+        uri = rosgraph.Master("/comove").lookupNode(node)
+        address = rosgraph.network.parse_http_host_and_port(uri)
+
+        def wait():
+            while connection_ends(address):
+                pass  # it only dropped this connection
+            self.lose(arm, "its node {0} ended".format(node))
+
+        def listen():
+            self.heard[arm] = time.time()
+            while time.time() < self.heard[arm] + HEARTBEAT:
+                time.sleep(0.05)
+            self.lose(arm, "its node {0} has said nothing for {1:g} s".format(node, HEARTBEAT))
+
+        for target in (wait, listen):
+            thread = threading.Thread(target=target)
+            thread.daemon = True
+            thread.start()
+
+    def lose(self, arm, text):
+        if arm not in self.closed:
+            self.closed.add(arm)
+            self.tell("arm", arm=arm, status="LOST", text=text, time=self.since_start())
+
+
+def connection_ends(address):
+    """Hold a connection until the other side ends it; whether there was one."""
+    try:
+        connection = socket.create_connection(address, 2.0)
+    except (IOError, OSError):
+        return False
+    began = time.time()
+    try:
+        connection.settimeout(None)
+        connection.recv(1)
+    except (IOError, OSError):
+        pass
+    finally:
+        connection.close()
+    if time.time() - began < 0.01:  # not again and again at once
+        time.sleep(0.01)
+    return True
+
+
+def require_master():
+    import rosgraph
+
+    uri = rosgraph.get_master_uri()
+    try:
+        socket.create_connection(rosgraph.network.parse_http_host_and_port(uri), 2.0).close()
+    except (IOError, OSError, ValueError):
+        raise Refused("master", uri)
+
+
+def main():
+    tell = Teller()
+    try:
+        import actionlib  # noqa: F401
+        import rospy  # noqa: F401
+        import sensor_msgs.msg  # noqa: F401
+        import trajectory_msgs.msg  # noqa: F401
+    except ImportError as error:
+        tell("refused", reason="ros", what=str(error))
+        return
+    bridge = Bridge(tell)
+    try:
+        for line in iter(sys.stdin.readline, ""):
+            command = json.loads(line)
+            getattr(bridge, command.pop("do"))(**command)
+    except Refused as refusal:
+        reason, what = refusal.args
+        tell("refused", reason=reason, what=what)
+    finally:
+        bridge.cancel()
+        if set(bridge.goals) - bridge.closed:
+            time.sleep(FLUSH)
+        sys.stderr.flush()
+        os._exit(0)  # threads of ROS would wait for each other
+
+
+if __name__ == "__main__":
+    main()

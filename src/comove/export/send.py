@@ -1,0 +1,309 @@
+"""Send a motion to a robot whose arms have a controller each, and stop all of them when one does not follow.
+
+The coordination knows no middleware: it speaks to a `TrajectoryClient` (ROS 1: `comove.export.ros1`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import RobotError
+from comove.export.parts import CARRY, SAMPLE_RATE, Part, Samples, parts_of, require_rate
+
+if TYPE_CHECKING:
+    from comove.robots.verify import VerifiedJointMotion
+
+Clock = Callable[[], float]
+
+PATIENCE = 0.02  # s, that one look at the state waits for news
+STOP = 1.0  # s, that arms are given to say that they stopped
+
+
+class Status(Enum):
+    """Of an arm's goal, by the names of ROS."""
+
+    NONE = "none"
+    PENDING = "pending"
+    ACTIVE = "active"
+    SUCCEEDED = "succeeded"
+    PREEMPTED = "preempted"
+    RECALLED = "recalled"
+    ABORTED = "aborted"
+    REJECTED = "rejected"
+    LOST = "lost"
+
+    @property
+    def moves(self) -> bool:
+        """Whether the goal may still move the arm."""
+        return self in (Status.PENDING, Status.ACTIVE)
+
+
+_FAILED = {
+    Status.PREEMPTED: "was stopped by somebody else",
+    Status.RECALLED: "was called back by somebody else",
+    Status.ABORTED: "gave up",
+    Status.REJECTED: "refused the goal",
+    Status.LOST: "is gone",
+}
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """What an arm's controller says; `time` of that since the common start [s]."""
+
+    status: Status = Status.NONE
+    text: str = ""
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """What is known at an instant.
+
+    Attributes
+    ----------
+    arms : by name
+    position : of joints by name [rad]
+    time : of the newest position, since the common start [s]; None before there is one
+    silence : since a joint was last heard of, the longest [s]; infinite where one never was
+    """
+
+    arms: Mapping[str, ArmState] = field(default_factory=dict)
+    position: Mapping[str, float] = field(default_factory=dict)
+    time: float | None = None
+    silence: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """What one arm shall do: its joints, and samples of these alone."""
+
+    joints: tuple[str, ...]
+    nanoseconds: NDArray[np.int64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+
+
+class TrajectoryClient(Protocol):
+    """A way to the controllers of a robot's arms."""
+
+    def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
+        """Find the controller of each arm, with the names of its joints, and listen to these.
+
+        Raises
+        ------
+        SendError
+            If something is not there within `timeout` [s].
+        """
+
+    def send(self, goals: Mapping[str, Goal], delay: float) -> None:
+        """Give every arm its goal; all begin at one instant, `delay` [s] from now."""
+
+    def cancel(self) -> None:
+        """Stop all arms."""
+
+    def state(self, wait: float) -> RobotState:
+        """What is known; waits for news for at most `wait` [s]."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When a motion is not begun, or stopped.
+
+    Attributes
+    ----------
+    start : how far a joint may be from the first sample [rad]
+    path : how far a joint may be from the motion while it runs [rad]
+    connect : how long to wait for the robot [s]
+    delay : from sending to the common start [s]
+    late : how long after its end a motion may take to be reported as done [s]
+    silence : how long joints may say nothing [s]
+    """
+
+    start: float = 0.01
+    path: float = 0.2
+    connect: float = 5.0
+    delay: float = 0.3
+    late: float = 3.0
+    silence: float = 0.5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it went.
+
+    Attributes
+    ----------
+    arms : the last word of each
+    deviation : largest distance of a joint from the motion that was seen [rad]
+    reason : why it was stopped; empty where it was not
+    """
+
+    arms: Mapping[str, ArmState]
+    deviation: float
+    reason: str = ""
+
+    @property
+    def apart(self) -> float:
+        """Time between the first arm's end and the last one's [s]."""
+        ends = [arm.time for arm in self.arms.values() if arm.time is not None]
+        return max(ends) - min(ends) if ends else 0.0
+
+
+class SendError(RobotError):
+    """A motion that was not begun, or did not end as it should; `outcome` says how far it got, if it began."""
+
+    outcome: Outcome | None = None
+
+
+def send(
+    client: TrajectoryClient,
+    motion: VerifiedJointMotion,
+    *,
+    part: str = CARRY,
+    tolerances: Tolerances = Tolerances(),
+    rate: float = SAMPLE_RATE,
+    clock: Clock = time.monotonic,
+) -> Outcome:
+    """Let a robot play a verified motion; returns when all its arms are done.
+
+    Parameters
+    ----------
+    client : a way to the robot
+    motion : sealed by the judge; nothing else is taken
+    part : which of its parts
+    rate : samples a second [Hz], at least 20
+    clock : seconds that pass evenly
+
+    Raises
+    ------
+    ExportError
+        If the motion is not verified, or the rate too low.
+    SendError
+        If the robot is not there, not at the motion's start, or an arm does not do what it should. All arms have
+        been told to stop then.
+    """
+    chosen = parts_of(motion)[part]
+    require_rate(motion, rate)
+    client.connect(chosen.arms, tolerances.connect)
+    _require_start(client, chosen, tolerances, clock)
+    samples = chosen.samples(rate)
+    try:
+        client.send(
+            {arm: _goal(chosen, names, samples) for arm, names in chosen.arms.items()}, tolerances.delay
+        )
+        return _watched(client, chosen, tolerances, clock)
+    except BaseException:  # whatever it is, no arm goes on alone
+        client.cancel()
+        raise
+
+
+def _goal(part: Part, names: tuple[str, ...], samples: Samples) -> Goal:
+    columns = part.columns(names)
+    position, velocity, acceleration = (
+        array[:, columns] for array in (samples.position, samples.velocity, samples.acceleration)
+    )
+    return Goal(names, samples.nanoseconds, position, velocity, acceleration)
+
+
+def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances, clock: Clock) -> None:
+    """Refuse to move a robot that does not say where it is, or is elsewhere."""
+    wanted = part.joints.joint_names
+    until = clock() + tolerances.connect
+    state = client.state(PATIENCE)
+    while not set(wanted) <= set(state.position) and clock() < until:
+        state = client.state(PATIENCE)
+    if not state.position:
+        raise SendError(
+            f"the robot's joints have said nothing for {tolerances.connect:g} s",
+            key="joint_states",
+            way_out="switch the robot on, and name the topic on which it tells its joints",
+        )
+    missing = [name for name in wanted if name not in state.position]
+    if missing:
+        raise SendError(
+            f"the robot says nothing of a joint '{missing[0]}'",
+            key="joint_states",
+            way_out=f"send it to the robot it was made for, '{part.provenance.robot}'",
+        )
+    found = np.array([state.position[name] for name in wanted])
+    off = np.abs(found - part.joints.position[0])
+    if not (off <= tolerances.start).all():
+        worst = int(np.nan_to_num(off, nan=np.inf).argmax())
+        raise SendError(
+            f"the joint '{wanted[worst]}' is at {found[worst]:.4f} rad, and the {part.name} begins at "
+            f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({tolerances.start:g} allowed)",
+            key="start",
+            way_out="bring the robot there first, by the approach for example",
+        )
+
+
+def _watched(client: TrajectoryClient, part: Part, tolerances: Tolerances, clock: Clock) -> Outcome:
+    """Wait until all arms are done, or stop them."""
+    began, worst = clock(), 0.0
+    while True:
+        state = client.state(PATIENCE)
+        off, joint = _deviation(state, part)
+        worst = max(worst, off)
+        reason = _failure(state, tolerances) or _astray(off, joint, tolerances)
+        arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
+        if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
+            return Outcome(state.arms, worst)
+        allowed = tolerances.delay + part.joints.duration + tolerances.late
+        if not reason and not clock() - began <= allowed:
+            slow = next(
+                name for name in part.arms if state.arms.get(name, ArmState()).status is not Status.SUCCEEDED
+            )
+            reason = f"the arm '{slow}' was not done {tolerances.late:g} s after the end of the motion"
+        if reason:
+            client.cancel()
+            error = SendError(
+                reason, way_out="all arms were told to stop; look at the robot before anything else"
+            )
+            error.outcome = Outcome(_stopped(client, clock).arms, worst, reason)
+            raise error
+
+
+def _failure(state: RobotState, tolerances: Tolerances) -> str:
+    """Why the motion cannot go on, in words; empty where it can."""
+    for name, arm in state.arms.items():
+        if arm.status in _FAILED:
+            told = f": {arm.text}" if arm.text else ""
+            return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
+    if not state.silence <= tolerances.silence:
+        return f"the robot's joints have said nothing for {state.silence:.2g} s"
+    return ""
+
+
+def _deviation(state: RobotState, part: Part) -> tuple[float, str]:
+    """Which joint is farthest from where it should be, and how far [rad]."""
+    names, joints = part.joints.joint_names, part.joints
+    if state.time is None:
+        return 0.0, names[0]
+    wanted = joints.curve(np.clip(state.time, 0.0, joints.duration))
+    off = np.abs([state.position[name] for name in names] - wanted)
+    worst = int(np.nan_to_num(off, nan=np.inf).argmax())
+    return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
+
+
+def _astray(off: float, joint: str, tolerances: Tolerances) -> str:
+    if off <= tolerances.path:
+        return ""
+    return f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
+
+
+def _stopped(client: TrajectoryClient, clock: Clock) -> RobotState:
+    """The state when no arm moves any more, or after a while."""
+    until = clock() + STOP
+    state = client.state(PATIENCE)
+    while any(arm.status.moves for arm in state.arms.values()) and clock() < until:
+        state = client.state(PATIENCE)
+    return state

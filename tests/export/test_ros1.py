@@ -1,0 +1,299 @@
+"""Sending over the real ROS 1, on loopback: a master, an action server each arm, and faults of all kinds."""
+
+import json
+import os
+import queue
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from comove.export import SendError, Tolerances, send
+from comove.export.ros1 import BRIDGE, Ros1Client
+
+PYTHON = "/usr/bin/python3"
+SERVER = Path(__file__).with_name("ros1_server.py")
+BRIEF = Tolerances(connect=2.0, late=1.0)
+SOON = 0.1  # s, until all arms must have been told to stop
+
+
+def has_ros():
+    modules = "import rospy, actionlib, trajectory_msgs.msg, sensor_msgs.msg, rosmaster"
+    return (
+        Path(PYTHON).exists() and not subprocess.run([PYTHON, "-c", modules], capture_output=True).returncode
+    )
+
+
+pytestmark = pytest.mark.skipif(
+    not has_ros(),
+    reason="ROS 1 is not installed: apt-get install python3-rospy python3-actionlib python3-roslaunch",
+)
+
+
+class Process:
+    """A process whose lines are events."""
+
+    def __init__(self, arguments, environment):
+        self.process = subprocess.Popen(
+            arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        self.events = queue.Queue()
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self):
+        for line in self.process.stdout:
+            if line.startswith("{"):
+                self.events.put(json.loads(line))
+
+    def wait_for(self, name, timeout=10.0):
+        until = time.monotonic() + timeout
+        while True:
+            event = self.events.get(timeout=max(0.01, until - time.monotonic()))
+            if event["event"] == name:
+                return event
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGCONT)
+        self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture(scope="module")
+def master():
+    """A ROS master on a free port of loopback; the environment that leads there."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_IP": "127.0.0.1",
+        "ROS_LOG_DIR": "/tmp/roslog",
+    }
+    process = subprocess.Popen(
+        ["roscore", "-p", str(port)],
+        env={**os.environ, **environment},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    until = time.monotonic() + 15.0
+    while time.monotonic() < until:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.05)
+    yield environment
+    process.send_signal(signal.SIGINT)  # as Ctrl-C: it ends what it has started
+    process.wait(10.0)
+
+
+@pytest.fixture
+def robot(master, brief, monkeypatch):
+    """Starts a robot with faults by arm; a client for it comes with it."""
+    for key, value in master.items():
+        monkeypatch.setenv(key, value)
+    with ExitStack() as running:
+
+        def start(off=None, states=True, arms=("left", "right"), at=None, **faults):
+            at = at or dict(zip(brief.robot.joint_names, brief.joints.position[0], strict=True))
+            servers = {}
+            for arm in arms:
+                names = [name for name in brief.robot.joint_names if name.startswith(arm)]
+                settings = {
+                    "arm": arm,
+                    "position": {name: at[name] + (off or {}).get(name, 0.0) for name in names},
+                    "fault": faults.get(arm),
+                    "states": states,
+                }
+                arguments = [PYTHON, str(SERVER), json.dumps(settings)]
+                servers[arm] = running.enter_context(Process(arguments, {**os.environ, **master}))
+            for server in servers.values():
+                server.wait_for("ready")
+            return servers, running.enter_context(Ros1Client())
+
+        yield start
+
+
+def test_both_arms_finish_in_step(robot, brief):
+    servers, client = robot()
+    outcome = send(client, brief, tolerances=BRIEF)
+    stamps = {arm: server.wait_for("goal")["stamp"] for arm, server in servers.items()}
+    ends = [server.wait_for("done")["at"] for server in servers.values()]
+    assert stamps["left"] == stamps["right"] > 0
+    assert abs(ends[0] - ends[1]) < 0.05 and outcome.apart < 0.05
+    assert outcome.deviation < BRIEF.path
+    print(f"ends {1e3 * abs(ends[0] - ends[1]):.1f} ms apart, deviation {outcome.deviation:.4f} rad")
+
+
+@pytest.mark.slow
+def test_a_whole_carry_is_played_in_step(robot, verified):
+    at = dict(zip(verified.robot.joint_names, verified.joints.position[0], strict=True))
+    servers, client = robot(at=at)
+    outcome = send(client, verified)
+    ends = [server.wait_for("done")["at"] for server in servers.values()]
+    assert abs(ends[0] - ends[1]) < 0.05 and outcome.apart < 0.05
+    print(f"ends {1e3 * abs(ends[0] - ends[1]):.1f} ms apart, deviation {outcome.deviation:.4f} rad")
+
+
+def fails(client, motion, message, **changes):
+    """Send, and return the error once it has come."""
+    with pytest.raises(SendError, match=message) as caught:
+        send(client, motion, tolerances=replace(BRIEF, **changes))
+    return caught.value
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_a_killed_server_stops_the_other_arm(robot, brief, how):
+    servers, client = robot()
+    killed = []
+
+    def kill():
+        servers["left"].wait_for("goal")
+        time.sleep(0.8)
+        killed.append(time.monotonic())
+        servers["left"].process.send_signal(how)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    error = fails(client, brief, "the arm 'left' is gone: its node /arm_left")
+    thread.join()
+    cancelled, stopped = (servers["right"].wait_for(event)["at"] for event in ("cancel", "stopped"))
+    assert stopped - killed[0] < SOON
+    assert error.outcome.arms["right"].status.name == "PREEMPTED"
+    print(
+        f"cancelled after {1e3 * (cancelled - killed[0]):.1f} ms, stopped after {1e3 * (stopped - killed[0]):.1f} ms"
+    )
+
+
+@pytest.mark.slow
+def test_a_server_that_hangs_stops_the_other_arm(robot, brief):
+    servers, client = robot()
+
+    def hang():
+        servers["left"].wait_for("goal")
+        servers["left"].process.send_signal(signal.SIGSTOP)
+
+    thread = threading.Thread(target=hang)
+    thread.start()
+    fails(client, brief, "said nothing for 0.* s")
+    thread.join()
+    servers["right"].wait_for("stopped")
+
+
+def test_an_arm_that_gives_up_stops_the_other(robot, brief):
+    servers, client = robot(left="stuck")
+    fails(client, brief, "'left' gave up: it left the path", path=10.0)
+    aborted, stopped = servers["left"].wait_for("aborted")["at"], servers["right"].wait_for("stopped")["at"]
+    assert stopped - aborted < SOON
+    print(f"stopped after {1e3 * (stopped - aborted):.1f} ms")
+
+
+@pytest.mark.slow
+def test_an_arm_that_lags_is_stopped_before_it_gives_up(robot, brief):
+    servers, client = robot(right="stuck")
+    error = fails(client, brief, "the joint 'right_.*' is 0.2.* rad off the motion")
+    assert error.outcome.deviation > BRIEF.path
+    for server in servers.values():
+        server.wait_for("stopped")
+
+
+def test_a_refused_goal_stops_the_other_arm(robot, brief):
+    servers, client = robot(left="refuse")
+    fails(client, brief, "'left' refused the goal: the arm is not enabled")
+    servers["right"].wait_for("stopped")
+
+
+@pytest.mark.slow
+def test_an_arm_that_never_ends_is_stopped(robot, brief):
+    servers, client = robot(right="endless")
+    fails(client, brief, "'right' was not done 1 s after the end")
+    servers["right"].wait_for("stopped")
+
+
+def test_a_robot_elsewhere_is_not_moved(robot, brief):
+    servers, client = robot(off={"right_w1": -0.05})
+    fails(client, brief, r"'right_w1' is at .* 0\.05 rad away \(0\.01 allowed\); bring the robot there first")
+    assert all(server.events.empty() for server in servers.values())
+
+
+def test_a_robot_that_says_nothing_is_not_moved(robot, brief):
+    servers, client = robot(states=False)
+    fails(client, brief, "joints have said nothing for 1 s; switch the robot on", connect=1.0)
+    assert all(server.events.empty() for server in servers.values())
+
+
+def test_a_missing_server_is_told(robot, brief):
+    _, client = robot(arms=("left",))
+    fails(
+        client,
+        brief,
+        "no action server answers at 'robot/limb/right/follow_joint_trajectory' within 1 s",
+        connect=1.0,
+    )
+
+
+def test_a_missing_master_is_told(brief, monkeypatch):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
+    with Ros1Client() as client:
+        fails(client, brief, "no ROS master at http://127.0.0.1:9; start one by roscore")
+
+
+def test_a_python_without_ros_is_told(brief, monkeypatch):
+    monkeypatch.setenv("COMOVE_ROS_PYTHON", sys.executable)
+    with Ros1Client() as client:
+        fails(client, brief, "no Python here has ROS 1; tried .*COMOVE_ROS_PYTHON")
+
+
+@pytest.mark.slow
+def test_when_comove_ends_all_arms_stop(robot, brief, master):
+    """Even when it is killed: the bridge's input ends."""
+    servers, _ = robot()
+    code = (
+        "import sys, time; from comove.export.ros1 import BRIDGE, Ros1Client; from comove.export.send import Goal;"
+        "import numpy as np; n = np.arange(3) * 10**10; names = sys.argv[1:];"
+        "client = Ros1Client(); arms = {a: tuple(x for x in names if x.startswith(a)) for a in ('left', 'right')};"
+        "client.connect(arms, 2.0);"
+        "client.send({a: Goal(j, n, *3 * [np.zeros((3, 7))]) for a, j in arms.items()}, 0.1); time.sleep(60)"
+    )
+    arguments = [sys.executable, "-c", code, *brief.robot.joint_names]
+    with Process(arguments, {**os.environ, **master}) as comove:
+        for server in servers.values():
+            server.wait_for("goal")
+        time.sleep(0.3)
+        comove.process.kill()
+        killed = time.monotonic()
+        for server in servers.values():
+            assert server.wait_for("stopped")["at"] - killed < SOON
+
+
+def test_its_messages_are_those_of_control_msgs():
+    """Checksums as in the public headers that ROS generates; other ones would be refused by a robot's servers."""
+    code = "import sys; sys.path.insert(0, sys.argv[1]); from ros1_bridge import message_types;"
+    code += "print({name: kind._md5sum for name, kind in message_types().items()})"
+    done = subprocess.run([PYTHON, "-c", code, BRIDGE.parent], capture_output=True, text=True, check=True)
+    for name, checksum in {
+        "FollowJointTrajectoryAction": "bc4f9b743838566551c0390c65f1a248",
+        "FollowJointTrajectoryActionGoal": "cff5c1d533bf2f82dd0138d57f4304bb",
+        "FollowJointTrajectoryActionResult": "c4fb3b000dc9da4fd99699380efcc5d9",
+        "FollowJointTrajectoryActionFeedback": "d8920dc4eae9fc107e00999cce4be641",
+    }.items():
+        assert f"'control_msgs/{name}': '{checksum}'" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["python2.7", "python3"])
+def test_the_bridge_is_for_the_pythons_of_all_ros_1(name, tmp_path):
+    python = shutil.which(name)
+    if python is None or subprocess.run([python, "-V"], capture_output=True).returncode:
+        pytest.skip(f"{name} is not installed")
+    copy = shutil.copy(BRIDGE, tmp_path)
+    subprocess.run([python, "-m", "py_compile", copy], check=True)

@@ -1,0 +1,187 @@
+"""Coordination of arms with clients that are not there, on a clock that does not run by itself."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from comove.export import ExportError, SendError, Tolerances, parts_of, send
+from comove.export.send import ArmState, RobotState, Status
+
+STEP = 0.01  # s, that a look at the state takes
+TOLERANCES = Tolerances()
+
+
+@dataclass
+class Fake:
+    """A robot that follows exactly, with faults: each changes the state from an instant on, by ROS's clock."""
+
+    motion: object
+    faults: list = field(default_factory=list)  # (time since the common start [s], function of the state)
+    now: float = 0.0
+    start: float = np.inf
+    goals: dict = field(default_factory=dict)
+    calls: list = field(default_factory=list)
+    stubborn: bool = False
+
+    def clock(self):
+        return self.now
+
+    def connect(self, arms, timeout):
+        self.arms = arms
+        self.calls.append("connect")
+
+    def send(self, goals, delay):
+        self.goals, self.start = goals, self.now + delay
+        self.calls.append("send")
+
+    def cancel(self):
+        self.calls.append(("cancel", round(self.now - self.start, 3)))
+
+    def state(self, wait):
+        self.now += min(STEP, wait)
+        time, joints = self.now - self.start, self.motion.joints
+        arms = {}
+        for arm in self.arms:
+            status = Status.NONE if not self.goals else Status.ACTIVE
+            if time > joints.duration and self.goals:
+                status = Status.SUCCEEDED
+            if any(call[0] == "cancel" for call in self.calls) and not self.stubborn:
+                status = Status.PREEMPTED
+            arms[arm] = ArmState(status, "", joints.duration if status is Status.SUCCEEDED else None)
+        at = joints.curve(np.clip(time, 0.0, joints.duration))
+        position = dict(zip(joints.joint_names, at.tolist(), strict=True))
+        state = RobotState(arms, position, time if self.goals else None, 0.0)
+        for begin, change in self.faults:
+            if time >= begin:
+                state = change(state)
+        return state
+
+
+def says(arm, status, text=""):
+    """A fault: the controller of an arm says something else."""
+    return lambda state: replace(state, arms={**state.arms, arm: ArmState(status, text)})
+
+
+def shifted(joint, by):
+    """A fault: a joint is elsewhere."""
+    return lambda state: replace(state, position={**state.position, joint: state.position[joint] + by})
+
+
+def without(joint):
+    return lambda state: replace(state, position={k: v for k, v in state.position.items() if k != joint})
+
+
+ALWAYS = -np.inf
+
+
+def test_all_goes_well(verified):
+    fake = Fake(verified)
+    outcome = send(fake, verified, clock=fake.clock)
+    assert fake.calls == ["connect", "send"]
+    assert outcome.apart == 0.0 and outcome.deviation < 1e-9 and not outcome.reason
+    for arm in verified.robot.arms:
+        goal, columns = fake.goals[arm.name], arm.columns
+        assert goal.joints == tuple(verified.robot.joint_names[c] for c in columns)
+        samples = parts_of(verified)["carry"].samples(100.0)
+        assert (goal.position == samples.position[:, columns]).all()
+        assert (np.diff(goal.nanoseconds) > 0).all()
+        assert not goal.velocity[[0, -1]].any()
+
+
+@pytest.mark.parametrize(
+    ("status", "message"),
+    [
+        (Status.ABORTED, "'left' gave up: why"),
+        (Status.REJECTED, "'left' refused the goal: why"),
+        (Status.LOST, "'left' is gone: why"),
+        (Status.PREEMPTED, "'left' was stopped by somebody else: why"),
+        (Status.RECALLED, "'left' was called back by somebody else: why"),
+    ],
+)
+def test_when_one_arm_fails_all_are_stopped_at_once(verified, status, message):
+    fake = Fake(verified, [(4.0, says("left", status, "why"))])
+    with pytest.raises(SendError, match=message) as caught:
+        send(fake, verified, clock=fake.clock)
+    (stopped,) = {call[1] for call in fake.calls if call[0] == "cancel"} & {4.0, 4.01}
+    assert stopped - 4.0 <= STEP + 1e-9
+    assert caught.value.outcome.reason and caught.value.outcome.arms["right"].status is Status.PREEMPTED
+
+
+def test_a_joint_that_leaves_the_motion_stops_all(verified):
+    fake = Fake(verified, [(3.0, shifted("right_w0", 0.15)), (5.0, shifted("right_w0", 0.15))])
+    with pytest.raises(SendError, match=r"'right_w0' is 0\.3 rad off the motion \(0\.2 allowed\)") as caught:
+        send(fake, verified, clock=fake.clock)
+    assert ("cancel", 5.0) in fake.calls or ("cancel", 5.01) in fake.calls
+    assert caught.value.outcome.deviation == pytest.approx(0.3)
+
+
+def test_joints_that_fall_silent_stop_all(verified):
+    fake = Fake(verified, [(2.0, lambda state: replace(state, silence=fake.now - fake.start - 2.0))])
+    with pytest.raises(SendError, match="joints have said nothing for 0"):
+        send(fake, verified, clock=fake.clock)
+
+
+def test_a_position_that_is_no_number_stops_all(verified):
+    fake = Fake(verified, [(1.0, shifted("left_s0", np.nan))])
+    with pytest.raises(SendError, match="'left_s0' is inf rad off"):
+        send(fake, verified, clock=fake.clock)
+
+
+@pytest.mark.parametrize("stubborn", [False, True])
+def test_an_arm_that_does_not_end_is_stopped(verified, stubborn):
+    fake = Fake(verified, [(0.0, says("right", Status.ACTIVE))], stubborn=stubborn)
+    with pytest.raises(SendError, match="'right' was not done 3 s after the end of the motion"):
+        send(fake, verified, clock=fake.clock)
+    assert any(call[0] == "cancel" for call in fake.calls)
+    assert fake.now < 10.0 + 3.0 + 2.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (
+            shifted("left_e1", 0.05),
+            r"'left_e1' is at .* 0\.05 rad away \(0\.01 allowed\).*bring the robot there",
+        ),
+        (shifted("left_e1", -0.011), r"0\.011 rad away"),
+        (shifted("left_e1", np.nan), "'left_e1' is at nan rad"),
+        (
+            without("right_s1"),
+            "says nothing of a joint 'right_s1'; send it to the robot it was made for, 'baxter'",
+        ),
+        (lambda state: replace(state, position={}), "joints have said nothing for 5 s; switch the robot on"),
+    ],
+)
+def test_a_robot_that_is_not_at_the_start_is_not_moved(verified, fault, message):
+    fake = Fake(verified, [(ALWAYS, fault)])
+    with pytest.raises(SendError, match=message):
+        send(fake, verified, clock=fake.clock)
+    assert "send" not in fake.calls
+    assert fake.now < 6.0
+
+
+def test_a_small_difference_at_the_start_is_allowed(verified):
+    fake = Fake(verified, [(ALWAYS, shifted("left_e1", 0.009))])
+    assert send(fake, verified, clock=fake.clock).deviation == pytest.approx(0.009)
+
+
+def test_an_interruption_stops_all(verified):
+    fake = Fake(verified)
+
+    def interrupt(state):
+        raise KeyboardInterrupt
+
+    fake.faults.append((2.0, interrupt))
+    with pytest.raises(KeyboardInterrupt):
+        send(fake, verified, clock=fake.clock)
+    assert fake.calls[-1][0] == "cancel"
+
+
+def test_the_unverified_is_not_sent(verified):
+    fake = Fake(verified)
+    with pytest.raises(ExportError, match="nobody has verified"):
+        send(fake, verified.joints, clock=fake.clock)
+    with pytest.raises(ExportError, match="20 Hz or more"):
+        send(fake, verified, rate=5.0, clock=fake.clock)
+    assert not fake.calls
