@@ -2,5 +2,14 @@
 
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
+from comove.robots.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
-__all__ = ["Arm", "JointMotion", "Robot"]
+__all__ = [
+    "Arm",
+    "JointMotion",
+    "JointReport",
+    "JointVerdict",
+    "Robot",
+    "VerifiedJointMotion",
+    "verify_joints",
+]

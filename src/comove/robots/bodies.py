@@ -1,0 +1,239 @@
+"""All bodies of a robot at work, the pairs of them that could touch, and what each pair has to keep.
+
+======== ================================================================ ==========================
+kind     pairs                                                            keep
+======== ================================================================ ==========================
+`SCENE`  every link, the robot's base included, with every obstacle       the scene's clearance
+`LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
+`SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
+======== ================================================================ ==========================
+
+The scene's clearance is `limits.clearance`, 5 mm where that is not given. Where the robot's bases may stand elsewhere
+(`uncertainty`), what that can take from a distance is taken from it: links and obstacles, and bodies on different
+bases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.primitives.rotations import matrices
+from comove.robots.bases import Bases
+from comove.robots.carried import Carried
+from comove.robots.model import Arm, Robot
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+LINK_CLEARANCE = 0.005  # m, that links keep where the scene does not say
+COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
+THIN = 1e-6  # m, radius of a load that has none
+SCENE, LOAD, SELF = range(3)
+SCENE_ITSELF, LOAD_ALONE = -1, -2  # what is on no base
+
+_SHAPES: dict[str, Callable[[Any], Any]] = {
+    "box": lambda o: coal.Box(*o.size),
+    "sphere": lambda o: coal.Sphere(o.radius),
+    "capsule": lambda o: coal.Capsule(o.radius, o.length),
+    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
+    "ellipsoid": lambda o: coal.Ellipsoid(*o.radii),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Robot, obstacles and load as one geometry model.
+
+    Attributes
+    ----------
+    robot : whose model moves it
+    geometry : pinocchio.GeometryModel, its collision pairs those that are judged
+    names : of the bodies, for people
+    kind : array, shape (n_pairs,), SCENE, LOAD or SELF
+    required : array, shape (3,), what pairs of each kind are to keep [m]
+    taken : array, shape (n_pairs,), by which the true distance may be less than the computed one [m]
+    reach : array, shape (n_pairs, n_joints + 1), by how much a distance changes at most when a joint moves, and
+        when the load does [m/rad, m/m]
+    exact : array, shape (n_pairs,), the pair of which a pair is a rough version, itself where it is none: meshes are
+        looked at by their convex hulls first, which are nearer to everything and much faster
+    rods : numbers of the load's capsules and the two nodes that each connects
+    """
+
+    robot: Robot
+    geometry: Any
+    names: tuple[str, ...]
+    kind: NDArray[np.int64]
+    required: Array
+    taken: Array
+    reach: Array
+    exact: NDArray[np.int64]
+    rods: tuple[tuple[int, int, int], ...]
+
+    def name(self, pair: int) -> str:
+        """Both bodies of a pair, for people."""
+        both = self.geometry.collisionPairs[pair]
+        return f"{self.names[both.first]} and {self.names[both.second]}"
+
+
+def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float) -> Bodies:
+    """Put robot, obstacles and load together.
+
+    Parameters
+    ----------
+    arms : in the order of the hands
+    hands : array, shape (n_steps, n_hands, 3), where these are [m]
+    miss : by which hands may be off the load's motion [m]
+    """
+    robot, scene, leverage = bases.robot, carried.motion.scene, _leverage(carried)
+    geometry = robot.collision.copy()
+    links = range(geometry.ngeoms)
+    names = [_link_name(robot, item) for item in geometry.geometryObjects]
+    pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs]
+    pairs = [p for p in pairs if _parent(geometry, p[0]) != _parent(geometry, p[1])]
+    for i, obstacle in enumerate(scene.file.obstacles):
+        number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
+        names.append(f"obstacles[{i}] ({obstacle.shape})")
+        pairs += [(link, number, SCENE) for link in links]
+    held = _beyond_wrists(robot, [arms[i] for i in _holders(scene)])
+    rods = []
+    for a, b, length, radius in _rods(carried):
+        shape = coal.Capsule(max(radius, THIN), length)
+        rods.append(
+            (geometry.addGeometryObject(pin.GeometryObject(f"load {a} {b}", 0, pin.SE3(), shape)), a, b)
+        )
+        names.append("the load")
+        pairs += [(link, rods[-1][0], LOAD) for link in links if _parent(geometry, link) not in held]
+    exact = list(range(len(pairs)))
+    hulls = _hulls(geometry, names)
+    for number, (a, b, kind) in enumerate(pairs.copy()):
+        if a in hulls or b in hulls:
+            exact.append(number)
+            pairs.append((hulls.get(a, a), hulls.get(b, b), kind))
+    geometry.removeAllCollisionPairs()
+    for first, second, _ in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    kind = np.array([p[2] for p in pairs], dtype=np.int64)
+    keep = scene.clearance or LINK_CLEARANCE
+    required = np.array([keep, keep, min(keep, LINK_CLEARANCE)])
+    reach, pull, base = _links_of(geometry, bases, names)
+    pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
+    for rod, *_ in rods:  # a load between two bases is on neither
+        base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
+        pull[rod] = max(amount for _, amount in pulls) * leverage
+    taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
+    taken[kind == LOAD] += miss * leverage
+    change = _changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3))
+    return Bodies(robot, geometry, tuple(names), kind, required, taken, change, np.array(exact), tuple(rods))
+
+
+def _parent(geometry: Any, item: int) -> int:
+    return geometry.geometryObjects[item].parentJoint
+
+
+def _link_name(robot: Robot, item: Any) -> str:
+    return robot.model.frames[item.parentFrame].name
+
+
+def _obstacle(obstacle: Any, name: str) -> Any:
+    turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+    placement = pin.SE3(turn, np.array(obstacle.center))
+    return pin.GeometryObject(name, 0, placement, _SHAPES[obstacle.shape](obstacle))
+
+
+def _holders(scene: Scene) -> list[int]:
+    """Hands that hold the load, by number."""
+    return [scene.manipulators.index(name) for name in scene.file.holders]
+
+
+def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
+    """Joints whose links go rigidly with a hand: the last one of each arm, and what hangs on it."""
+    lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
+    return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
+
+
+def _rods(carried: Carried) -> list[tuple[int, int, float, float]]:
+    """The load's edges between two nodes: both, the largest length and the radius [m]."""
+    body, rods = carried.motion.scene.body, []
+    nodes = carried.nodes(carried.time)
+    for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
+        if a != b:
+            length = float(np.linalg.norm(nodes[:, a] - nodes[:, b], axis=1).max())
+            rods.append((a, b, length, radius))
+    return rods
+
+
+def _leverage(carried: Carried) -> float:
+    """By how much more a corner of the load is off than the hands that hold it, at most."""
+    scene = carried.motion.scene
+    nodes = scene.nodes_at("start")
+    hands, corners = nodes[_holders(scene)], nodes[len(scene.manipulators) :]
+    if len(hands) < 2 or not len(corners):
+        return 1.0
+    apart = min(np.linalg.norm(hands[i] - hands[j]) for i in range(len(hands)) for j in range(i))
+    beyond = np.linalg.norm(corners[:, None] - hands[None], axis=2).min(axis=1).max()
+    return float(1.0 + 2.0 * beyond / apart)
+
+
+def _hulls(geometry: Any, names: list[str]) -> dict[int, int]:
+    """Add the convex hulls of all meshes; the hull's number by the mesh's."""
+    hulls = {}
+    for number in range(geometry.ngeoms):
+        item = geometry.geometryObjects[number]
+        if not isinstance(item.geometry, coal.BVHModelBase):
+            continue
+        if item.geometry.convex is None:
+            item.geometry.buildConvexHull(True, "Qt")
+        hull = pin.GeometryObject(
+            f"hull of {item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
+        )
+        hulls[number] = geometry.addGeometryObject(hull)
+        names.append(names[number])
+    return hulls
+
+
+def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """How joints move the bodies, how far these may be off, and on which base they are.
+
+    Returns
+    -------
+    reach : array, shape (n_bodies, n_joints), see `Reaches`; of balls about the bodies
+    pull : array, shape (n_bodies,), by which a base that stands elsewhere moves them [m]
+    base : array, shape (n_bodies,), number of the model; -1 for obstacles
+    """
+    robot, count = bases.robot, geometry.ngeoms
+    reach, pull, base = np.zeros((count, robot.model.nv)), np.zeros(count), np.full(count, SCENE_ITSELF)
+    for k, item in enumerate(geometry.geometryObjects):
+        item.geometry.computeLocalAABB()
+        center = item.placement.act(np.array(item.geometry.aabb_center))
+        reach[k], root, length = bases.reaches.of_ball(item.parentJoint, center, item.geometry.aabb_radius)
+        if 0 < item.parentFrame < robot.model.nframes:  # a link, or its hull
+            base[k] = bases.numbers.get(names[k], 0)
+            pull[k] = bases.pull(base[k], root, length)
+    return reach, pull, base
+
+
+def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]) -> Array:
+    """How joints, and at last the load, change distances; joints that move both bodies do not.
+
+    Parameters
+    ----------
+    reach : array, shape (n_bodies, n_joints)
+    pairs : array, shape (n_pairs, 3), two bodies and the kind
+
+    Returns
+    -------
+    array, shape (n_pairs, n_joints + 1)
+    """
+    moved = np.zeros((geometry.ngeoms, robot.model.nv), dtype=bool)
+    for body, item in enumerate(geometry.geometryObjects):
+        moved[body, [robot.model.idx_vs[j] for j in robot.model.supports[item.parentJoint] if j > 0]] = True
+    first, second, kind = pairs.T
+    change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
+    return np.column_stack([change, kind == LOAD])

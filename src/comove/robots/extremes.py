@@ -1,0 +1,133 @@
+"""Extremes of a joint motion, exact at every instant, and bounds of it over any stretch of time.
+
+Between two samples a joint follows a cubic: its position is extreme at a sample or where a quadratic vanishes, its
+velocity at a sample or at the vertex of a parabola, and its acceleration at a sample.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+Array = NDArray[np.float64]
+
+
+class Extreme(NamedTuple):
+    """A value, the joint that has it, by its column, and when [s]."""
+
+    value: float
+    joint: int
+    time: float
+
+
+def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
+    """The least distance of a joint from its limits, negative beyond them [rad, m for prismatic joints].
+
+    Parameters
+    ----------
+    curve : cubics, positions by time [s]
+    lower, upper : arrays, shape (n_joints,)
+    """
+    time, position = _places(curve)
+    margin = np.minimum(position - lower, upper - position)
+    return _worst(-margin, time)._replace(value=float(margin.min()))
+
+
+def largest_velocity(curve: PPoly, limit: Array) -> Extreme:
+    """The largest share of its velocity limit, array of shape (n_joints,), that a joint uses."""
+    speed, time = fastest(curve)
+    return _worst(speed / limit, time)
+
+
+def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
+    """The largest share of its acceleration limit, array of shape (n_joints,), that a joint uses."""
+    acceleration = np.abs(curve(curve.x, 2))
+    return _worst(acceleration / limit, np.broadcast_to(curve.x[:, None], acceleration.shape))
+
+
+def fastest(curve: PPoly) -> tuple[Array, Array]:
+    """Largest speed of every joint between every two samples, and when; arrays, shape (n_intervals, n_joints)."""
+    cubic, square, slope, _ = curve.c
+    width = np.diff(curve.x)[:, None]
+    vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)
+    s = np.stack([0 * slope, vertex, width + 0 * slope])
+    speed = np.abs((3 * cubic * s + 2 * square) * s + slope)
+    at = speed.argmax(axis=0)[None]
+    when = np.take_along_axis(s, at, axis=0)[0] + curve.x[:-1, None]
+    return np.take_along_axis(speed, at, axis=0)[0], when
+
+
+def _places(curve: PPoly) -> tuple[Array, Array]:
+    """Times and positions at samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
+    cubic, square, slope, start = curve.c
+    width = np.diff(curve.x)[:, None]
+    # Roots of 3 cubic s^2 + 2 square s + slope without cancellation; none is found where there is none.
+    root = np.sqrt(np.maximum(square**2 - 3 * cubic * slope, 0.0))
+    q = -(square + np.copysign(root, square))
+    s = np.clip(np.stack([_over(q, 3 * cubic), _over(slope, q), width + 0 * slope]), 0.0, width)
+    position = ((cubic * s + square) * s + slope) * s + start
+    time = s + curve.x[:-1, None]
+    first = np.full((1, curve.c.shape[2]), curve.x[0])
+    flat = (-1, curve.c.shape[2])
+    return np.concatenate([first, time.reshape(flat)]), np.concatenate([start[:1], position.reshape(flat)])
+
+
+def _worst(values: Array, time: Array) -> Extreme:
+    """The largest of `values`; arrays, shape (n_places, n_joints)."""
+    place = np.unravel_index(int(np.argmax(values)), values.shape)
+    return Extreme(float(values[place]), int(place[1]), float(time[place]))
+
+
+def _over(numerator: Array, denominator: Array) -> Array:
+    """The quotient, 0 where it is not finite."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        quotient = numerator / denominator
+    return np.where(np.isfinite(quotient), quotient, 0.0)
+
+
+def subdivided(samples: Array, parts: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Divide the time between every two samples evenly into `parts`, an array of shape (n_intervals,).
+
+    Returns
+    -------
+    time : array, shape (n_steps,), the samples included [s]
+    interval : array, shape (n_steps - 1,), between which two samples each piece lies
+    """
+    interval = np.repeat(np.arange(len(parts)), parts)
+    within = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    time = samples[interval] + np.diff(samples)[interval] * within / parts[interval]
+    return np.append(time, samples[-1]), interval
+
+
+class Ranges:
+    """Largest values over any stretch of time of what is bounded from one instant to the next.
+
+    Maxima over 1, 2, 4, ... neighbours are kept, two of which cover any stretch.
+
+    Parameters
+    ----------
+    time : array, shape (n + 1,), increasing [s]
+    bounds : array, shape (n, width), what holds between two instants
+    """
+
+    def __init__(self, time: Array, bounds: Array):
+        self.time, self._tables = time, [bounds]
+        while 2 ** len(self._tables) <= len(bounds):
+            half = 2 ** (len(self._tables) - 1)
+            last = self._tables[-1]
+            self._tables.append(np.maximum(last[:-half], last[half:]))
+
+    def over(self, begin: Array, end: Array) -> Array:
+        """Largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
+        last = len(self.time) - 2
+        first = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, last)
+        final = np.maximum(np.clip(np.searchsorted(self.time, end, side="left") - 1, 0, last), first)
+        level = np.log2(final - first + 1).astype(int)
+        result = np.empty((len(first), self._tables[0].shape[1]))
+        for k in np.unique(level):
+            rows, table = level == k, self._tables[k]
+            result[rows] = np.maximum(table[first[rows]], table[final[rows] - 2**k + 1])
+        return result

@@ -1,0 +1,75 @@
+"""How far a part of a robot can ever be from the axes that move it: by it, a joint's rate bounds the part's speed.
+
+The bounds add up lengths along the chain, so they hold for all joint positions within the limits. Axes and placements
+are Pinocchio's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.robots.model import Arm, Robot
+
+Array = NDArray[np.float64]
+
+
+def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
+    """Axes of the joints in their own frames, shape (n_joints, 3), and which joints slide, shape (n_joints,)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    columns = [
+        pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+        for joint in range(1, model.njoints)
+    ]
+    linear, angular = np.array(columns).reshape(-1, 2, 3).swapaxes(0, 1)
+    slides = np.linalg.norm(angular, axis=1) < 0.5
+    return np.where(slides[:, None], linear, angular), slides
+
+
+class Reaches:
+    """Distances between the axes of a robot's joints and what they move."""
+
+    def __init__(self, robot: Robot):
+        self.robot = robot
+        self.axes, self.slides = joint_axes(robot.model)
+        self._furthest = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+
+    def of_ball(self, joint: int, point: Array, radius: float) -> tuple[Array, Array, float]:
+        """Distances from the axes of all joints that move a ball.
+
+        Parameters
+        ----------
+        joint : that carries the ball, 0 for one that does not move
+        point : array, shape (3,), its centre in the joint's frame (for joint 0 in the scene's) [m]
+        radius : [m]
+
+        Returns
+        -------
+        reach : array, shape (n_joints,), the largest distance of the ball's points from the axis of each joint that
+            moves it [m]; 1 for one that slides (metres a metre), 0 for one that does not move it
+        root, length : array, shape (3,), a point that does not move, in the scene's frame, and how far the ball's
+            points can be from it [m]
+        """
+        model, length = self.robot.model, radius
+        reach = np.zeros(model.nv)
+        while joint > 0:
+            column = model.idx_vs[joint]
+            away = float(np.linalg.norm(point))
+            if self.slides[column]:
+                reach[column] = 1.0
+                away += self._furthest[column]
+            else:
+                along = float(self.axes[column] @ point)
+                reach[column] = np.sqrt(max(point @ point - along**2, 0.0)) + length
+            length += away
+            point, joint = model.jointPlacements[joint].translation, model.parents[joint]
+        return reach, point, length
+
+    def of_hand(self, arm: Arm) -> tuple[Array, Array, float]:
+        """The same for an arm's grasp."""
+        tip = self.robot.model.frames[self.robot.model.getFrameId(arm.tip)]
+        return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)

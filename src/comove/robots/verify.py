@@ -1,0 +1,219 @@
+"""The judge of joint motions: the only maker of `VerifiedJointMotion`.
+
+It shares no code with the search: kinematics and dynamics are Pinocchio's, distances coal's.
+
+====================== =================================================================================
+what                   how it is known
+====================== =================================================================================
+limits of joints       exact at every instant: extremes of the cubics between samples
+torques                sampled at 200 Hz, with a margin for between (see `effort`)
+hands hold the load    bound at every instant (see `holding`)
+clearance              bound at every instant (see `certificate`, `bodies`)
+hands, load and scene  bound at every instant by `comove.verification`
+====================== =================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import NoReturn
+
+import numpy as np
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
+from comove.robots import findings as check
+from comove.robots.bases import Bases
+from comove.robots.bodies import bodies_of
+from comove.robots.carried import Carried
+from comove.robots.description import Uncertainty
+from comove.robots.holding import holding_errors
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.scenes.scene import Scene
+from comove.verification.verify import VerifiedMotion, verify
+
+_SEAL = object()
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """What was measured; bounds hold at every instant, not only at samples.
+
+    Attributes
+    ----------
+    joint_margin_min : least distance of a joint from its limits [rad, m for prismatic joints], exact
+    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit, exact
+    torque_ratio_max : likewise of an effort limit; sampled, with a margin
+    hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
+    hand_error_max, hand_turn_max : upper bounds of these at every instant
+    distance_error_max : upper bound of the error of the hands' distances [m]
+    clearance_scene : certified lower bound of the distance between links and obstacles [m]
+    clearance_load : likewise between links and the load
+    clearance_self : likewise between links
+    hand_uncertainty : how far a hand may be off because of where the bases stand [m]; the clearances have what
+        that can take from them taken off
+    load_mass : that torques were computed with [kg]
+    where : for a measure of a joint, a hand or a clearance: of what, and when [s]
+
+    A clearance is infinite where there is nothing to hit. What was not come to is NaN.
+    """
+
+    joint_margin_min: float = math.nan
+    velocity_ratio_max: float = math.nan
+    acceleration_ratio_max: float = math.nan
+    torque_ratio_max: float = math.nan
+    hand_error_sampled: float = math.nan
+    hand_turn_sampled: float = math.nan
+    hand_error_max: float = math.nan
+    hand_turn_max: float = math.nan
+    distance_error_max: float = math.nan
+    clearance_scene: float = math.nan
+    clearance_load: float = math.nan
+    clearance_self: float = math.nan
+    hand_uncertainty: float = math.nan
+    load_mass: float = math.nan
+    where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+
+    def asdict(self) -> dict[str, float]:
+        """The measures by name."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "where"}
+
+
+class VerifiedJointMotion:
+    """A robot's motion that passed every check. Only `verify_joints` makes it.
+
+    Attributes
+    ----------
+    robot : Robot
+    motion : VerifiedMotion of the hands and the load
+    joints : JointMotion
+    report : JointReport
+    """
+
+    __slots__ = ("joints", "motion", "report", "robot")
+
+    def __init__(
+        self,
+        robot: Robot,
+        motion: VerifiedMotion,
+        joints: JointMotion,
+        report: JointReport,
+        *,
+        seal: object = None,
+    ):
+        if seal is not _SEAL:
+            raise TypeError(
+                "a VerifiedJointMotion comes from comove.robots.verify_joints, not from its constructor"
+            )
+        for name, value in (("robot", robot), ("motion", motion), ("joints", joints), ("report", report)):
+            object.__setattr__(self, name, value)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError("a VerifiedJointMotion does not change")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError("a VerifiedJointMotion does not change")
+
+    def __copy__(self) -> VerifiedJointMotion:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, object]) -> VerifiedJointMotion:
+        return self
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a VerifiedJointMotion is not pickled: send its `joints` and verify them anew")
+
+    @property
+    def scene(self) -> Scene:
+        """What it is meant for."""
+        return self.motion.motion.scene
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """The judgement on a joint motion.
+
+    Attributes
+    ----------
+    verified : the verified motion, or None
+    report : what was measured
+    reasons : why it was rejected, in words
+    """
+
+    verified: VerifiedJointMotion | None
+    report: JointReport
+    reasons: tuple[str, ...]
+
+
+def verify_joints(
+    robot: Robot,
+    motion: VerifiedMotion | CoordinatedMotion,
+    joints: JointMotion,
+    *,
+    uncertainty: Uncertainty | None = None,
+    mass_shares: Sequence[float] | None = None,
+) -> JointVerdict:
+    """Judge a robot's motion: limits, torques, hands on the load and clearance.
+
+    Parameters
+    ----------
+    motion
+        Of the hands and the load; a candidate is verified on the way.
+    joints
+        The robot's motion while the hands make that one.
+    uncertainty
+        How far the bases may stand from where the description says; what that says unless given.
+    mass_shares
+        Parts of the load's mass that its holders carry, in their order; equal unless given.
+    """
+    if isinstance(motion, CoordinatedMotion):
+        verdict = verify(motion)
+        if verdict.verified is None:
+            return _refused(
+                f"the motion of the hands is not verified: {reason}" for reason in verdict.reasons
+            )
+        motion = verdict.verified
+    if not isinstance(motion, VerifiedMotion):
+        raise OptionError(
+            f"the motion of the hands is a {type(motion).__name__}",
+            way_out="give the VerifiedMotion of a solution, or a CoordinatedMotion",
+        )
+    scene = motion.motion.scene
+    unfit = [*check.unfit_scene(robot, scene), *check.unfit_joints(robot, scene, joints)]
+    if unfit:
+        return _refused(unfit)
+    joints = _own_copy(joints)
+    arms = tuple(robot.arm(name) for name in scene.manipulators)
+    bases = Bases(robot, robot.description.uncertainty if uncertainty is None else uncertainty)
+    carried, curve = Carried(motion.motion), joints.curve
+    errors = holding_errors(robot, arms, carried, curve)
+    bodies = bodies_of(bases, arms, carried, errors.hands, check.HAND_ERROR)
+    findings = [
+        check.rest(robot, curve),
+        check.limits(robot, curve),
+        check.torques(robot, curve, arms, check.masses(scene, mass_shares)),
+        check.hands(errors, motion),
+        check.calibration(bases, arms, errors, motion),
+        check.clearances(bodies, carried, curve),
+    ]
+    measures = {name: value for finding in findings for name, value in finding.measures.items()}
+    where = {name: place for finding in findings for name, place in finding.where.items()}
+    report = JointReport(**measures, where=where)
+    reasons = tuple(reason for finding in findings for reason in finding.reasons)
+    verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
+    return JointVerdict(verified, report, reasons)
+
+
+def _refused(reasons: Iterable[str]) -> JointVerdict:
+    return JointVerdict(None, JointReport(), tuple(reasons))
+
+
+def _own_copy(joints: JointMotion) -> JointMotion:
+    """The same motion in arrays that nobody can change behind the judge's back."""
+    arrays = [np.array(x, dtype=float) for x in (joints.time, joints.position)]
+    for array in arrays:
+        array.setflags(write=False)
+    return JointMotion(arrays[0], tuple(joints.joint_names), arrays[1])
