@@ -59,8 +59,7 @@ def solve(
     from comove.scenes import Scene
 
     chosen = method_named(method)
-    if not 0 < budget < float("inf"):
-        raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
+    check_budget(budget)
     if not resemblance < float("inf"):
         raise OptionError(f"resemblance = {resemblance}", key="--resemblance", way_out="give a finite number")
     check_target(out)
@@ -105,6 +104,12 @@ def solve(
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED
+
+
+def check_budget(budget: float) -> None:
+    """Refuse a budget that is no time."""
+    if not 0 < budget < float("inf"):
+        raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
 
 
 def method_named(name: str):

@@ -252,7 +252,7 @@ class _Attempts:
                 if self.search.best is verdict:  # the cheapest so far
                     self.best = coefficients
                 return
-            objective, sigma = stricter(objective, verdict), 0.1 * SIGMA
+            objective, sigma = stricter(self.search, objective, verdict), 0.1 * SIGMA
 
     def _improve(
         self, objective: Objective, begin: Array, sigma: float, population: int

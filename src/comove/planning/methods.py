@@ -47,6 +47,7 @@ class Comove:
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
+    polishing : how long and how widely a verified motion is improved
     """
 
     name: ClassVar[str] = "comove"
@@ -56,6 +57,7 @@ class Comove:
     n_plans: int = 8
     n_failures: int = 12
     n_polishings: int = 5
+    polishing: Schedule = POLISHING
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
@@ -141,13 +143,13 @@ class Comove:
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
         """Improve a verified motion, more strictly until the result is verified as well."""
         search.stage = "polishing"
-        objective, schedule = search.objective, POLISHING
+        objective, schedule = search.objective, self.polishing
         for _ in range(self.n_polishings):
             dmp = improve(search, objective, dmp, schedule)
             verdict = search.judge(dmp.rollout())
             if verdict.verified or not search.hard:
                 return
-            objective, schedule = stricter(search, objective, verdict), replace(POLISHING, sigma=0.01)
+            objective, schedule = stricter(search, objective, verdict), replace(self.polishing, sigma=0.01)
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Restarts in which the load grows; True once a motion is verified and polished."""

@@ -83,7 +83,7 @@ class Paper:
                     verdict = search.judge(motion)
                     if verdict.verified or not search.hard:
                         return
-                    objective = stricter(objective, verdict)
+                    objective = stricter(search, objective, verdict)
             attempt += 1
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from comove.errors import SceneError
 from comove.planning.configurations import Space
-from comove.robots.chains import Chains, chains_of
+from comove.planning.methods import Comove
+from comove.planning.search import Schedule
+from comove.robots.chains import chains_of
 from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
 from comove.robots.links import ENOUGH, links_clearance, links_of, place_links
 from comove.robots.model import Arm, Robot
@@ -28,7 +30,8 @@ SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, t
 SAMPLES = 51  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
-BRANCHES = 4  # solutions of the start that are kept, per arm
+BRANCHES = 4  # solutions of an end that are kept, per arm
+LIKELY = 0.4  # chance that a plan goes between the most likely joints of start and goal, not between others
 
 N_THREADS = min(4, os.cpu_count() or 1)
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
@@ -127,15 +130,22 @@ class Carrying:
         max_nodes: int = 1000,
     ) -> Array | None:
         """A path of the load that the arms can follow; as `comove.planning.planner.plan`."""
-        pairs = list(product(*[range(len(branches)) for branches in self.starts]))
-        chosen = pairs[min(rng.geometric(0.6) - 1, len(pairs) - 1)]
-        first = [branches[k] for branches, k in zip(self.starts, chosen, strict=True)]
-        last = [
-            branches[np.abs(branches - q).max(axis=1).argmin()]
-            for branches, q in zip(self.goals, first, strict=True)
-        ]
-        ends = (start, np.concatenate(first)), (goal, np.concatenate(last))
+        pairs = self._ends
+        first, last = pairs[min(rng.geometric(LIKELY) - 1, len(pairs) - 1)]
+        ends = (start, first), (goal, last)
         return plan_with_arms(space, self.arms, *ends, margin, rng, required=required, max_nodes=max_nodes)
+
+    @cached_property
+    def _ends(self) -> tuple[tuple[Array, Array], ...]:
+        """Joints at start and goal, those first that differ least and do not touch: paths are likely between them."""
+        at = [self.scene.nodes_at(end) for end in ("start", "goal")]
+        both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
+        free = [[self.clearance(q, nodes) > 0.0 for q in some] for some, nodes in zip(both, at, strict=True)]
+        pairs = product(zip(both[0], free[0], strict=True), zip(both[1], free[1], strict=True))
+        ranked = sorted(
+            pairs, key=lambda pair: (not (pair[0][1] and pair[1][1]), _apart(pair[0][0], pair[1][0]))
+        )
+        return tuple((first, last) for (first, _), (last, _) in ranked)
 
     def penalty(self, nodes: Array) -> Array:
         """What movements cost a search for what the robot cannot do, 0 where it can.
@@ -191,7 +201,8 @@ class Carrying:
         nodes = self.scene.nodes_at(end)
         rotations = self.scene.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
-        draws = np.random.default_rng(0).uniform(chains.lower, chains.upper, (SEEDS, len(posture)))
+        rng = np.random.default_rng(0)
+        draws = rng.uniform(chains.lower, chains.upper, (SEEDS, len(posture)))
         for i, arm in enumerate(self.holders):
             seeds = np.concatenate([[posture], draws])
             joints, missing = solutions(chains, i, rotations[i], nodes[i], posture, seeds)
@@ -202,7 +213,7 @@ class Carrying:
                     way_out="move it nearer, turn the load, or use another robot",
                 )
             part = slice(chains.first[i], chains.first[i + 1])
-            branches = _distinct(chains, part, joints[missing <= MET][:, part])
+            branches = _distinct(joints[missing <= MET][:, part], posture[part])
             alone = np.repeat(posture[None], len(branches), axis=0)
             alone[:, part] = branches
             free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
@@ -210,11 +221,19 @@ class Carrying:
         return tuple(found)
 
 
-def _distinct(chains: Chains, part: slice, joints: Array) -> Array:
-    """The solutions of one arm that differ, those far from the limits first; joints of shape (n, n_joints of it)."""
-    margin = np.minimum(joints - chains.lower[part], chains.upper[part] - joints).min(axis=1)
+def _apart(p: Array, q: Array) -> float:
+    return float(np.abs(p - q).max())
+
+
+def _distinct(joints: Array, posture: Array) -> Array:
+    """The solutions of one arm that differ, those near home first; joints of shape (n, n_joints of it)."""
     kept: list[Array] = []
-    for i in np.argsort(-margin, kind="stable"):
+    for i in np.argsort(np.abs(joints - posture).max(axis=1), kind="stable"):
         if all(np.abs(joints[i] - other).max() > SAME_BRANCH for other in kept):
             kept.append(joints[i])
     return np.array(kept[:BRANCHES])
+
+
+def robot_method() -> Comove:
+    """The default method, more sparing: with arms to follow, a generation takes forty times as long."""
+    return Comove(n_plans=2, polishing=Schedule(sigma=0.02, generations=200, patience=25, gain=0.01))

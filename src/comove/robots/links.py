@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
 CAPPED = 0.3  # share of a cylinder's radius by which its capsule is shorter at either end
 STATIC = -1
+MEETING = 0.02  # m, between capsules that are as good as one
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
 N_SAMPLES = 400  # random configurations that tell which links can meet
 ROUGH = 1e-3  # m, of distances to obstacles
@@ -84,12 +85,12 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
 
 
 def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
-    """Forget pairs that hardly ever come near, and those whose capsules, unlike the bodies, overlap at home."""
+    """Forget pairs that hardly ever come near, and those whose capsules, unlike the bodies, meet at home."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
     at_home = _pair_distances(chains, links, home[None])
     nearest = _pair_distances(chains, links, samples)
-    return links._replace(pairs=links.pairs[(at_home > 0.0) & (nearest < ENOUGH)])
+    return links._replace(pairs=links.pairs[(at_home > MEETING) & (nearest < ENOUGH)])
 
 
 @numba.njit(cache=True, error_model="numpy")

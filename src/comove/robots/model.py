@@ -331,7 +331,7 @@ def _move_base(model: Any, geometry: Any, placement: Any) -> None:
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
             model.jointPlacements[joint] = placement * model.jointPlacements[joint]
-    for frame in model.frames:
+    for frame in list(model.frames)[1:]:  # all but the universe's own
         if frame.parentJoint == 0:
             frame.placement = placement * frame.placement
     for item in geometry.geometryObjects:

@@ -1,0 +1,79 @@
+"""`comove robot solve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb_of
+from comove.cli.robot.app import robot_app
+
+SAVING = 2.0  # s, kept back from the budget for the files and pictures
+
+
+@verb_of(robot_app)
+def solve(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the result.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    budget: Annotated[
+        float,
+        typer.Option(
+            help="Seconds after which the best so far is taken; compiling, once after installation, is apart."
+        ),
+    ] = 30.0,
+    json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
+) -> int:
+    """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
+    from comove.cli.progress import progress_bar
+    from comove.cli.robot.report import duration_offer, joints_text, robot_named
+    from comove.cli.show import summary_text
+    from comove.cli.solve import check_budget, write_result
+    from comove.planning import load_kernels, solve
+    from comove.results import check_target, whole_folder
+    from comove.robots import Carrying, RobotCheck, robot_method, write_joints
+    from comove.scenes import Scene
+    from comove.views import draw_joints, save
+
+    check_budget(budget)
+    check_target(out)
+    loaded = Scene.load(scene)
+    task = Carrying(robot_named(robot, loaded, scene), loaded)
+    check = RobotCheck(task)
+    spent = since_process_start()
+    load_kernels(loaded.n_dims)
+    check.prepare()
+    dmp = loaded.taught
+    with progress_bar(budget) as progress:
+        solution = solve(
+            loaded,
+            demonstration=dmp,
+            seed=seed,
+            method=robot_method(),
+            budget=max(0.5 * budget, budget - spent - SAVING),
+            carrier=task,
+            checks=[check],
+            progress=progress,
+        )
+    done = check.carried_out(solution.attempt)
+    with whole_folder(out) as draft:
+        summary = write_result(solution, draft, dmp)
+        write_joints(draft, done.joints, done.verdict, task.robot, solution.attempt)
+        title = f"{loaded.name}, {task.robot.name}" + ("" if solution.verified else " (not verified)")
+        save(draw_joints(task.robot, done.joints, title=title), draft / "joints.png")
+    if json:
+        print((out / "solution.json").read_text(encoding="utf-8"), end="")
+    else:
+        print(summary_text(summary, out))
+        print(joints_text(task.robot, done.verdict.report, out))
+        if not solution.verified and (offer := duration_offer(task.robot, loaded, done.joints)):
+            print(offer)
+    if solution.interrupted:
+        return INTERRUPTED
+    return VERIFIED if solution.verified else NOT_VERIFIED

@@ -1,0 +1,79 @@
+"""What a search hands its motions to: arms follow exactly, and the judge of joint motions speaks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning.configurations import configuration_space
+from comove.primitives.basis import motion_basis
+from comove.robots.carrying import Carrying
+from comove.robots.motion import JointMotion
+from comove.robots.tracking import Miss, track
+from comove.robots.verify import JointReport, JointVerdict, verify_joints
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMotion:
+    """What a robot does with a motion of the hands.
+
+    Attributes
+    ----------
+    joints : as near as the arms come
+    verdict : of the judge
+    """
+
+    joints: JointMotion
+    verdict: JointVerdict
+
+
+class RobotCheck:
+    """A check of `comove.verification`: can the robot carry this motion out?
+
+    Parameters
+    ----------
+    task : the robot and the scene
+    """
+
+    def __init__(self, task: Carrying):
+        self.task = task
+        self._last: tuple[CoordinatedMotion, RobotMotion] | None = None
+
+    def prepare(self) -> None:
+        """Compile kernels, or load them from the cache, and look at both ends, ahead of the clock.
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach its start or its goal.
+        """
+        scene, coordinates = self.task.scene, load_coordinates(self.task.scene)
+        boundary, basis = coordinates.boundary(), motion_basis(20, "velocity")
+        space, rng = configuration_space(scene, coordinates), np.random.default_rng(0)
+        self.task.plan(space, boundary[0], boundary[0], 0.0, rng, max_nodes=8)
+        weights = np.zeros((coordinates.n_columns, basis.n_basis))
+        straight = CoordinatedMotion(scene, coordinates, basis, boundary, weights)
+        self.task.penalty(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
+        track(self.task, straight)
+
+    def __call__(self, motion: CoordinatedMotion) -> tuple[str, ...]:
+        """Reasons against `motion`; none if the robot can do it."""
+        return self.carried_out(motion).verdict.reasons
+
+    def carried_out(self, motion: CoordinatedMotion) -> RobotMotion:
+        """The joints that follow a motion, judged; the last answer is remembered."""
+        if self._last is None or self._last[0] is not motion:
+            joints, miss = track(self.task, motion)
+            if miss is not None:
+                verdict = JointVerdict(None, JointReport(), (_out_of_reach(miss),))
+            else:
+                verdict = verify_joints(self.task.robot, motion, joints)
+            self._last = motion, RobotMotion(joints, verdict)
+        return self._last[1]
+
+
+def _out_of_reach(miss: Miss) -> str:
+    return f"the arm '{miss.arm}' does not reach its hand's pose at {miss.time:.2f} s: {miss.distance:.3g} m are missing"
