@@ -90,3 +90,26 @@ def test_other_robots_are_refused(verified, rename, message):
     joints = replace(part.joints, joint_names=tuple(names), position=position)
     with pytest.raises(ExportError, match=message):
         require_baxter(replace(part, joints=joints))
+
+
+def test_approach_and_release_are_files_of_their_own(verified, transfers, tmp_path):
+    paths = export(verified, tmp_path, BAXTER, transfers=transfers)
+    assert [path.name for path in paths[:3]] == ["baxter.csv", "approach.csv", "release.csv"]
+    joints = verified.joints.joint_names
+    at = dict(zip(joints, verified.robot.home, strict=True))
+    grippers = {}
+    for name in ("approach", "baxter", "release"):
+        goals, delay = play(tmp_path / f"{name}.csv", {joint: q + 1e-5 for joint, q in at.items()})
+        require_playable(goals)
+        assert delay == pytest.approx(1e-5 / 0.25), "one begins where the other ended"
+        for side in ("left", "right"):
+            at |= zip(goals[side].names, goals[side].points[-1][1], strict=True)
+        grippers[name] = [opening for _, (opening,) in goals["left_gripper"].points]
+    assert [at[name] for name in joints] == verified.robot.home.tolist()
+    closed = [k for k, opening in enumerate(grippers["approach"]) if opening == 0.0]
+    moving = np.abs(np.diff(transfers.approach.position, axis=0)).max(axis=1) > 0
+    assert closed[0] >= np.flatnonzero(moving)[-1] + 1, "hands close when they are there"
+    assert closed == list(range(closed[0], len(grippers["approach"])))
+    assert len(closed) == 101
+    assert set(grippers["baxter"]) == {0.0} and set(grippers["release"]) == {100.0}
+    assert json.loads((tmp_path / "release.csv.json").read_text(encoding="utf-8"))["part"] == "release"

@@ -65,3 +65,18 @@ def test_samples_are_even_and_rest_at_both_ends(verified):
         assert samples.time[-1] == part.joints.duration
         assert not samples.velocity[[0, -1]].any()
         assert (samples.position[[0, -1]] == part.joints.position[[0, -1]]).all()
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_approach_and_release_come_with_every_format(verified, transfers, tmp_path, name):
+    written = export(verified, tmp_path, FORMATS[name], transfers=transfers)
+    assert sorted(tmp_path.iterdir()) == sorted(written)
+    assert len(written) == (6 if FORMATS[name].sidecar else 3)
+
+
+def test_transfers_of_another_motion_are_refused(brief, transfers, tmp_path):
+    with pytest.raises(ExportError, match="not those of this motion; plan them for it"):
+        export(brief, tmp_path, transfers=transfers)
+    with pytest.raises(ExportError, match="not those of this motion"):
+        export(brief, tmp_path, transfers=brief.joints)
+    assert not list(tmp_path.iterdir())

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from comove.errors import OptionError
 from comove.export import ExportError, SendError, Tolerances, parts_of, send
 from comove.export.send import ArmState, RobotState, Status
 
@@ -23,6 +24,7 @@ class Fake:
     goals: dict = field(default_factory=dict)
     calls: list = field(default_factory=list)
     stubborn: bool = False
+    joints: object = None
 
     def clock(self):
         return self.now
@@ -40,7 +42,7 @@ class Fake:
 
     def state(self, wait):
         self.now += min(STEP, wait)
-        time, joints = self.now - self.start, self.motion.joints
+        time, joints = self.now - self.start, self.joints or self.motion.joints
         arms = {}
         for arm in self.arms:
             status = Status.NONE if not self.goals else Status.ACTIVE
@@ -185,3 +187,11 @@ def test_the_unverified_is_not_sent(verified):
     with pytest.raises(ExportError, match="20 Hz or more"):
         send(fake, verified, rate=5.0, clock=fake.clock)
     assert not fake.calls
+
+
+def test_approach_and_release_are_sent_too(verified, transfers):
+    for part in ("approach", "release"):
+        fake = Fake(verified, joints=getattr(transfers, part))
+        assert send(fake, verified, part=part, transfers=transfers, clock=fake.clock).deviation < 1e-9
+    with pytest.raises(OptionError, match="no part 'aproach'; did you mean 'approach'"):
+        send(fake, verified, part="aproach", transfers=transfers, clock=fake.clock)

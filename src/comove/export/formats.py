@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from comove.demonstrations.files import whole_file, whole_folder, whole_path
 from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
@@ -21,9 +20,8 @@ from comove.export.parts import (
     require_rate,
 )
 from comove.export.tables import write_csv, write_npz
-
-if TYPE_CHECKING:
-    from comove.robots.verify import VerifiedJointMotion
+from comove.robots.approach import Transfers
+from comove.robots.verify import VerifiedJointMotion
 
 
 def _nothing(part: Part) -> None:
@@ -79,7 +77,12 @@ FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROS
 
 
 def export(
-    motion: VerifiedJointMotion, folder: str | Path, format: Format = BAXTER_CSV, *, rate: float = SAMPLE_RATE
+    motion: VerifiedJointMotion,
+    folder: str | Path,
+    format: Format = BAXTER_CSV,
+    *,
+    rate: float = SAMPLE_RATE,
+    transfers: Transfers | None = None,
 ) -> list[Path]:
     """Write a verified motion for a robot.
 
@@ -89,6 +92,7 @@ def export(
     folder : made if missing; what is in it already stays
     format : one of `FORMATS`
     rate : samples a second [Hz], at least 20
+    transfers : approach and release, written as files of their own
 
     Returns
     -------
@@ -100,7 +104,7 @@ def export(
         If the motion is not verified, the rate is too low, the robot does not fit the format, or a file is there
         already. Nothing is written then.
     """
-    parts = parts_of(motion)
+    parts = parts_of(motion, transfers)
     require_rate(motion, rate)
     for part in parts.values():
         format.require(part)

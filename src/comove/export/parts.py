@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.errors import RobotError
 from comove.results.folder import checksum
+from comove.robots.approach import Transfers
 from comove.robots.motion import JointMotion
-
-if TYPE_CHECKING:
-    from comove.robots.verify import VerifiedJointMotion
+from comove.robots.verify import VerifiedJointMotion
 
 Array = NDArray[np.float64]
 
@@ -28,7 +27,7 @@ LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9
 OPEN, CLOSED = 100.0, 0.0  # per cent
-CARRY = "carry"
+CARRY, APPROACH, RELEASE = "carry", "approach", "release"
 
 
 class ExportError(RobotError):
@@ -101,28 +100,38 @@ class Part:
 
     def opening(self, time: Array) -> Array:
         """Opening of the grippers [per cent]; array, shape (n_steps,)."""
-        return np.where(time >= self.gripped_from, CLOSED, OPEN)
+        return np.where(time >= self.gripped_from - 0.5 / NANO, CLOSED, OPEN)
 
     def columns(self, names: tuple[str, ...]) -> list[int]:
         """Where joints stand in the samples."""
         return [self.joints.joint_names.index(name) for name in names]
 
 
-def parts_of(motion: VerifiedJointMotion) -> dict[str, Part]:
-    """The motions to play, by name, in their order.
+def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, Part]:
+    """The motions to play, by name: the carry, and approach and release where there are transfers.
 
     Raises
     ------
     ExportError
-        If `motion` has not been verified.
+        If `motion` has not been verified, or `transfers` are those of another one.
     """
     require_verified(motion)
-    arms = {
-        arm.name: tuple(motion.robot.joint_names[column] for column in arm.columns)
-        for arm in motion.robot.arms
+    if transfers is not None and (not isinstance(transfers, Transfers) or transfers.carry is not motion):
+        raise ExportError(
+            "approach and release are not those of this motion",
+            key="transfers",
+            way_out="plan them for it: comove.robots.approach.plan_transfers(motion)",
+        )
+    motions = {CARRY: (motion.joints, 0.0)}
+    if transfers is not None:
+        motions[APPROACH] = transfers.approach, transfers.approach.duration - transfers.grip_time
+        motions[RELEASE] = transfers.release, np.inf
+    robot = motion.robot
+    arms = {arm.name: tuple(robot.joint_names[column] for column in arm.columns) for arm in robot.arms}
+    return {
+        name: Part(name, joints, arms, gripped_from, _provenance(motion, name))
+        for name, (joints, gripped_from) in motions.items()
     }
-    carry = Part(CARRY, motion.joints, arms, 0.0, _provenance(motion, CARRY))
-    return {carry.name: carry}
 
 
 def require_verified(motion: Any) -> None:
@@ -133,8 +142,6 @@ def require_verified(motion: Any) -> None:
     ExportError
         If `motion` has not been verified.
     """
-    from comove.robots.verify import VerifiedJointMotion
-
     if not isinstance(motion, VerifiedJointMotion):
         raise ExportError(
             f"the motion is a {type(motion).__name__}, which nobody has verified",

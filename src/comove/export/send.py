@@ -9,16 +9,15 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import OptionError, RobotError, near_name
 from comove.export.parts import CARRY, SAMPLE_RATE, Part, Samples, parts_of, require_rate
-
-if TYPE_CHECKING:
-    from comove.robots.verify import VerifiedJointMotion
+from comove.robots.approach import Transfers
+from comove.robots.verify import VerifiedJointMotion
 
 Clock = Callable[[], float]
 
@@ -169,6 +168,7 @@ def send(
     motion: VerifiedJointMotion,
     *,
     part: str = CARRY,
+    transfers: Transfers | None = None,
     tolerances: Tolerances = Tolerances(),
     rate: float = SAMPLE_RATE,
     clock: Clock = time.monotonic,
@@ -179,7 +179,7 @@ def send(
     ----------
     client : a way to the robot
     motion : sealed by the judge; nothing else is taken
-    part : which of its parts
+    part : carry, approach or release; the last two are those of `transfers`
     rate : samples a second [Hz], at least 20
     clock : seconds that pass evenly
 
@@ -191,7 +191,10 @@ def send(
         If the robot is not there, not at the motion's start, or an arm does not do what it should. All arms have
         been told to stop then.
     """
-    chosen = parts_of(motion)[part]
+    parts = parts_of(motion, transfers)
+    if part not in parts:
+        raise OptionError(f"there is no part '{part}'", key="part", way_out=near_name(part, parts))
+    chosen = parts[part]
     require_rate(motion, rate)
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)

@@ -1,0 +1,218 @@
+"""Ways of all joints through free space: straight, one arm after the other, or by RRT-Connect and shortcuts.
+
+Joint space is measured in metres: by how far a joint can move any part of the robot against any other. On a straight
+way no distance then changes by more than half the length between two configurations that were looked at.
+
+Kuffner and LaValle, RRT-Connect: an efficient approach to single-query path planning, 2000.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.robots.bodies import Bodies
+
+Array = NDArray[np.float64]
+
+SPARES = (0.02, 0.01, 0.004)  # m, kept beyond what is required; the first that both ends keep
+STEP = 0.5  # m, of an extension
+MOST_NODES = 2000
+SHORTCUTS = 150
+NEAR_THE_LINE = 0.5  # share of random configurations near the straight way
+SPREAD = 0.5  # rad, of these
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Where a robot can be: links clear of the scene, the load and each other.
+
+    Attributes
+    ----------
+    bodies : and what their pairs have to keep; a load stands where it was put
+    arms : the columns of each arm's joints
+    spare : kept beyond what is required [m]
+    """
+
+    bodies: Bodies
+    arms: tuple[NDArray[np.int64], ...]
+    spare: float
+
+    @cached_property
+    def _placed(self) -> tuple[Any, Any, NDArray[np.int64]]:
+        """Geometry of the exact pairs alone, its data with what each has to keep, and the pairs' numbers."""
+        bodies, geometry = self.bodies, self.bodies.geometry.copy()
+        exact = np.flatnonzero(bodies.exact == np.arange(len(bodies.exact)))
+        pairs = [geometry.collisionPairs[int(k)] for k in exact]
+        pairs = [(pair.first, pair.second) for pair in pairs]
+        geometry.removeAllCollisionPairs()
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(*pair))
+        data = geometry.createData()
+        keep = bodies.required[bodies.kind] + bodies.taken + self.spare
+        for request, amount in zip(data.collisionRequests, keep[exact].tolist(), strict=True):
+            request.security_margin = amount
+        return geometry, data, exact
+
+    @cached_property
+    def lever(self) -> Array:
+        """By how much a joint changes a distance at most; array, shape (n_joints,) [m/rad]."""
+        return self.bodies.reach[:, :-1].max(axis=0)
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.bodies.robot.model.createData()
+
+    def is_free(self, q: Array) -> bool:
+        """Whether everything keeps its distance at joint positions q."""
+        geometry, data, _ = self._placed
+        return not pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, True)
+
+    def contact(self, q: Array) -> str:
+        """What is too near at q, for people; empty where nothing is."""
+        geometry, data, exact = self._placed
+        pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, False)
+        for number, result in zip(exact, data.collisionResults, strict=True):
+            if result.isCollision():
+                return self.bodies.name(int(number))
+        return ""
+
+    def length(self, first: Array, second: Array) -> float:
+        """By how much any distance can change on the straight way between two configurations [m]."""
+        return float(np.abs(second - first) @ self.lever)
+
+    def is_free_between(self, first: Array, second: Array) -> bool:
+        """Whether everything keeps its distance, less the spare, straight between two free configurations."""
+        count = int(np.ceil(self.length(first, second) / (2.0 * self.spare)))
+        shares = np.arange(1, count) / max(count, 1)
+        coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares
+        return all(self.is_free(first + share * (second - first)) for share in coarse_first)
+
+
+def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
+    """Configurations from start to goal, straight ways between which are free; None where none were found.
+
+    Returns
+    -------
+    array, shape (n_configurations, n_joints)
+    """
+    for path in _simple(room, start, goal):
+        if all(room.is_free(q) for q in path[1:-1]) and _is_free_along(room, path):
+            return path
+    path = _rrt_connect(room, start, goal, rng)
+    return None if path is None else _shortened(room, path, rng)
+
+
+def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
+    """Straight, and one arm after the other."""
+    yield np.stack([start, goal])
+    for columns in room.arms if len(room.arms) > 1 else ():
+        between = start.copy()
+        between[columns] = goal[columns]
+        yield np.stack([start, between, goal])
+
+
+def _is_free_along(room: Room, path: Array) -> bool:
+    return all(room.is_free_between(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
+
+
+class _Tree:
+    """Configurations and which each was reached from."""
+
+    def __init__(self, root: Array):
+        self.nodes, self.parents = [root], [-1]
+
+    def nearest(self, q: Array, lever: Array) -> int:
+        return int((np.abs(np.array(self.nodes) - q) @ lever).argmin())
+
+    def add(self, q: Array, parent: int) -> int:
+        self.nodes.append(q)
+        self.parents.append(parent)
+        return len(self.nodes) - 1
+
+    def branch(self, node: int) -> list[Array]:
+        """From the root to a node."""
+        path = []
+        while node >= 0:
+            path.append(self.nodes[node])
+            node = self.parents[node]
+        return path[::-1]
+
+
+def _rrt_connect(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
+    trees = _Tree(start), _Tree(goal)
+    while sum(len(tree.nodes) for tree in trees) < MOST_NODES:
+        one, other = trees
+        reached = _extend(room, one, _random(room, start, goal, rng))
+        if reached is not None:
+            target, node = one.nodes[reached], None
+            while (step := _extend(room, other, target)) is not None:
+                node = step
+                if other.nodes[step] is target:
+                    path = one.branch(reached) + other.branch(node)[-2::-1]
+                    return np.array(path if one.nodes[0] is start else path[::-1])
+        trees = other, one
+    return None
+
+
+def _extend(room: Room, tree: _Tree, target: Array) -> int | None:
+    """A step from the nearest node towards the target; the node's number, None where something is in the way."""
+    near = tree.nearest(target, room.lever)
+    q, away = tree.nodes[near], room.length(tree.nodes[near], target)
+    if away == 0.0:
+        return None
+    step = target if away <= STEP else q + (STEP / away) * (target - q)
+    if room.is_free(step) and room.is_free_between(q, step):
+        return tree.add(step, near)
+    return None
+
+
+def _random(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array:
+    robot = room.bodies.robot
+    if rng.random() > NEAR_THE_LINE:
+        return robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
+    q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
+    return np.clip(q, robot.lower, robot.upper)
+
+
+def _shortened(room: Room, path: Array, rng: np.random.Generator) -> Array:
+    """The path with straight ways between points drawn from it, where these are free."""
+    for _ in range(SHORTCUTS):
+        if len(path) < 3:
+            break
+        marks = np.sort(rng.random(2)) * (len(path) - 1)
+        (i, a), (j, b) = (_point(path, mark) for mark in marks)
+        if i < j and room.is_free(a) and room.is_free(b) and room.is_free_between(a, b):
+            path = np.concatenate([path[: i + 1], [a, b], path[j + 1 :]])
+    return path[_corners(path)]
+
+
+def _point(path: Array, mark: float) -> tuple[int, Array]:
+    i = min(int(mark), len(path) - 2)
+    return i, path[i] + (mark - i) * (path[i + 1] - path[i])
+
+
+def _corners(path: Array) -> list[int]:
+    """Ends and configurations at which the path turns."""
+    kept = [0]
+    for k in range(1, len(path) - 1):
+        before, after = path[k] - path[kept[-1]], path[k + 1] - path[k]
+        if np.linalg.norm(before) > 1e-9 and np.linalg.norm(after) > 1e-9:
+            share = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
+            if share < 1.0 - 1e-12:
+                kept.append(k)
+    return [*kept, len(path) - 1]
+
+
+def _bits(number: int) -> float:
+    """The van der Corput sequence: what is far from all before comes first."""
+    value, share = 0.0, 0.5
+    while number:
+        value, share, number = value + share * (number & 1), 0.5 * share, number >> 1
+    return value
