@@ -44,9 +44,22 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
     arms, masses : who carries what, array of shape (n_arms,) [kg]
     curve : joint positions by time [s], cubic between samples
     """
-    parts = np.ceil(np.diff(curve.x) / STEP - 1e-9).astype(int)
-    time, _ = subdivided(curve.x, 2 * parts)
-    torque = torques(robot, loaded_model(robot, arms, masses), curve(time), curve(time, 1), curve(time, 2))
+    time = sampling(curve.x)
+    return worst(
+        robot,
+        time,
+        torques(robot, loaded_model(robot, arms, masses), curve(time), curve(time, 1), curve(time, 2)),
+    )
+
+
+def sampling(samples: Array) -> Array:
+    """Instants at which torques are computed, every second one in the middle of its neighbours [s]."""
+    parts = np.ceil(np.diff(samples) / STEP - 1e-9).astype(int)
+    return subdivided(samples, 2 * parts)[0]
+
+
+def worst(robot: Robot, time: Array, torque: Array) -> Extreme:
+    """The largest share of an effort limit, by torques of shape (n_steps, n_joints) at the times of `sampling`."""
     bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
     share = (np.abs(torque) + bulge) / robot.effort
     place = np.unravel_index(int(share.argmax()), share.shape)
