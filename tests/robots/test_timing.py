@@ -65,9 +65,11 @@ def test_motors_that_can_just_hold_the_robot_still_move_it_slowly():
 
 def test_motors_that_cannot_hold_the_robot_still_are_told_where():
     robot, (_, joints) = baxter(), known_carry()
-    with pytest.raises(RobotError, match=r"left_s1 needs .* N m to hold still what is .* s along the path"):
+    with pytest.raises(
+        RobotError, match=r"left_s1 needs .* N m only to hold still what is .* s along the path"
+    ):
         shortest_duration(robot, joints, carried={"left": 20.0})
-    with pytest.raises(RobotError, match="no timing of this path"):
+    with pytest.raises(RobotError, match="N m only to hold still"):
         fastest_timing(robot, joints, carried={"left": 20.0})
 
 

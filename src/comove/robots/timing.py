@@ -34,6 +34,7 @@ GRID = 1000  # points of the path; with fewer than 500, TOPP-RA exceeds accelera
 RATE = 200.0  # Hz, of the samples of a new timing
 STILL = 1e-12  # share of a limit that a robot uses which does not move
 PATIENCE = 1e-4  # by which a motion is stretched at a time until its torques keep their limits
+TRIES = 100
 HALVINGS = 50
 FASTEST = 1e8  # square of the largest pace that is looked at
 ROUNDS = 4  # in which limits are drawn in by what the spline through the samples exceeds them
@@ -88,8 +89,13 @@ def shortest_duration(
     ]
     pace, what, extreme = min(paces, key=lambda item: item[0])
     timed = joints.stretched(joints.duration / pace)
-    while largest_torque(robot, robot.arms, masses, timed.curve).value > share:
-        timed = timed.stretched(timed.duration * (1 + PATIENCE))  # torques are sampled anew
+    for _ in range(TRIES):  # torques are sampled anew at another pace
+        strongest = largest_torque(robot, robot.arms, masses, timed.curve)
+        if strongest.value <= share:
+            break
+        timed = timed.stretched(timed.duration * (1 + PATIENCE))
+    else:
+        raise _too_weak(robot, strongest, share)
     when = extreme.time * timed.duration / joints.duration
     return Timing(timed, f"{what} of {robot.joint_names[extreme.joint]} at {when:.2f} s")
 
@@ -204,14 +210,8 @@ def _pace_of_torques(
     still = np.zeros_like(position)
     holding = torques(robot, model, position, still, still)
     moving = torques(robot, model, position, velocity, acceleration) - holding
-    if (weight := worst(robot, time, holding)).value > share:
-        name, effort = robot.joint_names[weight.joint], robot.effort[weight.joint]
-        raise RobotError(
-            f"{name} needs {weight.value * effort:.4g} N m to hold still what is {weight.time:.2f} s along the path, "
-            f"{share:g} of its limit are {share * effort:.4g} N m",
-            key="carried",
-            way_out="carry less, or find a path nearer to the robot",
-        )
+    if (weight := worst(robot, time, holding)).value >= share:
+        raise _too_weak(robot, weight, share)
     low, high = 0.0, 1.0
     while worst(robot, time, holding + high * moving).value <= share and high < FASTEST:
         low, high = high, 4 * high
@@ -220,6 +220,16 @@ def _pace_of_torques(
         possible = worst(robot, time, holding + middle * moving).value <= share
         low, high = (middle, high) if possible else (low, middle)
     return float(np.sqrt(low)), "torque", worst(robot, time, holding + low * moving)
+
+
+def _too_weak(robot: Robot, weight: Extreme, share: float) -> RobotError:
+    name, effort = robot.joint_names[weight.joint], robot.effort[weight.joint]
+    return RobotError(
+        f"{name} needs {weight.value * effort:.4g} N m only to hold still what is {weight.time:.2f} s along the path, "
+        f"and {share * effort:.4g} N m may be used",
+        key="carried",
+        way_out="carry less, or find a path nearer to the robot",
+    )
 
 
 def _shares(robot: Robot, joints: JointMotion, masses: Array) -> Array:
