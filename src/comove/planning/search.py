@@ -54,12 +54,16 @@ class Carrier(Protocol):
     ) -> Array | None:
         """A path that can be carried out; as `comove.planning.planner.plan`."""
 
-    def penalty(self, nodes: Array) -> Array:
-        """What movements cost for what is not possible, 0 where they are; array, shape (n_rollouts,).
+    def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """What movements cost for what is not possible or nearly not, and whether they look possible.
 
         Parameters
         ----------
         nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+
+        Returns
+        -------
+        penalty, possible : arrays, shape (n_rollouts,)
         """
 
     def stricter(self) -> Carrier:
@@ -164,8 +168,8 @@ class Search:
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q, size)
         if self.carrier is not None:
-            strain = self.carrier.penalty(objective.coordinates.nodes(q, size))
-            value = value._replace(penalty=value.penalty + strain)
+            penalty, possible = self.carrier.ask(objective.coordinates.nodes(q, size))
+            value = value._replace(penalty=value.penalty + penalty, possible=possible)
         return value
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 DEFAULT_MASS = 0.25  # kg, of a load that states none
 DEFAULT_CLEARANCE = 0.005  # m, of links, where the scene states none
 SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
-SAMPLES = 51  # of a movement that a search looks at
+SAMPLES = 101  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
 BRANCHES = 4  # solutions of an end that are kept, per arm
@@ -147,8 +147,8 @@ class Carrying:
         )
         return tuple((first, last) for (first, _), (last, _) in ranked)
 
-    def penalty(self, nodes: Array) -> Array:
-        """What movements cost a search for what the robot cannot do, 0 where it can.
+    def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """What movements cost a search for what the robot cannot do or nearly not, and whether it can.
 
         Parameters
         ----------
@@ -156,15 +156,17 @@ class Carrying:
 
         Returns
         -------
-        array, shape (n_rollouts,)
+        penalty, possible : arrays, shape (n_rollouts,)
         """
         steps = np.linspace(0, nodes.shape[1] - 1, SAMPLES).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
-        strain = self.strain(nodes, self.best_start(nodes[0]))
-        return strain.penalty.sum(axis=1) + strain.contact
+        strain, around = self.strain(nodes, self.best_start(nodes[0])), self.arms.around
+        possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
+        possible &= strain.clearance > around.clearance
+        return strain.penalty.sum(axis=1) + strain.contact, possible
 
     def strain(self, nodes: Array, start: Array) -> Strain:
-        """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `penalty`."""
+        """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         done = _THREADS.map(lambda part: follow(self.arms, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
@@ -236,4 +238,6 @@ def _distinct(joints: Array, posture: Array) -> Array:
 
 def robot_method() -> Comove:
     """The default method, more sparing: with arms to follow, a generation takes forty times as long."""
-    return Comove(n_plans=2, polishing=Schedule(sigma=0.02, generations=200, patience=25, gain=0.01))
+    return Comove(
+        n_plans=2, n_polishings=4, polishing=Schedule(sigma=0.02, generations=200, patience=25, gain=0.01)
+    )

@@ -56,7 +56,7 @@ class RobotCheck:
         self.task.plan(space, boundary[0], boundary[0], 0.0, rng, max_nodes=8)
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         straight = CoordinatedMotion(scene, coordinates, basis, boundary, weights)
-        self.task.penalty(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
+        self.task.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
         track(self.task, straight)
 
     def __call__(self, motion: CoordinatedMotion) -> tuple[str, ...]:

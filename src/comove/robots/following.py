@@ -25,6 +25,7 @@ MET = 1e-4  # m, residual at which a pose counts as reached in a search
 PULL = 0.2  # share of the way home that redundancy goes an iteration
 LOOSE = 0.05  # rad, of a step: redundancy need not have come to rest in a search
 FOLLOWING = 6  # iterations a sample
+SUB_STEP, MAX_SUB_STEPS = 0.015, 8  # m, and parts of an interval, at which near links are looked at
 SETTLING = 200  # iterations from a random seed
 
 
@@ -123,24 +124,15 @@ def follow(arms, nodes, start, duration):
     nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
     start : array, shape (n_joints,), from which the first pose is reached
     """
-    chains, links, around = arms.chains, arms.links, arms.around
+    chains, around = arms.chains, arms.around
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
     missing, margin = np.zeros((n_rollouts, n_arms)), np.full((n_rollouts, n_arms), np.inf)
     rates, penalty = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
     clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
     q = np.empty((n_steps, start.shape[0]))
-    a, b = np.empty_like(links.start), np.empty_like(links.end)
-    wished = around.clearance + around.spare
     for k in range(n_rollouts):
         follow_one(arms, nodes[k], start, q, missing[k], penalty[k])
-        clearance[k] = wished
-        for t in range(0, n_steps, 2):
-            place_links(chains, links, q[t], a, b)
-            apart = links_clearance(
-                links, a, b, around.obstacles, nodes[k, t], around.edges, around.radii, wished
-            )
-            clearance[k] = min(clearance[k], apart)
-            contact[k] += (100.0 * (wished - apart) + 2.0 * (apart < around.clearance)) / n_steps
+        clearance[k], contact[k] = _contact(arms, q, nodes[k])
         for i in range(n_arms):
             for t in range(n_steps):
                 least = np.inf
@@ -176,6 +168,59 @@ def follow_one(arms, nodes, start, q, missing, penalty):
             missing[i] = max(missing[i], left)
             if left > MET:
                 penalty[i] += (1.0 + 50.0 * left) / n_steps
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _contact(arms, q, nodes):
+    """Least clearance of the links [m], at most what is wished for, and the penalty of what is less.
+
+    Between two samples the links' axes are taken to move straight; where something is near, they are looked at
+    every `SUB_STEP`.
+    """
+    chains, links, around = arms.chains, arms.links, arms.around
+    n_steps, n_links = q.shape[0], links.joint.shape[0]
+    ends, between, load = np.empty((2, 2, n_links, 3)), np.empty((2, n_links, 3)), np.empty_like(nodes[0])
+    wished = around.clearance + around.spare
+    least, penalty = wished, 0.0
+    place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
+    for t in range(n_steps):
+        here, there, after = ends[t % 2], ends[(t + 1) % 2], min(t + 1, n_steps - 1)
+        place_links(chains, links, q[after], there[0], there[1])
+        moved = 0.0
+        for end in range(2):
+            for i in range(n_links):
+                square = 0.0
+                for axis in range(3):
+                    square += (there[end, i, axis] - here[end, i, axis]) ** 2
+                moved = max(moved, square)
+        moved = sqrt(moved)
+        far = wished + moved
+        apart = links_clearance(
+            links, here[0], here[1], around.obstacles, nodes[t], around.edges, around.radii, far
+        )
+        if apart >= far:
+            continue
+        parts = min(1 + int(moved / SUB_STEP), MAX_SUB_STEPS)
+        for part in range(parts):
+            if part > 0:
+                share = part / parts
+                for end in range(2):
+                    for i in range(n_links):
+                        for axis in range(3):
+                            x, y = here[end, i, axis], there[end, i, axis]
+                            between[end, i, axis] = x + share * (y - x)
+                for n in range(load.shape[0]):
+                    for axis in range(3):
+                        load[n, axis] = nodes[t, n, axis] + share * (
+                            nodes[after, n, axis] - nodes[t, n, axis]
+                        )
+                apart = links_clearance(
+                    links, between[0], between[1], around.obstacles, load, around.edges, around.radii, wished
+                )
+            if apart < wished:
+                least = min(least, apart)
+                penalty += (50.0 * (wished - apart) + (apart < around.clearance)) / (n_steps * parts)
+    return least, penalty
 
 
 @numba.njit(cache=True, error_model="numpy")
