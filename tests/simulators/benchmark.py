@@ -3,10 +3,12 @@
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 
 from comove.robots import JointMotion
 from comove.scenes import Scene
-from tests.robots.known_path import DISTANCE, DURATION, hands, known_motion
+from tests.robots import known_path
+from tests.robots.known_path import DISTANCE, DURATION, START, hands, known_motion
 
 GAP = 0.30  # m between the posts
 OVERHANG = 0.03  # m
@@ -52,3 +54,45 @@ def standing(duration: float = 0.5):
     robot, motion = known_motion()
     time = np.linspace(0.0, duration, 11)
     return robot, JointMotion(time, motion.joint_names, np.repeat(motion.position[:1], 11, axis=0))
+
+
+def joints_straight() -> JointMotion:
+    """Every joint on the shortest way from start to goal, by a polynomial of least jerk."""
+    _, motion = known_motion()
+    s = motion.time[:, None] / motion.duration
+    s = s**3 * (10 - 15 * s + 6 * s**2)
+    first, last = motion.position[[0, -1]]
+    return JointMotion(motion.time, motion.joint_names, first + s * (last - first))
+
+
+@lru_cache(maxsize=1)
+def load_straight() -> JointMotion:
+    """The stick on the shortest way from start to goal, right through a post."""
+    robot, motion = known_motion()
+    ends = known_path.stick(np.array([0.0, DURATION]))
+    time = np.linspace(0.0, DURATION, 201)
+    s = time[:, None] / DURATION
+    x, y, yaw = (ends[0] + s**3 * (10 - 15 * s + 6 * s**2) * (ends[1] - ends[0])).T
+    q, data, rows = START.copy(), robot.model.createData(), []
+    frames = [robot.model.getFrameId(arm.tip) for arm in robot.arms]
+    for i in range(len(time)):
+        along = DISTANCE / 2 * np.array([np.cos(yaw[i]), np.sin(yaw[i]), 0.0])
+        turned = pin.utils.rotate("z", yaw[i]) @ np.diag([-1.0, 1.0, -1.0])
+        targets = [
+            pin.SE3(turned, np.array([x[i], y[i], known_path.HEIGHT]) + side * along) for side in (1, -1)
+        ]
+        for _ in range(20):
+            pin.computeJointJacobians(robot.model, data, q)
+            pin.updateFramePlacements(robot.model, data)
+            error = np.concatenate(
+                [
+                    pin.log6(data.oMf[f].inverse() * goal).vector
+                    for f, goal in zip(frames, targets, strict=True)
+                ]
+            )
+            jacobian = np.vstack(
+                [pin.getFrameJacobian(robot.model, data, f, pin.ReferenceFrame.LOCAL) for f in frames]
+            )
+            q = q + np.linalg.pinv(jacobian) @ error
+        rows.append(q)
+    return JointMotion(time, motion.joint_names, np.array(rows))

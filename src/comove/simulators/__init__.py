@@ -1,8 +1,11 @@
 """Simulators: what a joint motion does, geometrically and in MuJoCo."""
 
 from comove.simulators.execution import Contact, Execution
+from comove.simulators.files import read_simulation, write_simulation
 from comove.simulators.grasps import Connect, Friction, Grasp, Weld
 from comove.simulators.perturbation import Perturbation, Push
+from comove.simulators.pictures import draw_film, draw_sheet
+from comove.simulators.playback import play
 from comove.simulators.settings import Settings
 from comove.simulators.simulate import simulate
 
@@ -16,5 +19,10 @@ __all__ = [
     "Push",
     "Settings",
     "Weld",
+    "draw_film",
+    "draw_sheet",
+    "play",
+    "read_simulation",
     "simulate",
+    "write_simulation",
 ]

@@ -10,6 +10,8 @@ import ctypes
 import ctypes.util
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -40,6 +42,18 @@ def engine() -> ModuleType:
     except ImportError as error:
         raise ExtraError("simulation", "sim") from error
     return mujoco
+
+
+@contextmanager
+def without_log() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings into a file in the working folder; what they say is told otherwise."""
+    mujoco = engine()
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def require_pictures() -> None:

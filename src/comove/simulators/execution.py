@@ -20,6 +20,8 @@ from comove.simulators.settings import Settings
 
 Array = NDArray[np.float64]
 
+DROPPED = 0.03  # m, that a load has slid in a hand that has lost it
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -55,7 +57,7 @@ class Execution:
     commanded, joints : arrays, shape (n_steps, n_joints) [rad], asked for and measured
     torque : array, shape (n_steps, n_joints), of the motors [N m]
     hands, hands_planned : arrays, shape (n_steps, n_manipulators, 4, 4), grasp frames
-    load_pose : array, shape (n_steps, 4, 4); empty without a load
+    load_pose : array, shape (n_steps, 4, 4); NaN without a load
     wrench : array, shape (n_steps, n_holders, 6), force and torque on the load at the grasps [N, N m]
     fingers : array, shape (n_steps, n_fingers) [rad or m]
     contacts : of robot and load with obstacles and each other
@@ -117,11 +119,9 @@ class Execution:
 
     @cached_property
     def distance_error(self) -> Array:
-        """Distances of the holders less those planned [m]; array, shape (n_steps, n_pairs)."""
-        real, planned = (
-            _distances(hands[:, self.holders][..., :3, 3]) for hands in (self.hands, self.hands_planned)
-        )
-        return real - planned
+        """Distances of the holders less those of their grasps on the load [m]; array, shape (n_steps, n_pairs)."""
+        planned = _distances(np.zeros((0, 3)) if self.load is None else self.load.grasps)
+        return _distances(self.hands[:, self.holders][..., :3, 3]) - planned
 
     @cached_property
     def slip(self) -> Array:
@@ -197,14 +197,8 @@ class Execution:
                 f"{contact.between[0]} touched {contact.between[1]} at {contact.time:.2f} s, "
                 f"{1e3 * contact.depth:.1f} mm deep at most"
             )
-        for i, hand in enumerate(self.holders):
-            beyond = np.flatnonzero(self.slip[:, i] > limits.slip_limit)
-            if beyond.size:
-                found.append(
-                    f"the load slid {1e3 * self.slip[:, i].max():.1f} mm in the hand "
-                    f"'{self.scene.manipulators[hand]}', beyond {1e3 * limits.slip_limit:g} mm "
-                    f"from {self.time[beyond[0]]:.2f} s on"
-                )
+        for hand, slip in zip(self.holders, self.slip.T, strict=True):
+            found += _slipped(self.scene.manipulators[hand], self.time, slip, limits.slip_limit)
         force = np.linalg.norm(self.internal[..., :3], axis=-1)
         if force.size and force.max() > limits.internal_force_limit:
             found.append(
@@ -238,14 +232,24 @@ class Execution:
             "fingers",
         )
         derived = ("lag", "distance_error", "slip", "internal", "squeeze")
-        if self.load is None:
-            derived = ("lag",)
         return {name: getattr(self, name) for name in (*names, *derived)}
 
 
+def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
+    """How the load slid in a hand, in words; nothing where it hardly did."""
+    if slip.max() > DROPPED:
+        return [f"the load left the hand '{hand}' at {time[slip > DROPPED][0]:.2f} s"]
+    if slip.max() > limit:
+        return [
+            f"the load slid {1e3 * slip.max():.1f} mm in the hand '{hand}', beyond {1e3 * limit:g} mm from "
+            f"{time[slip > limit][0]:.2f} s on"
+        ]
+    return []
+
+
 def _distances(points: Array) -> Array:
-    first, second = np.triu_indices(points.shape[1], 1)
-    return np.linalg.norm(points[:, first] - points[:, second], axis=-1)
+    first, second = np.triu_indices(points.shape[-2], 1)
+    return np.linalg.norm(points[..., first, :] - points[..., second, :], axis=-1)
 
 
 def _largest(series: Array) -> float | None:

@@ -16,12 +16,13 @@ import numpy as np
 from comove.errors import RobotError
 from comove.robots.model import Arm, Robot
 from comove.simulators.engine import engine, hangs_on
+from comove.simulators.servos import add_servo
+from comove.simulators.things import STIFF
 
 if TYPE_CHECKING:
     from comove.simulators.world import World
 
-STIFF = (0.004, 1.0)  # s, time constant and damping ratio of a grasp's constraint: two time steps
-HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # its impedance: 1 % soft at most
+HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % soft at most
 CLOSING = 0.5  # s, in which fingers close, and in which they then grip
 GIVE = 0.001  # m, behind the surface, at which a finger's servo has its whole force
 BEYOND = 0.005  # m, behind its limit, to which a finger is sent
@@ -126,7 +127,7 @@ class Friction:
         """Servos of the fingers, coupled so that the load stays in their middle; rubber on them."""
         mj = engine()
         still = spec.add_equality(type=mj.mjtEq.mjEQ_WELD, objtype=mj.mjtObj.mjOBJ_BODY, active=False)
-        still.name, still.name1, still.name2 = "still", "load", "world"
+        still.name, still.name1, still.name2 = "still", "world", "load"
         still.solref, still.solimp = STIFF, HARD
         for arm in arms:
             for name in arm.fingers:
@@ -167,8 +168,11 @@ class Friction:
         mj.mj_forward(model, data)
         self._couple(world, data, dict(zip(fingers, zip(opened, closed, strict=True), strict=True)))
         still = model.equality("still").id
-        model.eq_data[still, :3] = 0.0
-        model.eq_data[still, 3:10] = _pose_in_load(data, world.load_body)
+        model.eq_data[still, :3] = 0.0  # the anchor, in the load's frame
+        model.eq_data[still, 3:6], model.eq_data[still, 6:10] = (
+            data.xpos[world.load_body],
+            data.xquat[world.load_body],
+        )
         data.eq_active[still] = 1
         n_steps = round(CLOSING / model.opt.timestep)
         for share in np.linspace(0.0, 1.0, n_steps):
@@ -190,16 +194,6 @@ class Friction:
                 data.eq_active[equality] = 1
 
 
-def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: float) -> None:
-    """A position servo: force = stiffness (control - position) - damping velocity, within limits."""
-    mj = engine()
-    servo = spec.add_actuator(name=joint, target=joint, trntype=mj.mjtTrn.mjTRN_JOINT)
-    servo.gaintype, servo.biastype = mj.mjtGain.mjGAIN_FIXED, mj.mjtBias.mjBIAS_AFFINE
-    servo.gainprm[0] = stiffness
-    servo.biasprm[:3] = 0.0, -stiffness, -damping
-    servo.forcelimited, servo.forcerange = True, (-force, force)
-
-
 def _connect(spec: Any, arms: Sequence[Arm], kind: Any) -> None:
     for arm in arms:
         grasp = spec.add_equality(type=kind, objtype=engine().mjtObj.mjOBJ_SITE, active=False)
@@ -214,14 +208,6 @@ def _close_connections(world: World, data: Any) -> None:
 
 def _below(body: Any) -> list[Any]:
     return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
-
-
-def _pose_in_load(data: Any, load: int) -> np.ndarray:
-    """Of the world in the load's frame: position and quaternion; array, shape (7,)."""
-    mj = engine()
-    position, quaternion = np.zeros(3), np.zeros(4)
-    mj.mju_negPose(position, quaternion, data.xpos[load], data.xquat[load])
-    return np.concatenate([position, quaternion])
 
 
 def _closing(world: World, data: Any, finger: str) -> float:

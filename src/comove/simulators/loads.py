@@ -8,9 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.errors import SceneError
+from comove.errors import RobotError, SceneError
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
 from comove.scenes.model import BarLoad, BoxLoad, FrameLoad
 from comove.scenes.scene import Scene
 
@@ -137,6 +140,40 @@ def _frame(points: Array) -> Array:
     y = np.cross(up, x)
     y /= np.linalg.norm(y)
     return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
+    """Refuse a motion of other joints than the robot's, and a scene that is not its own.
+
+    Raises
+    ------
+    RobotError, SceneError
+        Which says what does not fit.
+    """
+    if scene.n_dims != 3:
+        raise SceneError("robots live in space", key="workspace", way_out="write three numbers a point")
+    for name in scene.manipulators:
+        robot.arm(name)
+    if tuple(motion.joint_names) != robot.joint_names:
+        raise RobotError(
+            f"the motion moves {', '.join(motion.joint_names)}, the robot '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}",
+            key="joint_names",
+            way_out="play it on the robot that it was made for",
+        )
+
+
+def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
+    """Grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
+    arms = [robot.arm(name) for name in scene.manipulators]
+    frames = [robot.model.getFrameId(arm.tip) for arm in arms]
+    tools, data = np.stack([arm.tool for arm in arms]), robot.model.createData()
+    poses = np.empty((len(joints), len(arms), 4, 4))
+    for step, q in enumerate(joints):
+        pin.framesForwardKinematics(robot.model, data, q)
+        for i, frame in enumerate(frames):
+            poses[step, i] = data.oMf[frame].homogeneous
+    return poses @ tools
 
 
 def carried(hands: Array, held: Array) -> Array:

@@ -18,8 +18,6 @@ class Settings:
     slip_limit : how far a hand may slide on the load [m]
     end_error_limit : how far from its goal the load may end [m]
     internal_force_limit : with which hands may work against each other [N]
-    weight_on_motors : whether the motors' effort limits hold for the robot's own weight as well; otherwise it is
-        balanced apart from them, as by the springs in Baxter's shoulders, and the limits hold for the rest
     """
 
     log_rate: float = 100.0
@@ -28,7 +26,6 @@ class Settings:
     slip_limit: float = 0.002
     end_error_limit: float = 0.003
     internal_force_limit: float = 40.0
-    weight_on_motors: bool = False
 
     def __post_init__(self) -> None:
         for name in ("log_rate", "settle", "hold", "slip_limit", "end_error_limit", "internal_force_limit"):

@@ -6,20 +6,20 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
-from comove.simulators.engine import engine
+from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Grasp, Weld
-from comove.simulators.loads import load_of
+from comove.simulators.loads import hand_poses, load_of, require_fit
 from comove.simulators.perturbation import PLAN, Perturbation
+from comove.simulators.servos import limit_servos, motor_weight
 from comove.simulators.settings import Settings
+from comove.simulators.things import lower_floor
 from comove.simulators.world import TIMESTEP, World, build_world
 
 Array = NDArray[np.float64]
@@ -54,15 +54,15 @@ def simulate(
         If robot, scene and motion do not belong together.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
-    require_own(motion, robot)
-    planned = hand_poses(robot, scene, motion.position[:1])
-    load = load_of(scene, planned[0], grasp.section)
-    world = build_world(robot, scene, load, grasp, perturbation, weight_on_motors=settings.weight_on_motors)
-    data = _at_start(world, motion, perturbation)
-    if load is not None:
-        grasp.close(world, data)
-    engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
-    log = _run(world, data, motion, perturbation, settings)
+    require_fit(motion, robot, scene)
+    load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
+    with without_log():
+        world = build_world(robot, scene, load, grasp, perturbation)
+        data = _at_start(world, motion, perturbation)
+        if load is not None:
+            grasp.close(world, data)
+        engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
+        log = _run(world, data, motion, perturbation, settings)
     return Execution(
         robot=robot,
         scene=scene,
@@ -75,30 +75,6 @@ def simulate(
         hands_planned=hand_poses(robot, scene, log["commanded"]),
         **log,
     )
-
-
-def require_own(motion: JointMotion, robot: Robot) -> None:
-    """Refuse a motion of other joints than the robot's."""
-    if tuple(motion.joint_names) != robot.joint_names:
-        raise RobotError(
-            f"the motion moves {', '.join(motion.joint_names)}, the robot '{robot.name}' has "
-            f"{', '.join(robot.joint_names)}",
-            key="joint_names",
-            way_out="play it on the robot that it was made for",
-        )
-
-
-def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
-    """Grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
-    arms = [robot.arm(name) for name in scene.manipulators]
-    frames = [robot.model.getFrameId(arm.tip) for arm in arms]
-    tools, data = np.stack([arm.tool for arm in arms]), robot.model.createData()
-    poses = np.empty((len(joints), len(arms), 4, 4))
-    for step, q in enumerate(joints):
-        pin.framesForwardKinematics(robot.model, data, q)
-        for i, frame in enumerate(frames):
-            poses[step, i] = data.oMf[frame].homogeneous
-    return poses @ tools
 
 
 def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
@@ -115,6 +91,8 @@ def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> 
         data.qpos[world.load_qpos + 3 : world.load_qpos + 7] = quaternion_of_rotation(pose[:3, :3])
     mj.mj_forward(model, data)
     _move_grasps(world, data)
+    lower_floor(model, data)
+    limit_servos(world, data)
     mj.mj_forward(model, data)
     return data
 
@@ -156,6 +134,7 @@ def _run(
             _note_contacts(world, data, time[step], contacts)
         if logged:
             log.write_rest(data)
+            limit_servos(world, data)
             if data.warning[mj.mjtWarning.mjWARN_BADQACC].number:
                 unstable = float(time[step])
                 break
@@ -165,10 +144,7 @@ def _run(
         "time": time[::every][:count],
         "commanded": position[::every][:count],
         **log.series(),
-        "contacts": tuple(
-            Contact((world.name_of(a), world.name_of(b)), when, depth)
-            for (a, b), (when, depth) in contacts.items()
-        ),
+        "contacts": tuple(Contact(world.names_of(pair), *found) for pair, found in contacts.items()),
         "steps_per_second": (step + 1) / took,
         "unstable": unstable,
     }
@@ -199,7 +175,6 @@ class _Log:
 
     def __init__(self, world: World, n_steps: int):
         self.world, self.count = world, 0
-        self.weight_apart = not world.model.jnt_actgravcomp.any()
         model, holders = world.model, len(world.holder_sites)
         self.finger_qpos = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
         self.hand_of_equality = np.full(model.neq, -1)
@@ -211,9 +186,9 @@ class _Log:
         self.torque = np.empty((n_steps, len(world.qpos)))
         self.fingers = np.empty((n_steps, len(self.finger_qpos)))
         self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
-        self.load_pose = np.zeros((n_steps if world.load is not None else 0, 4, 4))
+        self.load_pose = np.full((n_steps, 4, 4), 0.0 if world.load is not None else np.nan)
         self.wrench = np.zeros((n_steps, holders, 6))
-        self.hands[..., 3, 3] = self.load_pose[..., 3, 3] = 1.0
+        self.hands[..., 3, 3] = 1.0
 
     def write_state(self, data: Any) -> None:
         """What a step overwrites."""
@@ -223,10 +198,11 @@ class _Log:
     def write_rest(self, data: Any) -> None:
         """What belongs to the same instant."""
         world, i = self.world, self.count
-        self.torque[i] = (data.qfrc_actuator + self.weight_apart * data.qfrc_gravcomp)[world.dofs]
+        self.torque[i] = data.qfrc_actuator[world.dofs] + motor_weight(world, data)
         self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
         self.hands[i, :, :3, :3] = data.site_xmat[world.sites].reshape(-1, 3, 3)
         if world.load is not None:
+            self.load_pose[i, 3, 3] = 1.0
             self.load_pose[i, :3, 3] = data.xpos[world.load_body]
             self.load_pose[i, :3, :3] = data.xmat[world.load_body].reshape(3, 3)
             self._write_wrenches(data)

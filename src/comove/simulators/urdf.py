@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from comove.errors import ComoveWarning, RobotError
 from comove.primitives.rotations import exponential, matrices
 from comove.robots.description import Placement
 from comove.robots.model import Source, resolve
-from comove.simulators.meshes import as_obj
+from comove.simulators.meshes import as_obj, coloured_parts
 
 Array = NDArray[np.float64]
 
@@ -55,10 +56,11 @@ def for_mujoco(
                 _fix(joint, posture.get(joint.get("name", ""), 0.0))
         for link in tree.findall("link"):
             for visual in link.findall("visual"):
-                if not drawn or not _converted(visual, source.file, needed=False):
-                    link.remove(visual)
+                link.remove(visual)
+                if drawn:
+                    link.extend(_drawable(visual, source.file))
             for collision in link.findall("collision"):
-                _converted(collision, source.file, needed=True)
+                _convert(collision, source.file)
         whole.extend(part for part in tree if part.tag in ("link", "joint", "material"))
     return ET.tostring(whole, encoding="unicode")
 
@@ -76,19 +78,32 @@ def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
     return joint
 
 
-def _converted(part: ET.Element, file: Path, needed: bool) -> bool:
-    """Let a visual or collision element name an OBJ; whether there is something to show."""
-    mesh = part.find("geometry/mesh")
-    if mesh is None:
-        return True
-    try:
+def _convert(collision: ET.Element, file: Path) -> None:
+    """Let a collision element name an OBJ."""
+    mesh = collision.find("geometry/mesh")
+    if mesh is not None:
         mesh.set("filename", str(as_obj(resolve(mesh.get("filename", ""), file))))
+
+
+def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:
+    """A visual element as one a colour; none where its mesh cannot be read, which hinders no simulation."""
+    mesh = visual.find("geometry/mesh")
+    if mesh is None:
+        return [visual]
+    try:
+        parts = coloured_parts(resolve(mesh.get("filename", ""), file))
     except RobotError as error:
-        if needed:
-            raise
         warnings.warn(f"a part of the robot is not drawn: {error}", ComoveWarning, stacklevel=2)
-        return False
-    return True
+        return []
+    copies = [deepcopy(visual) for _ in parts]
+    for copy, (path, colour) in zip(copies, parts, strict=True):
+        copy.find("geometry/mesh").set("filename", str(path))
+        if colour is not None:
+            for material in copy.findall("material"):
+                copy.remove(material)
+            material = ET.SubElement(copy, "material", name=f"rgba {colour}")
+            ET.SubElement(material, "color", rgba=" ".join(map(str, colour)))
+    return copies
 
 
 def _fix(joint: ET.Element, value: float) -> None:

@@ -1,0 +1,129 @@
+"""A simulation in a result folder: `simulation.json` and `simulation.npz`, and its pictures.
+
+The summary names the checksum of the series and is written last, so that what was interrupted or edited is noticed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.demonstrations.files import whole_file
+from comove.demonstrations.npz import read_arrays
+from comove.errors import DemonstrationError, ResultError
+from comove.results.folder import checksum
+from comove.simulators.execution import Execution
+
+SUMMARY, SERIES = "simulation.json", "simulation.npz"
+SHEET, FILM = "simulation.png", "simulation.mp4"  # .gif where nothing encodes films
+FILES = {SUMMARY, SERIES, SHEET, FILM, "simulation.gif"}
+REQUIRED = ("time", "commanded", "joints", "torque", "hands", "hands_planned", "load_pose", "wrench", "lag")
+TOOLS = ("mujoco", "pin", "numpy")
+MAX_BYTES = 2**20
+
+
+def write_simulation(execution: Execution, folder: str | Path, *, seed: int | None = None) -> dict[str, Any]:
+    """Write an execution into an existing folder; returns the summary.
+
+    Parameters
+    ----------
+    seed : from which the perturbation was drawn
+
+    Raises
+    ------
+    ResultError
+        If the folder cannot be written.
+    """
+    folder = Path(folder)
+    series = execution.series()
+    summary = summary_of(execution, series, seed)
+    with whole_file(folder / SERIES, ResultError) as file:
+        np.savez_compressed(file, **series)
+    with whole_file(folder / SUMMARY, ResultError) as file:
+        file.write((json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
+    return summary
+
+
+def summary_of(execution: Execution, series: Mapping[str, NDArray], seed: int | None) -> dict[str, Any]:
+    """The contents of simulation.json."""
+    motion = execution.motion
+    return {
+        "delivered": execution.delivered,
+        "reasons": list(execution.reasons),
+        "simulator": execution.simulator,
+        "grasp": _named(execution.grasp),
+        **{name: _finite(value) for name, value in execution.measures.items()},
+        "contacts": [asdict(contact) for contact in execution.contacts],
+        "seed": seed,
+        "perturbation": execution.perturbation.asdict(),
+        "settings": asdict(execution.settings),
+        "scene": execution.scene.name,
+        "scene_sha256": execution.scene.sha256,
+        "robot": execution.robot.name,
+        "robot_sha256": execution.robot.sha256,
+        "motion_sha256": checksum({"time": motion.time, "position": motion.position}),
+        "series_sha256": checksum(series),
+        "version": __version__,
+        "versions": {tool: _version(tool) for tool in TOOLS},
+        "steps_per_second": round(execution.steps_per_second),
+    }
+
+
+def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArray]]:
+    """Summary and series of a simulation.
+
+    Raises
+    ------
+    ResultError
+        If they are missing, unreadable or do not belong together.
+    """
+    path = Path(folder) / SUMMARY
+    if not path.is_file():
+        raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="simulate the motion first")
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError("it is larger than 1 MB")
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(summary, dict):
+            raise ValueError("it is no JSON object")
+        series = read_arrays(
+            Path(folder) / SERIES, REQUIRED, ("fingers", "distance_error", "slip", "internal", "squeeze")
+        )
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultError(f"it cannot be read: {error}", file=path, way_out="simulate it again") from error
+    except DemonstrationError as error:
+        raise ResultError(
+            error.message, file=error.file, key=error.key, way_out="simulate it again"
+        ) from error
+    if summary.get("series_sha256") != checksum(series):
+        raise ResultError(
+            f"{SERIES} is not what {SUMMARY} tells of: its checksum differs",
+            file=folder,
+            way_out="simulate it again",
+        )
+    return summary, series
+
+
+def _named(grasp: object) -> dict[str, Any]:
+    """A grasp's kind and what it was made with."""
+    return {"kind": type(grasp).__name__.lower(), **(asdict(grasp) if is_dataclass(grasp) else {})}
+
+
+def _version(tool: str) -> str | None:
+    try:
+        return version(tool)
+    except PackageNotFoundError:
+        return None
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,165 @@
+"""Pictures of an execution: a sheet of instants and a film, drawn by MuJoCo without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.primitives.rotations import matrices
+from comove.scenes.groups import quaternion_of_rotation
+from comove.simulators.engine import engine, require_pictures, without_log
+from comove.simulators.execution import Execution
+from comove.simulators.film import encoder, write_film
+from comove.simulators.studio import LARGEST, camera_for, furnish
+from comove.simulators.things import lower_floor
+from comove.simulators.world import World, build_world
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
+LARGE = 2.0  # m, of a box that need not be seen to its ends
+GAP = 6  # pixels between the pictures of a sheet
+INK, PAPER = (40, 44, 52), (255, 255, 255)
+
+
+def draw_sheet(
+    execution: Execution, path: str | Path, *, count: int = 6, columns: int = 3, width: int = 640
+) -> None:
+    """Write a sheet of equally spaced instants as PNG.
+
+    Parameters
+    ----------
+    count, columns : how many instants, and how many of them in a row
+    width : of one picture; its height is three quarters of that [pixels]
+    """
+    from PIL import Image
+
+    height = round(width * 3 / 4)
+    steps = _steps(execution, count)
+    rows = -(-count // columns)
+    sheet = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), PAPER)
+    with _camera(execution, width, height) as shot:
+        for i, step in enumerate(steps):
+            picture = Image.fromarray(shot(step))
+            _write_time(picture, execution.time[step])
+            sheet.paste(picture, ((i % columns) * (width + GAP), (i // columns) * (height + GAP)))
+    sheet.save(path, optimize=True)
+
+
+def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, width: int = 640) -> Path:
+    """Write a film of an execution at its own pace.
+
+    Parameters
+    ----------
+    path : its suffix becomes .mp4, or .gif where nothing encodes films
+    rate : pictures a second
+    width : of the film; its height is three quarters of that [pixels]
+
+    Returns
+    -------
+    the path that was written
+    """
+    ffmpeg = encoder()
+    path = Path(path).with_suffix(".gif" if ffmpeg is None else ".mp4")
+    width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers
+    times = np.arange(0.0, execution.time[-1], 1 / rate)
+    steps = np.searchsorted(execution.time, times - 1e-9).clip(max=len(execution.time) - 1)
+    with _camera(execution, width, height, partial(furnish, shadows=False)) as shot:
+        write_film((shot(step) for step in steps), path, rate, ffmpeg)
+    return path
+
+
+def _steps(execution: Execution, count: int) -> list[int]:
+    """Numbers of equally spaced samples of the motion itself."""
+    last = int(np.searchsorted(execution.time, execution.motion.duration - 1e-9))
+    return np.linspace(0, min(last, len(execution.time) - 1), count).round().astype(int).tolist()
+
+
+def _write_time(picture: Any, time: float) -> None:
+    from PIL import ImageDraw, ImageFont
+
+    size = max(12, picture.width // 30)
+    ImageDraw.Draw(picture).text(
+        (size // 2, size // 2), f"{time:.1f} s", fill=INK, font=ImageFont.load_default(size)
+    )
+
+
+@contextmanager
+def _camera(
+    execution: Execution, width: int, height: int, finish: Callable[[Any], None] = furnish
+) -> Iterator[Any]:
+    """A function that draws one sample of an execution; array, shape (height, width, 3)."""
+    if not (0 < height <= LARGEST[0] and 0 < width <= LARGEST[1]):
+        raise OptionError(
+            f"a picture of {width} x {height} pixels cannot be drawn",
+            key="width",
+            way_out=f"use at most {LARGEST[1]} x {LARGEST[0]}",
+        )
+    require_pictures()
+    mj = engine()
+    with without_log():
+        world = build_world(
+            execution.robot,
+            execution.scene,
+            execution.load,
+            execution.grasp,
+            execution.perturbation,
+            finish=finish,
+        )
+        data = mj.MjData(world.model)
+        options = mj.MjvOption()
+        options.geomgroup[:] = [group in DRAWN_GROUPS for group in range(len(options.geomgroup))]
+        place(execution, world, data, 0)
+        lower_floor(world.model, data)
+        camera = camera_for(execution, _seen(execution, world, data), width / height)
+        with mj.Renderer(world.model, height, width) as renderer:
+
+            def shot(step: int) -> Picture:
+                place(execution, world, data, step)
+                renderer.update_scene(data, camera, options)
+                return renderer.render()
+
+            yield shot
+
+
+def place(execution: Execution, world: World, data: Any, step: int) -> None:
+    """Put a world into the state of one sample."""
+    mj, model = engine(), world.model
+    data.qpos[world.qpos] = execution.joints[step]
+    fingers = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
+    data.qpos[fingers] = execution.fingers[step]
+    if world.load is not None:
+        pose, first = execution.load_pose[step], world.load_qpos
+        data.qpos[first : first + 3] = pose[:3, 3]
+        data.qpos[first + 3 : first + 7] = quaternion_of_rotation(pose[:3, :3])
+    mj.mj_kinematics(model, data)
+    mj.mj_comPos(model, data)
+    mj.mj_camlight(model, data)
+
+
+def _seen(execution: Execution, world: World, data: Any) -> Array:
+    """What a picture must show: all hands and loads, obstacles, and the robot as it stands at the start."""
+    model = world.model
+    moving = [g for g in range(model.ngeom) if model.geom_group[g] in DRAWN_GROUPS and model.geom_bodyid[g]]
+    hands = execution.hands[..., :3, 3].reshape(-1, 3)
+    load = execution.load_pose[: 0 if execution.load is None else None, :3, 3]
+    corners = [_corners(obstacle) for obstacle in execution.scene.file.obstacles]
+    return np.concatenate([hands, load, data.geom_xpos[moving], *corners])
+
+
+def _corners(obstacle: Any) -> Array:
+    """Corners of a box, the middle of anything else; array, shape (n_points, 3)."""
+    middle, size = np.array(obstacle.center), getattr(obstacle, "size", None)
+    if size is None:
+        return middle[None]
+    half = np.minimum(size, LARGE) / 2
+    signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
+    return middle + (signs * half) @ matrices(np.array(obstacle.quaternion_wxyz)).T

@@ -1,0 +1,170 @@
+"""A joint motion as geometry alone: every joint is where it should be at every instant, by Pinocchio.
+
+The load goes with the hands. Forces are those of a load whose weight and inertia its holders share equally, torques
+those of inverse dynamics; nothing lags, slips or gives way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.primitives.rotations import matrices
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.scenes.scene import Scene
+from comove.simulators.execution import Contact, Execution
+from comove.simulators.grasps import Weld
+from comove.simulators.loads import Load, carried, hand_poses, inverse, load_of, require_fit
+from comove.simulators.settings import Settings
+
+Array = NDArray[np.float64]
+
+GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s^2
+DEFAULT = Settings()
+
+_SHAPES: dict[str, Callable[[Any], Any]] = {
+    "box": lambda o: coal.Box(*o.size),
+    "sphere": lambda o: coal.Sphere(o.radius),
+    "capsule": lambda o: coal.Capsule(o.radius, o.length),
+    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
+    "ellipsoid": lambda o: coal.Ellipsoid(*o.radii),
+}
+
+
+def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings = DEFAULT) -> Execution:
+    """Play a joint motion without physics.
+
+    Raises
+    ------
+    RobotError, SceneError
+        If robot, scene and motion do not belong together.
+    """
+    require_fit(motion, robot, scene)
+    began = perf_counter()
+    n_steps = int(np.ceil(motion.duration * settings.log_rate)) + 1
+    time = np.linspace(0.0, motion.duration, n_steps)
+    joints, velocity, acceleration = motion.at(time)
+    hands = hand_poses(robot, scene, joints)
+    load = load_of(scene, hands[0])
+    poses, wrench = _with_load(load, hands, time)
+    return Execution(
+        robot=robot,
+        scene=scene,
+        motion=motion,
+        simulator="geometric",
+        grasp=Weld(),
+        load=load,
+        settings=settings,
+        time=time,
+        commanded=joints,
+        joints=joints,
+        torque=_torques(robot, scene, load, joints, velocity, acceleration, wrench),
+        hands=hands,
+        hands_planned=hands,
+        load_pose=poses,
+        wrench=wrench,
+        fingers=np.empty((n_steps, 0)),
+        contacts=_contacts(robot, scene, load, time, joints, poses),
+        steps_per_second=n_steps / (perf_counter() - began),
+    )
+
+
+def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Array]:
+    """Poses of the load, array of shape (n_steps, 4, 4), and the holders' forces on it, (n_steps, n_holders, 6)."""
+    if load is None:
+        return np.full((len(time), 4, 4), np.nan), np.zeros((len(time), 0, 6))
+    held = hands[:, list(load.holders)]
+    poses = carried(held, inverse(held[0]) @ load.pose)
+    speed = np.gradient(poses[:, :3, 3], time, axis=0)
+    force = load.mass * (np.gradient(speed, time, axis=0) - GRAVITY)
+    wrench = np.zeros((len(time), len(load.holders), 6))
+    wrench[..., :3] = force[:, None] / len(load.holders)
+    return poses, wrench
+
+
+def _torques(
+    robot: Robot, scene: Scene, load: Load | None, q: Array, v: Array, a: Array, wrench: Array
+) -> Array:
+    """Inverse dynamics less what springs hold; array, shape (n_steps, n_joints)."""
+    model, data, torque = robot.model, robot.model.createData(), np.empty_like(q)
+    arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
+    frames = [(model.getFrameId(arm.tip), arm.tool[:3, 3]) for arm in arms]
+    for step in range(len(q)):
+        weight = pin.computeGeneralizedGravity(model, data, q[step])
+        torque[step] = pin.rnea(model, data, q[step], v[step], a[step]) - robot.relief * weight
+        pin.computeJointJacobians(model, data, q[step])
+        for (frame, tool), force in zip(frames, wrench[step], strict=True):
+            placement = pin.updateFramePlacement(model, data, frame)
+            jacobian = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            torque[step] += jacobian[:3].T @ force[:3]
+            torque[step] += jacobian[3:].T @ np.cross(placement.rotation @ tool, force[:3])
+    return torque
+
+
+def _contacts(
+    robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
+) -> tuple[Contact, ...]:
+    """Where links and load reach into obstacles or into each other, the holding hands left out."""
+    geometry, names, moved = _geometry(robot, scene, load)
+    data, state, found = robot.model.createData(), geometry.createData(), {}
+    parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
+    for step, q in enumerate(joints):
+        pin.updateGeometryPlacements(robot.model, data, geometry, state, q)
+        for item, part in zip(moved, parts, strict=True):
+            state.oMg[item] = pin.SE3(poses[step]) * part
+        if not pin.computeCollisions(geometry, state, False):
+            continue
+        for k in range(len(geometry.collisionPairs)):
+            if state.collisionResults[k].isCollision():
+                depth = -pin.computeDistance(geometry, state, k).min_distance
+                first, deepest = found.get(k, (float(time[step]), 0.0))
+                found[k] = first, max(deepest, float(depth))
+    pairs = geometry.collisionPairs
+    return tuple(Contact((names[pairs[k].first], names[pairs[k].second]), *seen) for k, seen in found.items())
+
+
+def _geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
+    """Robot, obstacles and load with the pairs that are looked at; names of all, numbers of the load's parts."""
+    geometry = robot.collision.copy()
+    geometry.removeAllCollisionPairs()
+    links = range(geometry.ngeoms)
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    obstacles = []
+    for i, obstacle in enumerate(scene.file.obstacles):
+        turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+        names.append(f"obstacles[{i}] ({obstacle.shape})")
+        shape, pose = _SHAPES[obstacle.shape](obstacle), _pose(obstacle.center, turn)
+        obstacles.append(geometry.addGeometryObject(pin.GeometryObject(names[-1], 0, pose, shape)))
+    hands = _hand_joints(robot, scene, load)
+    parts = []
+    for i, part in enumerate(load.parts if load is not None else ()):
+        box = part.kind == "box"
+        shape = coal.Box(*(2 * x for x in part.size)) if box else coal.Capsule(part.size[0], 2 * part.size[1])
+        names.append("the load")
+        parts.append(
+            geometry.addGeometryObject(pin.GeometryObject(f"load {i}", 0, pin.SE3.Identity(), shape))
+        )
+    free = [i for i in links if geometry.geometryObjects[i].parentJoint not in hands]
+    moving = [i for i in links if geometry.geometryObjects[i].parentJoint > 0]
+    pairs = [(i, o) for i in moving for o in obstacles]
+    pairs += [(p, other) for p in parts for other in (*obstacles, *free)]
+    for first, second in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    return geometry, names, parts
+
+
+def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
+    """Joints whose links go with a hand that holds the load."""
+    arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
+    return {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
+
+
+def _pose(position: Any, rotation: Array) -> Any:
+    return pin.SE3(np.asarray(rotation, dtype=float), np.array(position, dtype=float))

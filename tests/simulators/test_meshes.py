@@ -1,0 +1,109 @@
+"""Meshes are converted once, truly, and what is in the cache is whole."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from comove.errors import RobotError
+from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts
+
+trimesh = pytest.importorskip("trimesh")
+
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+  <asset><unit name="centimeter" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
+  <library_geometries><geometry id="g"><mesh>
+    <source id="p"><float_array id="a" count="12">0 0 0 100 0 0 0 50 0 0 0 25</float_array>
+      <technique_common><accessor source="#a" count="4" stride="3">
+        <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+      </accessor></technique_common></source>
+    <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+    <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+      <p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+  </mesh></geometry></library_geometries>
+  <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
+  </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>
+"""
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "comove" / "meshes"
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(path)
+    return path
+
+
+def test_the_cache_is_where_it_should_be(cache, box):
+    assert cache_folder() == cache
+    assert as_obj(box).parent == cache
+
+
+def test_a_converted_mesh_is_the_same_body(box):
+    mesh = trimesh.load(as_obj(box), force="mesh")
+    assert mesh.is_watertight
+    assert np.allclose(mesh.extents, (0.1, 0.2, 0.3))
+    assert mesh.volume == pytest.approx(0.006)
+
+
+def test_a_drawing_in_centimetres_becomes_metres(tmp_path):
+    pytest.importorskip("collada")
+    path = tmp_path / "wedge.dae"
+    path.write_text(DAE)
+    mesh = trimesh.load(as_obj(path), force="mesh")
+    assert np.allclose(mesh.bounds, [[0, 0, 0], [1.0, 0.5, 0.25]])
+    assert [part.suffix for part, _ in coloured_parts(path)] == [".obj"]
+
+
+def test_what_is_converted_is_kept(box):
+    first = as_obj(box)
+    written = first.stat().st_mtime_ns
+    assert as_obj(box) == first
+    assert first.stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda b: b[: len(b) // 2], lambda b: b.replace(b"v ", b"v 9", 1), lambda b: b""]
+)
+def test_a_damaged_entry_is_made_anew(box, spoil):
+    path = as_obj(box)
+    whole = path.read_bytes()
+    assert SEAL in whole
+    path.write_bytes(spoil(whole))
+    assert as_obj(box).read_bytes() == whole
+
+
+def test_another_mesh_of_the_same_name_is_another_entry(box):
+    first = as_obj(box)
+    trimesh.creation.box((0.1, 0.2, 0.4)).export(box)
+    assert as_obj(box) != first
+
+
+def test_many_at_once_leave_whole_entries_only(box, cache):
+    with ThreadPoolExecutor(8) as pool:
+        paths = set(pool.map(as_obj, [box] * 8))
+    assert len(paths) == 1
+    assert not [path for path in cache.iterdir() if path.name.startswith(".")]
+    assert trimesh.load(as_obj(box), force="mesh").volume == pytest.approx(0.006)
+
+
+@pytest.mark.parametrize("text", ["", "solid nothing\nendsolid\n", "no mesh at all"])
+def test_what_holds_no_triangles_is_refused(tmp_path, text):
+    path = tmp_path / "empty.stl"
+    path.write_text(text)
+    with pytest.raises(RobotError, match=r"empty.stl.*cannot be read"):
+        as_obj(path)
+
+
+def test_a_cache_that_cannot_be_written_is_told(tmp_path, monkeypatch, box):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(RobotError, match="XDG_CACHE_HOME"):
+        as_obj(box)
