@@ -31,6 +31,7 @@ SAMPLES = 101  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
 BRANCHES = 4  # solutions of an end that are kept, per arm
+N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
 LIKELY = 0.4  # chance that a plan goes between the most likely joints of start and goal, not between others
 
 N_THREADS = min(4, os.cpu_count() or 1)
@@ -97,6 +98,19 @@ class Carrying:
             posture=np.concatenate([arm.home for arm in self.holders]),
         )
         return Arms(chains_of(self.robot, self.holders), links_of(self.robot, self.holders), around)
+
+    @cached_property
+    def _busy(self) -> Arms:
+        """The same with those pairs of links only that may meet between the joints of start and goal."""
+        first, last = (np.array(ends) for ends in zip(*self._ends, strict=True))
+        rng = np.random.default_rng(0)
+        shares = rng.uniform(size=(N_BETWEEN, 1))
+        drawn = rng.integers(len(first), size=N_BETWEEN)
+        between = first[drawn] + shares * (last[drawn] - first[drawn])
+        between += rng.normal(0.0, WANDER, between.shape)
+        chains = self.arms.chains
+        samples = np.clip(between, chains.lower, chains.upper)
+        return self.arms._replace(links=self.arms.links.near(chains, samples))
 
     def stricter(self) -> Carrying:
         """The same with more caution, after a movement that a search took for possible was rejected."""
@@ -168,7 +182,7 @@ class Carrying:
     def strain(self, nodes: Array, start: Array) -> Strain:
         """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
-        done = _THREADS.map(lambda part: follow(self.arms, part, start, self.scene.duration), parts)
+        done = _THREADS.map(lambda part: follow(self._busy, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_start(self, nodes: Array) -> Array:
@@ -194,7 +208,7 @@ class Carrying:
         nodes : array, shape (n_nodes, 3), of the load and its hands [m]
         """
         chains, links, around = self.arms
-        a, b = np.empty_like(links.start), np.empty_like(links.end)
+        a, b = links.start.copy(), links.end.copy()
         place_links(chains, links, q, a, b)
         return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
 

@@ -25,7 +25,8 @@ MET = 1e-4  # m, residual at which a pose counts as reached in a search
 PULL = 0.2  # share of the way home that redundancy goes an iteration
 LOOSE = 0.05  # rad, of a step: redundancy need not have come to rest in a search
 FOLLOWING = 6  # iterations a sample
-SUB_STEP, MAX_SUB_STEPS = 0.015, 8  # m, and parts of an interval, at which near links are looked at
+STRIDE = 2  # samples between those at which links are placed
+SUB_STEP, MAX_SUB_STEPS = 0.015, 12  # m, and parts of an interval, at which near links are looked at
 SETTLING = 200  # iterations from a random seed
 
 
@@ -182,13 +183,18 @@ def _contact(arms, q, nodes):
     ends, between, load = np.empty((2, 2, n_links, 3)), np.empty((2, n_links, 3)), np.empty_like(nodes[0])
     wished = around.clearance + around.spare
     least, penalty = wished, 0.0
+    for i in range(n_links):
+        for axis in range(3):
+            ends[0, 0, i, axis] = ends[1, 0, i, axis] = between[0, i, axis] = links.start[i, axis]
+            ends[0, 1, i, axis] = ends[1, 1, i, axis] = between[1, i, axis] = links.end[i, axis]
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
-    for t in range(n_steps):
-        here, there, after = ends[t % 2], ends[(t + 1) % 2], min(t + 1, n_steps - 1)
+    for t in range(0, n_steps, STRIDE):
+        turn, after = (t // STRIDE) % 2, min(t + STRIDE, n_steps - 1)
+        here, there = ends[turn], ends[1 - turn]
         place_links(chains, links, q[after], there[0], there[1])
         moved = 0.0
         for end in range(2):
-            for i in range(n_links):
+            for i in links.moving:
                 square = 0.0
                 for axis in range(3):
                     square += (there[end, i, axis] - here[end, i, axis]) ** 2
@@ -205,7 +211,7 @@ def _contact(arms, q, nodes):
             if part > 0:
                 share = part / parts
                 for end in range(2):
-                    for i in range(n_links):
+                    for i in links.moving:
                         for axis in range(3):
                             x, y = here[end, i, axis], there[end, i, axis]
                             between[end, i, axis] = x + share * (y - x)
@@ -219,7 +225,7 @@ def _contact(arms, q, nodes):
                 )
             if apart < wished:
                 least = min(least, apart)
-                penalty += (50.0 * (wished - apart) + (apart < around.clearance)) / (n_steps * parts)
+                penalty += (50.0 * (wished - apart) + (apart < around.clearance)) * STRIDE / (n_steps * parts)
     return least, penalty
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from comove.robots.chains import Chains, chains_of, place_arm
 from comove.robots.model import Arm, Robot, pin
-from comove.scenes.distances import REACH, segment_distance
+from comove.scenes.distances import REACH, point_distance, segment_distance
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,7 @@ class Links(NamedTuple):
     radius : array, shape (n_links,) [m]
     pairs : array, shape (n_pairs, 2), of links that may not meet
     holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
+    moving : array, shape (n_moving,), the links that move, arm by arm
     """
 
     joint: NDArray[np.int64]
@@ -48,6 +49,11 @@ class Links(NamedTuple):
     radius: Array
     pairs: NDArray[np.int64]
     holds: NDArray[np.bool_]
+    moving: NDArray[np.int64]
+
+    def near(self, chains: Chains, samples: Array) -> Links:
+        """Only the pairs that come near each other in some of the configurations (n_samples, n_joints)."""
+        return self._replace(pairs=self.pairs[_pair_distances(chains, self, samples) < ENOUGH])
 
 
 def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
@@ -80,7 +86,10 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
         for j in of_geometry[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
-    links = Links(joint, arm, start, end, radius, np.array(pairs, dtype=np.int64).reshape(-1, 2), holds)
+    moving = np.array([i for k in range(len(arms)) for i in np.flatnonzero(arm == k)], dtype=np.int64)
+    links = Links(
+        joint, arm, start, end, radius, np.array(pairs, dtype=np.int64).reshape(-1, 2), holds, moving
+    )
     return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
 
 
@@ -89,14 +98,13 @@ def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
     rng = np.random.default_rng(0)
     samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
     at_home = _pair_distances(chains, links, home[None])
-    nearest = _pair_distances(chains, links, samples)
-    return links._replace(pairs=links.pairs[(at_home > MEETING) & (nearest < ENOUGH)])
+    return links._replace(pairs=links.pairs[at_home > MEETING]).near(chains, samples)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _pair_distances(chains, links, samples):
     """Least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
-    start, end = np.empty_like(links.start), np.empty_like(links.end)
+    start, end = links.start.copy(), links.end.copy()
     least = np.full(links.pairs.shape[0], np.inf)
     for k in range(samples.shape[0]):
         place_links(chains, links, samples[k], start, end)
@@ -169,25 +177,26 @@ def _ball(points: Array) -> tuple[Array, Array, float]:
 
 @numba.njit(cache=True, error_model="numpy")
 def place_links(chains, links, q, start, end):
-    """Axes of the links in the scene; results, arrays of shape (n_links, 3) [m]."""
-    n_arms, n_links = chains.first.shape[0] - 1, links.joint.shape[0]
-    for arm in range(n_arms):
+    """Axes of the links that move, in the scene; results, arrays of shape (n_links, 3) [m].
+
+    The others stay as they are: the arrays begin as copies of `links.start` and `links.end`.
+    """
+    moving = 0
+    for arm in range(chains.first.shape[0] - 1):
         n = chains.first[arm + 1] - chains.first[arm]
         rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
         place_arm(chains, arm, q, rotations, points)
-        for i in range(n_links):
+        for at in range(moving, links.moving.shape[0]):
+            i = links.moving[at]
             if links.arm[i] != arm:
-                continue
+                break
+            moving = at + 1
             k = links.joint[i] - chains.first[arm]
             for x in range(3):
                 start[i, x], end[i, x] = points[k, x], points[k, x]
                 for y in range(3):
                     start[i, x] += rotations[k, x, y] * links.start[i, y]
                     end[i, x] += rotations[k, x, y] * links.end[i, y]
-    for i in range(n_links):
-        if links.arm[i] < 0:
-            for x in range(3):
-                start[i, x], end[i, x] = links.start[i, x], links.end[i, x]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -244,15 +253,16 @@ def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
     nodes, edges, radii : the load and its hands, as the scene's `Body` describes them
     """
     least = cap
-    for i in range(links.joint.shape[0]):
+    for i in links.moving:
         a, b, r = start[i], end[i], links.radius[i]
-        if links.joint[i] >= 0:
+        if obstacles.shape[0] > 0:
             x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
             reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
             for j in range(obstacles.shape[0]):
                 far = reach + obstacles[j, REACH]
                 dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
-                if dx * dx + dy * dy + dz * dz < far * far:
+                near = dx * dx + dy * dy + dz * dz < far * far
+                if near and point_distance(obstacles, j, x, y, z) < reach:
                     apart = (
                         segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH)
                         - r

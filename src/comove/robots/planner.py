@@ -130,7 +130,7 @@ def follow_edge(space, arms, p, target, joints):
     chains, links, around = arms.chains, arms.links, arms.around
     nodes = np.empty((space.blocks.node.shape[0], 3))
     at, rotation, before = np.empty_like(p), np.empty((3, 3)), np.empty_like(joints)
-    start, end = np.empty_like(links.start), np.empty_like(links.end)
+    start, end = links.start.copy(), links.end.copy()
     count = max(1, int(np.ceil(span(space, p, target) / SUB_STEP)))
     for step in range(1, count + 1):
         interpolate(space, p, target, step / count, at)
