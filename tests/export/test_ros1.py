@@ -208,9 +208,12 @@ def test_an_arm_that_lags_is_stopped_before_it_gives_up(robot, brief):
 
 
 def test_a_refused_goal_stops_the_other_arm(robot, brief):
-    servers, client = robot(left="refuse")
-    fails(client, brief, "'left' refused the goal: the arm is not enabled")
-    servers["right"].wait_for("stopped")
+    _, client = robot(left="refuse")
+    error = fails(client, brief, "'left' refused the goal: the arm is not enabled")
+    assert error.outcome.arms["right"].status.name in (
+        "PREEMPTED",
+        "RECALLED",
+    )  # so soon that it may not have begun
 
 
 @pytest.mark.slow
@@ -252,6 +255,23 @@ def test_a_python_without_ros_is_told(brief, monkeypatch):
     monkeypatch.setenv("COMOVE_ROS_PYTHON", sys.executable)
     with Ros1Client() as client:
         fails(client, brief, "no Python here has ROS 1; tried .*COMOVE_ROS_PYTHON")
+
+
+@pytest.mark.slow
+def test_when_the_bridge_ends_another_one_stops_all_arms(robot, brief):
+    servers, client = robot(left="endless", right="endless")
+
+    def kill():
+        for server in servers.values():
+            server.wait_for("goal")
+        client._process.kill()
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    fails(client, brief, "'left' is gone: the bridge to ROS ended")
+    thread.join()
+    for server in servers.values():
+        server.wait_for("stopped")
 
 
 @pytest.mark.slow

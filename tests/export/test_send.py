@@ -53,7 +53,7 @@ class Fake:
             arms[arm] = ArmState(status, "", joints.duration if status is Status.SUCCEEDED else None)
         at = joints.curve(np.clip(time, 0.0, joints.duration))
         position = dict(zip(joints.joint_names, at.tolist(), strict=True))
-        state = RobotState(arms, position, time if self.goals else None, 0.0)
+        state = RobotState(arms, position, time if self.goals else None, silence=0.0)
         for begin, change in self.faults:
             if time >= begin:
                 state = change(state)
@@ -151,6 +151,10 @@ def test_an_arm_that_does_not_end_is_stopped(verified, stubborn):
         (
             without("right_s1"),
             "says nothing of a joint 'right_s1'; send it to the robot it was made for, 'baxter'",
+        ),
+        (
+            lambda state: replace(state, age=-2.5),
+            r"stamps -2\.5 s old \(0\.1 s allowed\).*by the same time server",
         ),
         (lambda state: replace(state, position={}), "joints have said nothing for 5 s; switch the robot on"),
     ],

@@ -2,6 +2,7 @@
 
 from comove.export.formats import FORMATS, Format, export
 from comove.export.parts import ExportError, Part, Provenance, parts_of
+from comove.export.ros1 import Ros1Client
 from comove.export.send import Outcome, SendError, Tolerances, TrajectoryClient, send
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "Outcome",
     "Part",
     "Provenance",
+    "Ros1Client",
     "SendError",
     "Tolerances",
     "TrajectoryClient",

@@ -47,6 +47,7 @@ class Ros1Client:
     def __init__(self, names: Names = Names(), python: str | None = None):
         self._names, self._python = names, python
         self._process: subprocess.Popen[str] | None = None
+        self._again: tuple[str, dict[str, Any]] | None = None
         self._errors: IO[bytes] | None = None
         self._events: queue.Queue[dict[str, Any]] = queue.Queue()
         self._state, self._heard = RobotState(), dict[str, float]()
@@ -69,10 +70,9 @@ class Ros1Client:
         tried = []
         for python in [self._python] if self._python else pythons():
             self.close()
-            self._begin(python)
-            self._tell(command)
-            answer = self._answer(timeout + STARTING)
+            answer = self._begin(python, command)
             if answer["event"] == "connected":
+                self._again = python, command
                 self._state = RobotState(arms={arm: ArmState() for arm in arms})
                 self._heard = dict.fromkeys(command["joints"], -float("inf"))
                 return
@@ -103,7 +103,12 @@ class Ros1Client:
 
     def cancel(self) -> None:
         """Stop all arms."""
-        self._tell({"do": "cancel"})
+        if self._process is not None and self._process.poll() is None:
+            self._tell({"do": "cancel"})
+        elif self._again is not None:  # the bridge is gone, and the arms may move: another one stops them
+            (python, command), self._again = self._again, None
+            if self._begin(python, command)["event"] == "connected":
+                self._tell({"do": "cancel_all"})
 
     def state(self, wait: float) -> RobotState:
         """What is known; waits for news for at most `wait` [s]."""
@@ -127,7 +132,8 @@ class Ros1Client:
         process.stdout.close()
         self._errors.close()
 
-    def _begin(self, python: str) -> None:
+    def _begin(self, python: str, command: dict[str, Any]) -> dict[str, Any]:
+        """Start a bridge and connect it; its answer."""
         self._events, self._errors = queue.Queue(), tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
             [python, str(BRIDGE)],
@@ -139,6 +145,8 @@ class Ros1Client:
         )
         listener = threading.Thread(target=_listen, args=(self._process.stdout, self._events), daemon=True)
         listener.start()
+        self._tell(command)
+        return self._answer(command["timeout"] + STARTING)
 
     def _tell(self, command: Mapping[str, Any]) -> None:
         try:
@@ -172,7 +180,9 @@ class Ros1Client:
         state = self._state
         if event["event"] == "joints":
             self._heard |= dict.fromkeys(event["position"], time.monotonic())
-            self._state = replace(state, position={**state.position, **event["position"]}, time=event["time"])
+            self._state = replace(
+                state, position={**state.position, **event["position"]}, time=event["time"], age=event["age"]
+            )
         elif event["event"] == "arm":
             arm = ArmState(Status[event["status"]], event["text"], event["time"])
             self._state = replace(state, arms={**state.arms, event["arm"]: arm})

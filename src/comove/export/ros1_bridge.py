@@ -6,13 +6,13 @@ It reads commands and tells events, one JSON object a line. Commands:
     {"do": "connect", "servers": {ARM: ACTION}, "joint_states": TOPIC, "joints": [NAME], "timeout": s}
     {"do": "send", "delay": s, "goals": {ARM: {"joints": [NAME], "time": [ns],
                                                "position": [[rad]], "velocity": ..., "acceleration": ...}}}
-    {"do": "cancel"}
+    {"do": "cancel"}: these goals; {"do": "cancel_all"}: all goals that the servers have, whoever sent them
 
 Events:
 
     {"event": "refused", "reason": "ros" | "master" | "clock" | "server", "what": TEXT}
     {"event": "connected"}, {"event": "sent"}
-    {"event": "joints", "time": s since the common start, "position": {NAME: rad}}
+    {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "arm", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
 
 When its input ends, whoever ended it, all goals are cancelled: an arm must not go on alone.
@@ -179,8 +179,17 @@ class Bridge(object):
         return message
 
     def cancel(self):
-        for goal in list(self.goals.values()):
-            goal.cancel()
+        """Stop these goals; not by their handles, which count a goal as lost that is stopped before it arrives."""
+        from actionlib_msgs.msg import GoalID
+
+        for arm, goal in self.goals.items():
+            number = goal.comm_state_machine.action_goal.goal_id.id
+            self.clients[arm].pub_cancel.publish(GoalID(id=number))
+
+    def cancel_all(self):
+        for client in self.clients.values():
+            client.cancel_all_goals()
+        time.sleep(FLUSH)
 
     def since_start(self, stamp=None):
         """ROS's time from the common start [s]; none before there is one."""
@@ -188,7 +197,7 @@ class Bridge(object):
 
         if self.start is None:
             return None
-        return ((rospy.Time.now() if stamp is None or stamp.is_zero() else stamp) - self.start).to_sec()
+        return ((stamp or rospy.Time.now()) - self.start).to_sec()
 
     def on_change(self, arm):
         """What is called when a goal's state changes."""
@@ -215,9 +224,14 @@ class Bridge(object):
         return tell
 
     def on_joints(self, message):
+        import rospy
+
         position = {n: p for n, p in zip(message.name, message.position) if n in self.joints}
         if position:
-            self.tell("joints", time=self.since_start(message.header.stamp), position=position)
+            now = rospy.Time.now()
+            stamp = message.header.stamp or now
+            age = (now - stamp).to_sec()
+            self.tell("joints", time=self.since_start(stamp), age=age, position=position)
 
     def on_status(self, _, arm):
         self.heard[arm] = time.time()

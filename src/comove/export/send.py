@@ -71,12 +71,14 @@ class RobotState:
     arms : by name
     position : of joints by name [rad]
     time : of the newest position, since the common start [s]; None before there is one
+    age : of that position when it came [s]; negative where the robot's clock is ahead
     silence : since a joint was last heard of, the longest [s]; infinite where one never was
     """
 
     arms: Mapping[str, ArmState] = field(default_factory=dict)
     position: Mapping[str, float] = field(default_factory=dict)
     time: float | None = None
+    age: float = 0.0
     silence: float = np.inf
 
 
@@ -125,6 +127,7 @@ class Tolerances:
     delay : from sending to the common start [s]
     late : how long after its end a motion may take to be reported as done [s]
     silence : how long joints may say nothing [s]
+    clock : how far the robot's clock may be from this one [s]
     """
 
     start: float = 0.01
@@ -133,6 +136,7 @@ class Tolerances:
     delay: float = 0.3
     late: float = 3.0
     silence: float = 0.5
+    clock: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -222,7 +226,7 @@ def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances,
     wanted = part.joints.joint_names
     until = clock() + tolerances.connect
     state = client.state(PATIENCE)
-    while not set(wanted) <= set(state.position) and clock() < until:
+    while clock() < until and not (set(wanted) <= set(state.position) and abs(state.age) <= tolerances.clock):
         state = client.state(PATIENCE)
     if not state.position:
         raise SendError(
@@ -236,6 +240,13 @@ def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances,
             f"the robot says nothing of a joint '{missing[0]}'",
             key="joint_states",
             way_out=f"send it to the robot it was made for, '{part.provenance.robot}'",
+        )
+    if not abs(state.age) <= tolerances.clock:
+        raise SendError(
+            f"the robot tells its joints with stamps {state.age:.2g} s old ({tolerances.clock:g} s allowed), and the "
+            "arms begin by the clock",
+            key="clock",
+            way_out="set both clocks by the same time server (NTP)",
         )
     found = np.array([state.position[name] for name in wanted])
     off = np.abs(found - part.joints.position[0])
