@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 ARRAYS, SUMMARY = "solution.npz", "solution.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
+FILES |= {"joints.npz", "robot.json", "scene.json", "joints.png"}  # of a robot
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")

@@ -56,6 +56,7 @@ class JointReport:
     hand_uncertainty : how far a hand may be off because of where the bases stand [m]; the clearances have what
         that can take from them taken off
     load_mass : that torques were computed with [kg]
+    uncertainty, mass_shares : what was assumed of the bases, and of the load's mass (None: shared equally)
     where : for a measure of a joint, a hand or a clearance: of what, and when [s]
 
     A clearance is infinite where there is nothing to hit. What was not come to is NaN.
@@ -75,11 +76,13 @@ class JointReport:
     clearance_self: float = math.nan
     hand_uncertainty: float = math.nan
     load_mass: float = math.nan
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    mass_shares: tuple[float, ...] | None = None
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
         """The measures by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "where"}
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
 
 
 class VerifiedJointMotion:
@@ -201,7 +204,8 @@ def verify_joints(
     ]
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
-    report = JointReport(**measures, where=where)
+    shares = None if mass_shares is None else tuple(float(share) for share in mass_shares)
+    report = JointReport(**measures, uncertainty=bases.uncertainty, mass_shares=shares, where=where)
     reasons = tuple(reason for finding in findings for reason in finding.reasons)
     verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
     return JointVerdict(verified, report, reasons)

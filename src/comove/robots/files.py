@@ -1,0 +1,368 @@
+"""A joint motion in a result folder: `joints.npz`, `robot.json` and `scene.json`, beside the hands' `solution.npz`.
+
+`joints.npz` holds `time` (n_steps,) [s], `joint_names` (n_joints,) and `position`, `velocity` and `acceleration`
+(n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. Position and time are what rebuilds the curve.
+`robot.json` holds the judgement and its measures and the checksums of scene, robot and motions; `scene.json` is the
+scene itself, so that the folder can be judged anew and played by itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations.npz import read_arrays
+from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError
+from comove.results.folder import (
+    StoredResult,
+    checksum,
+    motion_arrays,
+    read_result,
+    rebuild,
+    verify_result,
+)
+from comove.robots.description import Uncertainty, bundled_robots
+from comove.robots.findings import unfit_joints
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.robots.verify import JointReport, JointVerdict, verify_joints
+from comove.scenes.model import canonical
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+ARRAYS, SUMMARY, SCENE = "joints.npz", "robot.json", "scene.json"
+SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
+MAX_BYTES = 2**24  # of robot.json and scene.json
+FITS = 1e-10  # rad and rad/s, to which samples agree with each other
+SAME, SAME_CLEARANCE = 1e-6, 2e-3  # relative; and m, of bounds that are only so tight
+AGAIN = "solve the scene again"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredJoints:
+    """What a result folder holds of a robot.
+
+    Attributes
+    ----------
+    folder : where it is
+    summary : the contents of robot.json
+    arrays : the contents of joints.npz
+    scene : Scene of scene.json
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+    arrays: dict[str, NDArray]
+    scene: Scene
+
+    @property
+    def joints(self) -> JointMotion:
+        """The joint motion."""
+        names = tuple(str(name) for name in self.arrays["joint_names"].ravel())
+        return JointMotion(self.arrays["time"], names, self.arrays["position"])
+
+
+def write_joints(
+    folder: str | Path,
+    joints: JointMotion,
+    verdict: JointVerdict,
+    robot: Robot,
+    motion: CoordinatedMotion,
+    *,
+    source: str | Path | None = None,
+) -> dict[str, Any]:
+    """Write `joints.npz`, `robot.json` and `scene.json` into the folder of a result.
+
+    Parameters
+    ----------
+    joints, verdict
+        The motion and what the judge says of it.
+    motion
+        Of the hands, as in `solution.npz`.
+    source
+        Where the robot's description is: the name of a bundled one or a path; unless given, what its name or the
+        scene says.
+
+    Returns
+    -------
+    dict, the contents of robot.json
+    """
+    folder, arrays = Path(folder), _joint_arrays(joints)
+    with open(folder / ARRAYS, "wb") as file:
+        np.savez(file, **arrays)
+    (folder / SCENE).write_bytes(canonical(motion.scene.file) + b"\n")
+    report = verdict.report
+    summary = {
+        "verified": verdict.verified is not None,
+        "reasons": list(verdict.reasons),
+        "robot": robot.name,
+        "robot_file": _source(robot, motion.scene, source),
+        "version": __version__,
+        **_finite(report.asdict()),
+        "where": {name: list(place) for name, place in report.where.items()},
+        "uncertainty": report.uncertainty.model_dump(),
+        "mass_shares": None if report.mass_shares is None else list(report.mass_shares),
+        "robot_sha256": robot.sha256,
+        "scene_sha256": motion.scene.sha256,
+        "motion_sha256": checksum(motion_arrays(motion)),
+        "joints_sha256": checksum(arrays),
+    }
+    summary["summary_sha256"] = _summary_checksum(summary)
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+    return summary
+
+
+def _joint_arrays(joints: JointMotion) -> dict[str, NDArray]:
+    return {
+        "time": joints.time,
+        "joint_names": np.array(joints.joint_names),
+        "position": joints.position,
+        "velocity": joints.velocity,
+        "acceleration": joints.acceleration,
+    }
+
+
+def _source(robot: Robot, scene: Scene, source: str | Path | None) -> str | None:
+    """The name of a bundled description, or else its absolute path; None where nobody knows."""
+    named = source if source is not None else robot.name
+    if str(named) in bundled_robots():
+        return str(named)
+    if source is None:
+        source = None if scene.file.robot is None else scene.folder / scene.file.robot
+    return None if source is None else str(Path(source).resolve())
+
+
+def read_joints(folder: str | Path) -> StoredJoints:
+    """Read what a result folder holds of a robot.
+
+    Raises
+    ------
+    ResultError
+        If it is missing, incomplete or unreadable.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ResultError(
+            "there is no such folder", file=folder, way_out="make it by: comove robot solve SCENE --out DIR"
+        )
+    summary = _read_json(folder / SUMMARY)
+    try:
+        arrays = read_arrays(folder / ARRAYS, SAMPLES)
+    except DemonstrationError as error:
+        raise ResultError(error.message, file=folder / ARRAYS, key=error.key, way_out=AGAIN) from error
+    return StoredJoints(folder, summary, arrays, _read_scene(folder / SCENE))
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise ResultError(
+            f"it holds no {path.name}", file=path.parent, way_out="name the folder of a robot's result"
+        )
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError("it is larger than 16 MB")
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
+        if not isinstance(data, dict):
+            raise ValueError("it is no JSON object")
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultError(f"it cannot be read: {error}", file=path, way_out=AGAIN) from error
+    return data
+
+
+def _read_scene(path: Path) -> Scene:
+    data = _read_json(path)
+    try:
+        with warnings.catch_warnings():  # what there is to warn of was said when it was solved
+            warnings.simplefilter("ignore", ComoveWarning)
+            return Scene.from_dict(data)
+    except InputError as error:
+        raise ResultError(str(error), file=path, way_out=AGAIN) from error
+
+
+def verify_stored(folder: str | Path, robot: Robot | None = None) -> JointVerdict:
+    """Judge a stored joint motion anew, from its files alone.
+
+    Parameters
+    ----------
+    robot
+        Unless given, the one that `robot.json` names.
+
+    Raises
+    ------
+    ResultError
+        If the folder is missing, incomplete or unreadable.
+    RobotError
+        If there is no such robot, or it cannot be read.
+    """
+    stored, solution = read_joints(folder), read_result(folder)
+    robot = _robot(stored) if robot is None else robot
+    hands = verify_result(solution, stored.scene)
+    edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
+    flaws = _misshapen(stored.arrays) or unfit_joints(robot, stored.scene, stored.joints)
+    try:
+        motion = rebuild(solution.arrays, stored.scene)
+        assumed = _assumed(stored.summary)
+        verdict = verify_joints(robot, motion, stored.joints, **assumed) if not flaws else _NOTHING
+    except (InputError, ValueError) as error:
+        flaws, verdict = [*flaws, " ".join(str(error).split())], _NOTHING
+    if not flaws:
+        edits += _edited_samples(stored.joints, stored.arrays)
+    edits += [reason for reason in verdict.reasons if not any(reason.endswith(told) for told in edits)]
+    if stored.summary.get("verified") is not True:
+        edits.append(f"{SUMMARY} does not claim a verified motion")
+    elif verdict.verified is not None:
+        edits += _edited_measures(stored.summary, verdict.report)
+    reasons = (*flaws, *edits)
+    return replace(verdict, verified=None if reasons else verdict.verified, reasons=reasons)
+
+
+_NOTHING = JointVerdict(None, JointReport(), ())
+
+
+def _robot(stored: StoredJoints) -> Robot:
+    source = stored.summary.get("robot_file")
+    if not isinstance(source, str) or not source:
+        raise ResultError(
+            "it does not say where the robot's description is",
+            file=stored.folder / SUMMARY,
+            key="robot_file",
+            way_out="name the robot",
+        )
+    return Robot.load(source)
+
+
+def _assumed(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What the judge was told beside the motion."""
+    shares = summary.get("mass_shares")
+    if shares is not None and not (isinstance(shares, list) and all(isinstance(x, float) for x in shares)):
+        raise ValueError(f"{SUMMARY} was edited: mass_shares is {shares!r}")
+    try:
+        uncertainty = Uncertainty.model_validate(summary.get("uncertainty"))
+    except ValueError:
+        raise ValueError(f"{SUMMARY} was edited: uncertainty is {summary.get('uncertainty')!r}") from None
+    return {"uncertainty": uncertainty, "mass_shares": shares}
+
+
+def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot) -> list[str]:
+    """Which checksums do not fit, in words."""
+    summary = stored.summary
+    expected = {
+        "summary_sha256": (
+            _summary_checksum(summary),
+            f"{SUMMARY} was edited: its own checksum does not fit",
+        ),
+        "joints_sha256": (
+            checksum(stored.arrays),
+            f"{ARRAYS} was edited: its checksum is not the one in {SUMMARY}",
+        ),
+        "scene_sha256": (
+            stored.scene.sha256,
+            f"{SCENE} was edited: its checksum is not the one in {SUMMARY}",
+        ),
+        "motion_sha256": (
+            checksum(solution.arrays),
+            f"solution.npz is not the motion that the joints carry out: its checksum is not the one in {SUMMARY}",
+        ),
+        "robot_sha256": (
+            robot.sha256,
+            f"'{robot.name}' is not the robot that was judged: its description, models or meshes have changed",
+        ),
+    }
+    return [told for key, (right, told) in expected.items() if summary.get(key) != right]
+
+
+def _misshapen(arrays: Mapping[str, NDArray]) -> list[str]:
+    """Which arrays cannot be samples of joints."""
+    shape, flaws = arrays["position"].shape, []
+    for name, array in arrays.items():
+        kind, right = ("U", shape[1:]) if name == "joint_names" else ("f", shape)
+        right = shape[:1] if name == "time" else right
+        if array.dtype.kind != kind or array.shape != right or len(shape) != 2:
+            flaws.append(
+                f"'{name}' in {ARRAYS} was edited: it holds {array.dtype.name} of shape {array.shape}; {AGAIN}"
+            )
+    return flaws
+
+
+def _edited_samples(joints: JointMotion, arrays: Mapping[str, NDArray]) -> list[str]:
+    """Which samples do not go with the others, in words: the first array of each joint, where it is furthest off.
+
+    On a cubic of duration h, v1 - v0 = h/2 (a0 + a1) and q1 - q0 = h/2 (v0 + v1) + h^2/12 (a0 - a1). Where only the
+    latter is broken, a position was changed: the one that two such cubics share.
+    """
+    h = np.diff(joints.time)[:, None]
+    q, v, a = (np.stack([arrays[x][:-1], arrays[x][1:]]) for x in ("position", "velocity", "acceleration"))
+    of_rates = np.abs(v[1] - v[0] - h / 2 * (a[0] + a[1])) <= FITS
+    of_places = np.abs(q[1] - q[0] - h / 2 * (v[0] + v[1]) - h**2 / 12 * (a[0] - a[1])) <= FITS
+    reasons = []
+    for j, joint in enumerate(joints.joint_names):
+        if of_rates[:, j].all() and of_places[:, j].all():
+            continue
+        name, step = "position", _shared(np.flatnonzero(~of_places[:, j]), len(h))
+        if not of_rates[:, j].all():
+            name, step = _furthest(joints, arrays, j)
+        reasons.append(
+            f"'{name}[{step}, {j}]' in {ARRAYS} was edited: {joint} at {joints.time[step]:.2f} s does not go with "
+            f"the other samples; {AGAIN}"
+        )
+    return reasons
+
+
+def _shared(broken: NDArray[np.int64], n_intervals: int) -> int:
+    """The sample that broken intervals have in common."""
+    if len(broken) > 1:
+        return int(broken[0]) + 1
+    return n_intervals if broken[0] == n_intervals - 1 else int(broken[0])
+
+
+def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) -> tuple[str, int]:
+    """The array and the sample of it that is furthest from the curve through the positions."""
+    off = {}
+    for name, right in (("velocity", joints.velocity), ("acceleration", joints.acceleration)):
+        difference = np.abs(arrays[name][:, joint] - right[:, joint]) / max(np.abs(right).max(), FITS)
+        off[name] = np.where(np.isnan(difference), np.inf, difference)
+    name = max(off, key=lambda name: off[name].max())
+    return name, int(off[name].argmax())
+
+
+def _edited_measures(summary: Mapping[str, Any], report: JointReport) -> list[str]:
+    """Which measures of the summary are not those of the motion."""
+    reasons = []
+    for name, right in _finite(report.asdict()).items():
+        stated = summary.get(name)
+        if stated is None or right is None:
+            agrees = stated is right
+        else:
+            near = SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(right))
+            agrees = isinstance(stated, int | float) and abs(stated - right) <= near
+        if not agrees:
+            reasons.append(f"{SUMMARY} says {name} = {stated}, the motion's is {right}")
+    return reasons
+
+
+def _summary_checksum(summary: Mapping[str, Any]) -> str:
+    """SHA-256 of all entries but the checksum itself."""
+    entries = {key: value for key, value in summary.items() if key != "summary_sha256"}
+    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
+
+
+def _finite(measures: Mapping[str, float]) -> dict[str, float | None]:
+    """Measures as JSON has them: nothing to hit, and what was not come to, are null."""
+    return {name: value if math.isfinite(value) else None for name, value in measures.items()}
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"it holds {text}")

@@ -1,0 +1,385 @@
+"""A robot's part of a result folder gives back what was written, stands alone, and betrays every edit."""
+
+import json
+import shutil
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comove.demonstrations import npz
+from comove.errors import ResultError, RobotError
+from comove.planning.objective import Cost
+from comove.planning.solution import Solution
+from comove.results import whole_folder, write_solution
+from comove.results.folder import checksum
+from comove.robots import JointMotion, verify_joints
+from comove.robots.description import Uncertainty
+from comove.robots.files import read_joints, verify_stored, write_joints
+from comove.scenes import Scene
+from comove.verification.verify import verify
+from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
+
+KEYS = {"time", "joint_names", "position", "velocity", "acceleration"}
+
+
+def solution_of(motion):
+    verdict = verify(motion)
+    return Solution(
+        scene=motion.scene,
+        motion=verdict.verified,
+        attempt=motion,
+        report=verdict.report,
+        reasons=verdict.reasons,
+        cost=Cost(0.0, 1.0, 0.0, 0.0),
+        method="comove",
+        seed=0,
+        evaluations=1,
+        generations=0,
+        time_to_first_verified_s=0.1,
+        solve_time_s=0.2,
+    )
+
+
+def write(folder, motion=None, joints=None, **told):
+    """A result folder of the known movement, or of another one."""
+    known_motion, known = known_carry()
+    motion, joints = motion or known_motion, joints or known
+    verdict = verify_joints(baxter(), motion, joints, **told)
+    with whole_folder(folder) as draft:
+        write_solution(solution_of(motion), draft, wall_time_s=1.0)
+        write_joints(draft, joints, verdict, baxter(), motion)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("robot") / "result")
+
+
+@pytest.fixture
+def folder(written, tmp_path):
+    """A copy that may be edited."""
+    return shutil.copytree(written, tmp_path / "result")
+
+
+def arrays_of(folder, name="joints.npz"):
+    with np.load(folder / name, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def edit_arrays(folder, **changes):
+    np.savez(folder / "joints.npz", **(arrays_of(folder) | changes))
+
+
+def edit_sample(folder, name, at, value):
+    array = arrays_of(folder)[name]
+    array[at] += value
+    edit_arrays(folder, **{name: array})
+
+
+def summary_of(folder):
+    return json.loads((folder / "robot.json").read_text())
+
+
+def edit_summary(folder, **changes):
+    (folder / "robot.json").write_text(json.dumps(summary_of(folder) | changes))
+
+
+def sign(folder):
+    """Bring all checksums along, as a forger would."""
+    from comove.robots.files import _summary_checksum
+
+    edit_summary(folder, joints_sha256=checksum(arrays_of(folder)))
+    edit_summary(folder, summary_sha256=_summary_checksum(summary_of(folder)))
+
+
+def test_what_was_written_is_read_back_and_verified_alone(folder, tmp_path):
+    stored = read_joints(folder)
+    joints = known_carry()[1]
+    np.testing.assert_array_equal(stored.joints.position, joints.position)
+    np.testing.assert_array_equal(stored.arrays["acceleration"], joints.acceleration)
+    assert stored.joints.joint_names == joints.joint_names
+    verdict = verify_stored(folder)
+    assert verdict.reasons == ()
+    assert verdict.verified.scene.sha256 == known_carry()[0].scene.sha256
+    assert verdict.report.asdict() == verify_joints(baxter(), *known_carry()).report.asdict()
+
+
+def test_the_archive_holds_the_contracts_arrays_and_nothing_else(folder):
+    arrays = arrays_of(folder)
+    assert arrays.keys() == KEYS
+    assert arrays["time"].shape == (1001,)
+    assert arrays["joint_names"].tolist() == list(baxter().joint_names)
+    for name in ("position", "velocity", "acceleration"):
+        assert arrays[name].shape == (1001, 14)
+        assert arrays[name].dtype == float
+    np.testing.assert_allclose(np.diff(arrays["time"]), 0.01)
+
+
+def test_the_summary_names_robot_checksums_and_measures(folder):
+    summary, report = summary_of(folder), verify_joints(baxter(), *known_carry()).report
+    assert summary["verified"] is True
+    assert summary["reasons"] == []
+    assert summary["robot"] == summary["robot_file"] == "baxter"
+    assert summary["robot_sha256"] == baxter().sha256
+    assert summary["scene_sha256"] == known_carry()[0].scene.sha256
+    solution = json.loads((folder / "solution.json").read_text())
+    assert summary["motion_sha256"] == solution["motion_sha256"]
+    assert {name: summary[name] for name in report.asdict()} == report.asdict()
+    assert summary["where"]["velocity_ratio_max"][0] == "left_e1"
+
+
+def test_a_robots_files_may_stand_in_a_result_folder(folder):
+    """The folder can be replaced by another result."""
+    write(folder)
+    assert verify_stored(folder).verified is not None
+
+
+def test_a_scene_with_a_demonstration_keeps_its_checksum_without_it(tmp_path):
+    (tmp_path / "demo.csv").write_text("time,x,y,z\n0,0,0,0\n1,1,0,0\n2,2,1,0\n")
+    scene = Scene.from_dict(scene_data(demonstration={"file": "demo.csv"}), folder=tmp_path)
+    write(tmp_path / "result", motion=hands_motion(scene))
+    shutil.move(tmp_path / "result", tmp_path / "elsewhere")
+    (tmp_path / "demo.csv").unlink()
+    assert read_joints(tmp_path / "elsewhere").scene.sha256 == scene.sha256
+    assert verify_stored(tmp_path / "elsewhere").verified is not None
+
+
+def test_what_was_assumed_is_assumed_again(tmp_path):
+    told = {"uncertainty": Uncertainty(position=0.002), "mass_shares": [0.25, 0.75]}
+    verdict = verify_stored(write(tmp_path / "result", **told))
+    assert verdict.reasons == ()
+    assert verdict.report.hand_uncertainty == pytest.approx(0.002)
+    assert verdict.report.mass_shares == (0.25, 0.75)
+
+
+def test_an_attempt_that_was_not_verified_is_written_with_its_reasons_and_stays_unverified(tmp_path):
+    motion, joints = known_carry(3.0)
+    folder = write(tmp_path / "result", motion, joints)
+    summary = summary_of(folder)
+    assert summary["verified"] is False
+    assert any("times as long" in reason for reason in summary["reasons"])
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    assert any("does not claim a verified motion" in reason for reason in verdict.reasons)
+    assert any("left_e1 moves at" in reason for reason in verdict.reasons)
+
+
+def test_measures_that_are_not_there_are_null(tmp_path):
+    motion, joints = known_carry()
+    folder = write(tmp_path / "result", motion, joints.stretched(9.0))
+    assert summary_of(folder)["clearance_scene"] is None
+    assert verify_stored(folder).verified is None
+
+
+@pytest.mark.parametrize("name", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("at", [(500, 3), (0, 0), (1000, 13), (1, 6)])
+def test_an_edited_sample_is_named_even_where_checksums_were_brought_along(folder, name, at):
+    edit_sample(folder, name, at, 1e-4)
+    sign(folder)
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    named = [reason for reason in verdict.reasons if f"'{name}[{at[0]}, {at[1]}]'" in reason]
+    assert len(named) == 1
+    assert baxter().joint_names[at[1]] in named[0]
+    assert not any("checksum" in reason for reason in verdict.reasons)
+
+
+@settings(max_examples=10)
+@given(
+    st.sampled_from(["time", "position", "velocity", "acceleration"]),
+    st.integers(0, 1000),
+    st.integers(0, 13),
+)
+def test_the_least_edit_of_any_sample_breaks_a_checksum(written, name, step, joint):
+    folder = shutil.copytree(written, written.parent / "edited", dirs_exist_ok=True)
+    array = arrays_of(written)[name]
+    at = (step,) if name == "time" else (step, joint)
+    array[at] = np.nextafter(array[at], 1e9)
+    np.savez(folder / "joints.npz", **(arrays_of(written) | {name: array}))
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    assert any("joints.npz was edited: its checksum" in reason for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("joint_margin_min", 0.4),
+        ("velocity_ratio_max", 0.1),
+        ("torque_ratio_max", None),
+        ("hand_error_max", 0.0),
+        ("clearance_scene", 0.04),
+        ("clearance_self", "far"),
+        ("load_mass", 0.2),
+    ],
+)
+def test_an_edited_measure_is_named(folder, name, value):
+    edit_summary(folder, **{name: value})
+    sign(folder)
+    (reason,) = verify_stored(folder).reasons
+    assert f"robot.json says {name} = {value}" in reason
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        ({"robot_sha256": "0" * 64}, "is not the robot that was judged"),
+        ({"scene_sha256": "0" * 64}, "scene.json was edited"),
+        ({"motion_sha256": "0" * 64}, "is not the motion that the joints carry out"),
+        ({"verified": False}, "does not claim a verified motion"),
+        ({"uncertainty": {"position": "x"}}, "uncertainty is"),
+        ({"uncertainty": None}, "uncertainty is None"),
+        ({"mass_shares": "all"}, "mass_shares is 'all'"),
+        ({"mass_shares": [0.9, 0.9]}, "give 2 parts of 1"),
+    ],
+)
+def test_an_edited_field_is_named(folder, edit, told):
+    edit_summary(folder, **edit)
+    sign(folder)
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    assert any(told in reason for reason in verdict.reasons)
+
+
+def test_an_edited_summary_or_scene_or_motion_is_told(folder):
+    edit_summary(folder, version="9")
+    (reason,) = verify_stored(folder).reasons
+    assert "robot.json was edited: its own checksum does not fit" in reason
+    scene = json.loads((folder / "scene.json").read_text())
+    scene["obstacles"][1]["radius"] = 0.029
+    (folder / "scene.json").write_text(json.dumps(scene))
+    assert any("scene.json was edited" in reason for reason in verify_stored(folder).reasons)
+
+
+def test_another_motion_of_the_hands_is_told(folder, tmp_path):
+    motion, _ = known_carry()
+    other = replace(motion, weights=motion.weights * 0.999)
+    write(tmp_path / "other", other)
+    for name in ("solution.npz", "solution.json"):
+        shutil.copy(tmp_path / "other" / name, folder / name)
+    reasons = verify_stored(folder).reasons
+    assert any("solution.npz is not the motion that the joints carry out" in reason for reason in reasons)
+    assert any("off the load" in reason for reason in reasons)
+
+
+def test_an_edited_motion_of_the_hands_is_told_once(folder):
+    arrays = arrays_of(folder, "solution.npz")
+    arrays["weights"][0, 0] += 0.5
+    np.savez(folder / "solution.npz", **arrays)
+    reasons = verify_stored(folder).reasons
+    assert any("solution.npz was edited" in reason for reason in reasons)
+    assert len(set(reasons)) == len(reasons)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"position": np.zeros(3)}, "'position' in joints.npz was edited: it holds float64 of shape (3,)"),
+        ({"position": np.zeros((1001, 14), dtype=complex)}, "complex128"),
+        ({"velocity": np.zeros((1000, 14))}, "'velocity' in joints.npz was edited"),
+        ({"time": np.arange(1001)}, "'time' in joints.npz was edited: it holds int64"),
+        ({"time": np.zeros(1001)}, "does not come after"),
+        ({"joint_names": np.arange(14)}, "'joint_names' in joints.npz was edited"),
+        ({"joint_names": np.array(["a"] * 14)}, "in this order"),
+        ({"position": np.full((1001, 14), np.nan)}, "position[0, 0] is nan"),
+        ({"velocity": np.full((1001, 14), np.nan)}, "'velocity[0, 0]'"),
+        ({"position": np.full((1001, 14), 1e200)}, "position[0, 0] is 1e+200"),
+    ],
+)
+def test_arrays_that_are_no_joint_motion_are_told_in_words(folder, changes, told):
+    edit_arrays(folder, **changes)
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    assert any(told in reason for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz", "solution.json"])
+@pytest.mark.parametrize("damage", ["missing", "empty", "cut", "garbage", "folder"])
+def test_damaged_files_are_told_in_one_sentence_with_a_way_out(folder, name, damage):
+    path = folder / name
+    whole = path.read_bytes()
+    path.unlink()
+    if damage == "folder":
+        path.mkdir()
+    elif damage != "missing":
+        path.write_bytes(
+            {"empty": b"", "cut": whole[: len(whole) // 2], "garbage": b"\x00\xff{[" * 99}[damage]
+        )
+    with pytest.raises(ResultError) as told:
+        verify_stored(folder)
+    assert str(folder) in str(told.value)
+    assert "\n" not in str(told.value)
+    assert told.value.way_out
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("robot.json", "[]", "no JSON object"),
+        ("robot.json", '{"verified": NaN}', "it holds NaN"),
+        ("robot.json", "[" * 100_000, "cannot be read"),
+        ("scene.json", "{}", "name"),
+        ("scene.json", '{"name": "x", "duration": -1}', "duration"),
+    ],
+)
+def test_texts_that_are_no_summary_or_scene_are_refused(folder, name, text, told):
+    (folder / name).write_text(text)
+    with pytest.raises(ResultError, match=told):
+        verify_stored(folder)
+
+
+def test_huge_files_are_refused_before_they_are_read(folder, monkeypatch):
+    with open(folder / "scene.json", "ab") as file:
+        file.truncate(2**25)
+    with pytest.raises(ResultError, match="larger than 16 MB"):
+        read_joints(folder)
+    shutil.copy(folder / "robot.json", folder / "scene.json")
+    monkeypatch.setattr(npz, "MAX_BYTES", 1000)
+    with pytest.raises(ResultError, match=r"joints\.npz"):
+        read_joints(folder)
+
+
+def test_objects_are_never_unpickled(folder):
+    with zipfile.ZipFile(folder / "joints.npz", "a"):
+        pass
+    edit_arrays(folder, position=np.array([[{}]], dtype=object))
+    with pytest.raises(ResultError, match="pickled objects"):
+        verify_stored(folder)
+
+
+def test_a_robot_that_is_not_here_can_be_given(folder):
+    edit_summary(folder, robot_file="/nowhere/robot.yaml")
+    sign(folder)
+    with pytest.raises(RobotError, match="there is no robot"):
+        verify_stored(folder)
+    assert verify_stored(folder, baxter()).verified is not None
+    edit_summary(folder, robot_file=None)
+    sign(folder)
+    with pytest.raises(ResultError, match="does not say where"):
+        verify_stored(folder)
+    weaker = replace(baxter(), sha256="1" * 64)
+    assert any(
+        "is not the robot that was judged" in reason for reason in verify_stored(folder, weaker).reasons
+    )
+
+
+def test_a_folder_that_is_none_of_a_robot_is_told(tmp_path):
+    with pytest.raises(ResultError, match="no such folder"):
+        read_joints(tmp_path / "nothing")
+    with pytest.raises(ResultError, match=r"holds no robot\.json"):
+        read_joints(tmp_path)
+
+
+def test_samples_of_any_rate_rebuild_the_same_curve(tmp_path):
+    motion, _ = known_carry()
+    joints = known_carry(rate=50.0)[1]
+    folder = write(tmp_path / "result", motion, joints)
+    time = np.linspace(0.0, 10.0, 999)
+    again = read_joints(folder).joints
+    assert isinstance(again, JointMotion)
+    np.testing.assert_array_equal(again.curve(time), joints.curve(time))
