@@ -26,6 +26,7 @@ N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the n
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
+FAILURES_TO_MEND = 3  # plans that nothing could carry, before one is mended
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -93,7 +94,10 @@ class Comove:
                 max_nodes=nodes,
             )
             pace = max(pace, (begun - search.time_left()) / nodes**2)
-            start = None if path is None else self._certified_fit(search, space, path, basis)
+            start = None
+            if path is not None:  # plans are cheap beside mending with a carrier
+                mend = search.best is None and (search.carrier is None or failures >= FAILURES_TO_MEND)
+                start = self._certified_fit(search, space, path, basis, mend)
             if start is not None:
                 starts.append(start)
             elif starts:
@@ -113,9 +117,12 @@ class Comove:
         return max(FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // 2), affordable))
 
     def _certified_fit(
-        self, search: Search, space: Space, path: Array, basis: MotionBasis
+        self, search: Search, space: Space, path: Array, basis: MotionBasis, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
-        """The cheapest fit of a path that is verified, and its cost; None where none of the first is."""
+        """The cheapest fit of a path that is verified, and its cost; None where none of the first is.
+
+        Where `mend` says so, the best that touches nothing is mended instead.
+        """
         dmp, weights = fit_path(space, path, search.objective.coordinates, basis, search.scene)
         value = search.evaluate(search.objective, dmp, weights)
         rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
@@ -125,7 +132,7 @@ class Comove:
             if search.judge(dmp.rollout(weights[i])).verified:
                 return float(value.cost[i]), replace(dmp, weights=weights[i])
         free = value.clearance > search.scene.clearance
-        if search.best is None and free.any():  # only too fast or too sudden: that can be mended
+        if mend and free.any():  # only too fast or too sudden: that can be mended
             nearest = np.where(free, rank, np.inf).argmin()
             return self._mended(search, replace(dmp, weights=weights[nearest]))
         return None
@@ -133,9 +140,9 @@ class Comove:
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """A motion near a rejected one that is verified, and its cost; None where none was found."""
         search.stage = "mending"
-        objective = search.objective
+        objective, schedule = search.objective, replace(MENDING, enough=search.carrier is not None)
         for _ in range(self.n_polishings):
-            dmp = improve(search, objective, dmp, MENDING)
+            dmp = improve(search, objective, dmp, schedule)
             verdict = search.judge(dmp.rollout())
             if verdict.verified:
                 return search.objective.cost(dmp.rollout()).total, dmp

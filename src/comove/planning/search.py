@@ -217,6 +217,7 @@ class Schedule:
     growth : generations over which the load grows to its full size, fewer where most samples are free; only
         those count whose best sample touches nothing (if it must not). 0 for the full load at once. A search
         that grows ends with the first free sample of the full load, or `patience` generations without growth.
+    enough : end with the first sample that looks verifiable
     """
 
     sigma: float
@@ -224,6 +225,7 @@ class Schedule:
     patience: int
     gain: float
     growth: int = 0
+    enough: bool = False
 
     def size(self, progress: int) -> float:
         """Size of the load after some progress, counted in generations; 1 for the real one."""
@@ -266,7 +268,8 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         else:
             if fitness[i] < best_value:
                 best, best_value = samples[i], float(fitness[i])
-            if schedule.growth and free[i] and objective.feasible(value)[i]:
+            looks_good = (free[i] and schedule.growth) or schedule.enough
+            if looks_good and objective.feasible(value)[i]:
                 break
             waited += 1
             if best_value < reference * (1 - schedule.gain):

@@ -53,12 +53,14 @@ def plan_with_arms(
     ----------
     arms : what carries the load
     start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
-    margin : of the load's clearance on top of `required` [m]
+    margin : of the clearance of load and links on top of what is required [m]
+    required : clearance of the load [m]
 
     Returns
     -------
     array, shape (n_configurations, n_columns)
     """
+    arms = arms._replace(around=arms.around._replace(clearance=arms.around.clearance + margin))
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
@@ -66,7 +68,7 @@ def plan_with_arms(
     if len(path) == 0:
         return None
     path = _dense(space, path)
-    joints = _followed(space, arms, path, start[1], margin)
+    joints = _followed(space, arms, path, start[1])
     if len(joints) < len(path):
         return None
     return continuous(space, _shortened(space, arms, path, joints, margin, rng))
@@ -100,7 +102,7 @@ def _shortened(
             continue
         if not _clear(space, edge[0], edge[-1], margin):
             continue
-        followed = _followed(space, arms, edge, joints[i], margin)
+        followed = _followed(space, arms, edge, joints[i])
         if len(followed) == len(edge) and np.abs(followed[-1] - joints[j]).max() < JUMP:
             path = np.concatenate([path[:i], edge, path[j + 1 :]])
             joints = np.concatenate([joints[:i], followed, joints[j + 1 :]])
@@ -113,7 +115,7 @@ def _clear(space: Space, p: Array, q: Array, margin: float) -> bool:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _followed(space, arms, path, joints, margin):
+def _followed(space, arms, path, joints):
     """Joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
     out = np.empty((path.shape[0], joints.shape[0]))
     copy_to(joints, out[0])
