@@ -9,6 +9,7 @@ import pytest
 from comove.errors import ComoveError
 from comove.export import FORMATS, ExportError, export, parts_of
 from comove.export.parts import sampling_errors
+from comove.robots import verify_joints, write_joints
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -72,6 +73,14 @@ def test_approach_and_release_come_with_every_format(verified, transfers, tmp_pa
     written = export(verified, tmp_path, FORMATS[name], transfers=transfers)
     assert sorted(tmp_path.iterdir()) == sorted(written)
     assert len(written) == (6 if FORMATS[name].sidecar else 3)
+
+
+def test_checksums_are_those_of_the_result(verified, tmp_path):
+    carry = verify_joints(verified.robot, verified.motion, verified.joints)
+    summary = write_joints(tmp_path, verified.joints, carry, verified.robot, verified.motion.motion)
+    told = parts_of(verified)["carry"].provenance.asdict()
+    for name in ("scene_sha256", "robot_sha256", "motion_sha256", "joints_sha256"):
+        assert told[name] == summary[name]
 
 
 def test_transfers_of_another_motion_are_refused(brief, transfers, tmp_path):

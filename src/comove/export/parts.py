@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.errors import RobotError
-from comove.results.folder import checksum
+from comove.results.folder import checksum, motion_arrays
 from comove.robots.approach import Transfers
 from comove.robots.motion import JointMotion
 from comove.robots.verify import VerifiedJointMotion
@@ -36,7 +36,10 @@ class ExportError(RobotError):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a motion comes from; written into everything that leaves the tool."""
+    """Where a motion comes from; written into everything that leaves the tool.
+
+    The checksums are those in the `robot.json` of a result: of the hands' motion and of the joints' carry.
+    """
 
     comove: str
     scene: str
@@ -44,6 +47,7 @@ class Provenance:
     robot: str
     robot_sha256: str
     motion_sha256: str
+    joints_sha256: str
     part: str
 
     def asdict(self) -> dict[str, str]:
@@ -189,16 +193,6 @@ def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, fl
     return tuple(float(np.linalg.norm(_spread(motion, q) - exact, axis=-1).max()) for q in (cubic, linear))
 
 
-def motion_sha256(joints: JointMotion) -> str:
-    """Checksum of a joint motion: its instants, joints and positions, from which all the rest follows."""
-    arrays = {
-        "time": joints.time,
-        "joint_names": np.array(joints.joint_names),
-        "position": joints.position,
-    }
-    return checksum(arrays)
-
-
 def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
     """Distances between neighbouring hands, array of shape (n_steps, n_pairs, 1); one hand's place instead."""
     robot = motion.robot
@@ -216,6 +210,13 @@ def _provenance(motion: VerifiedJointMotion, part: str) -> Provenance:
         scene_sha256=scene.sha256,
         robot=robot.name,
         robot_sha256=robot.sha256,
-        motion_sha256=motion_sha256(motion.joints),
+        motion_sha256=checksum(motion_arrays(motion.motion.motion)),
+        joints_sha256=_joints_sha256(motion.joints),
         part=part,
     )
+
+
+def _joints_sha256(joints: JointMotion) -> str:
+    names = ("time", "position", "velocity", "acceleration")
+    arrays = {name: getattr(joints, name) for name in names}
+    return checksum({**arrays, "joint_names": np.array(joints.joint_names)})
