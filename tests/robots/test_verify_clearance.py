@@ -205,7 +205,7 @@ def test_a_rough_hull_is_never_further_away_than_its_mesh(monkeypatch):
     """Without hulls the certificate says the same."""
     motion, joints = known_carry()
     with_hulls, _ = certified(motion, joints)
-    monkeypatch.setattr(bodies, "_hulls", lambda *_: {})
+    monkeypatch.setattr(bodies, "_hulls", lambda *_: ({}, {}))
     without, _ = certified(motion, joints)
     for a, b in zip(with_hulls, without, strict=True):
         assert a.lower == pytest.approx(b.lower, abs=TIGHT)

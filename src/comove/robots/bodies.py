@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from comove.primitives.rotations import matrices
 from comove.robots.bases import Bases
 from comove.robots.carried import Carried
+from comove.robots.load_shapes import leverage, load_shapes
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
 
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 
 LINK_CLEARANCE = 0.005  # m, that links keep where the scene does not say
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
-THIN = 1e-6  # m, radius of a load that has none
+CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
 SCENE, LOAD, SELF = range(3)
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # what is on no base
 
@@ -63,7 +64,7 @@ class Bodies:
         when the load does [m/rad, m/m]
     exact : array, shape (n_pairs,), the pair of which a pair is a rough version, itself where it is none: meshes are
         looked at by their convex hulls first, which are nearer to everything and much faster
-    rods : numbers of the load's capsules and the two nodes that each connects
+    rods : numbers of the load's shapes, each followed by the nodes that it spans (see `load_shapes`)
     """
 
     robot: Robot
@@ -74,7 +75,7 @@ class Bodies:
     taken: Array
     reach: Array
     exact: NDArray[np.int64]
-    rods: tuple[tuple[int, int, int], ...]
+    rods: tuple[tuple[int, ...], ...]
 
     def name(self, pair: int) -> str:
         """Both bodies of a pair, for people."""
@@ -91,7 +92,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     hands : array, shape (n_steps, n_hands, 3), where these are [m]
     miss : by which hands may be off the load's motion [m]
     """
-    robot, scene, leverage = bases.robot, carried.motion.scene, _leverage(carried)
+    robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     geometry = robot.collision.copy()
     links = range(geometry.ngeoms)
     names = [_link_name(robot, item) for item in geometry.geometryObjects]
@@ -103,19 +104,18 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
         pairs += [(link, number, SCENE) for link in links]
     held = _beyond_wrists(robot, [arms[i] for i in _holders(scene)])
     rods = []
-    for a, b, length, radius in _rods(carried):
-        shape = coal.Capsule(max(radius, THIN), length)
-        rods.append(
-            (geometry.addGeometryObject(pin.GeometryObject(f"load {a} {b}", 0, pin.SE3(), shape)), a, b)
-        )
+    for shape in load_shapes(carried):
+        number = geometry.addGeometryObject(pin.GeometryObject("load", 0, pin.SE3.Identity(), shape.geometry))
+        rods.append((number, *shape.nodes))
         names.append("the load")
-        pairs += [(link, rods[-1][0], LOAD) for link in links if _parent(geometry, link) not in held]
+        pairs += [(link, number, LOAD) for link in links if _parent(geometry, link) not in held]
+    solid, rough = _hulls(geometry, names)
+    pairs = [(solid.get(a, a), solid.get(b, b), kind) for a, b, kind in pairs]
     exact = list(range(len(pairs)))
-    hulls = _hulls(geometry, names)
     for number, (a, b, kind) in enumerate(pairs.copy()):
-        if a in hulls or b in hulls:
+        if a in rough or b in rough:
             exact.append(number)
-            pairs.append((hulls.get(a, a), hulls.get(b, b), kind))
+            pairs.append((rough.get(a, a), rough.get(b, b), kind))
     geometry.removeAllCollisionPairs()
     for first, second, _ in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
@@ -126,9 +126,9 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
-        pull[rod] = max(amount for _, amount in pulls) * leverage
+        pull[rod] = max(amount for _, amount in pulls) * lever
     taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
-    taken[kind == LOAD] += miss * leverage
+    taken[kind == LOAD] += miss * lever
     change = _changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3))
     return Bodies(robot, geometry, tuple(names), kind, required, taken, change, np.array(exact), tuple(rods))
 
@@ -158,32 +158,9 @@ def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
 
 
-def _rods(carried: Carried) -> list[tuple[int, int, float, float]]:
-    """The load's edges between two nodes: both, the largest length and the radius [m]."""
-    body, rods = carried.motion.scene.body, []
-    nodes = carried.nodes(carried.time)
-    for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
-        if a != b:
-            length = float(np.linalg.norm(nodes[:, a] - nodes[:, b], axis=1).max())
-            rods.append((a, b, length, radius))
-    return rods
-
-
-def _leverage(carried: Carried) -> float:
-    """By how much more a corner of the load is off than the hands that hold it, at most."""
-    scene = carried.motion.scene
-    nodes = scene.nodes_at("start")
-    hands, corners = nodes[_holders(scene)], nodes[len(scene.manipulators) :]
-    if len(hands) < 2 or not len(corners):
-        return 1.0
-    apart = min(np.linalg.norm(hands[i] - hands[j]) for i in range(len(hands)) for j in range(i))
-    beyond = np.linalg.norm(corners[:, None] - hands[None], axis=2).min(axis=1).max()
-    return float(1.0 + 2.0 * beyond / apart)
-
-
-def _hulls(geometry: Any, names: list[str]) -> dict[int, int]:
-    """Add the convex hulls of all meshes; the hull's number by the mesh's."""
-    hulls = {}
+def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
+    """Add the convex hulls of all meshes; hulls by their mesh, of those that are convex themselves and of others."""
+    convex, others = {}, {}
     for number in range(geometry.ngeoms):
         item = geometry.geometryObjects[number]
         if not isinstance(item.geometry, coal.BVHModelBase):
@@ -193,9 +170,17 @@ def _hulls(geometry: Any, names: list[str]) -> dict[int, int]:
         hull = pin.GeometryObject(
             f"hull of {item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
         )
-        hulls[number] = geometry.addGeometryObject(hull)
+        (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
         names.append(names[number])
-    return hulls
+    return convex, others
+
+
+def _is_convex(mesh: Any) -> bool:
+    """Whether a mesh may as well be its hull; if it is not quite, the hull is nearer to everything."""
+    volume = mesh.convex.computeVolume()
+    return (
+        mesh.num_vertices == mesh.convex.num_points and abs(mesh.computeVolume() - volume) < CONVEX * volume
+    )
 
 
 def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -21,6 +21,7 @@ from scipy.interpolate import PPoly
 from comove.robots.bodies import Bodies
 from comove.robots.carried import Carried
 from comove.robots.extremes import Ranges, fastest
+from comove.robots.load_shapes import placements
 
 Array = NDArray[np.float64]
 
@@ -130,7 +131,7 @@ class _Distances:
         stretches, first, counts = np.unique(cells.stretch, return_index=True, return_counts=True)
         time = (stretches + 0.5) * width
         configurations, nodes = self.curve(time), self.carried.nodes(time)
-        rods = [(rod, *_along(nodes[:, a], nodes[:, b])) for rod, a, b in self.bodies.rods]
+        rods = [(rod, *placements(nodes, spanned)) for rod, *spanned in self.bodies.rods]
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
         distances: list[float] = []
         for k, q in enumerate(configurations):
@@ -147,17 +148,3 @@ class _Distances:
         """Largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
         load = self.carried.speed.over(begin, end).max(axis=1, keepdims=True)
         return np.concatenate([self.rates.over(begin, end), load], axis=1)
-
-
-def _along(first: Array, second: Array) -> tuple[Array, Array]:
-    """Frames in the middle of two points whose z axis leads from one to the other, points of shape (n, 3).
-
-    Returns
-    -------
-    array, shape (n, 3, 3), and array, shape (n, 3)
-    """
-    z = second - first
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    x = np.cross(z, np.eye(3)[np.abs(z).argmin(axis=1)])
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2), 0.5 * (first + second)
