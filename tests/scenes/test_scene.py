@@ -283,6 +283,19 @@ def test_a_polygon():
             quiet(data)
 
 
+def test_what_lies_within_a_polygon_touches_it_wherever_the_hands_are():
+    """Hands inside the plate are no corners of it."""
+    plate = {
+        "shape": "polygon",
+        "vertices": [[0, 0], [0.4, 0], [0.4, 0.4], [0, 0.4]],
+        "grasps": {"a": [0.3, 0.2], "b": [0.1, 0.2]},
+    }
+    hands = [[0.3, 0.2], [0.1, 0.2]]
+    for center in ([0.2, 0.1], [0.2, 0.3], [0.05, 0.2], [0.2, 0.2]):
+        disc = {"shape": "circle", "center": center, "radius": 0.01}
+        assert "obstacles[0]" in refused(scene_of(hands, hands, load=plate, obstacles=[disc])).message
+
+
 def test_clearance_at_names_what_is_nearest():
     scene = quiet(bar_scene(obstacles=[BOX, {**DISC, "center": [0.5, 0.9]}]))
     nodes = scene.nodes_at("start")

@@ -229,7 +229,9 @@ class Scene:
             nodes, self.body.edges, self.body.radii, self.obstacles, *self.workspace
         )
         if self.body.filled:
-            for j in np.flatnonzero(_inside_polygon(nodes[self.body.edges[:, 0]], self.obstacles[:, 1:4])):
+            first, second = self.body.edges.T
+            border = nodes[first[first != second]]  # without the hands, which are points
+            for j in np.flatnonzero(_inside_polygon(border, self.obstacles[:, 1:4])):
                 clearance, nearest = min(clearance, -float(self.obstacles[j, sd.REACH])), int(j)
         if nearest < 0:
             return clearance, "the border of the workspace"
