@@ -94,7 +94,7 @@ def options(
 
 def main() -> None:
     """Entry point of the `comove` command."""
-    from comove.cli import demo, learn, library, show, solve, verify  # noqa: F401  registers the verbs
+    from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
 
     try:
         app()

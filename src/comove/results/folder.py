@@ -37,6 +37,13 @@ Array = NDArray[np.float64]
 ARRAYS, SUMMARY = "solution.npz", "solution.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
 FILES |= {"joints.npz", "robot.json", "scene.json", "joints.png"}  # of a robot
+FILES |= {f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")}
+FILES |= {f"{part}.csv{more}" for part in ("baxter", "approach", "release") for more in ("", ".json")}
+FILES |= {
+    f"motion{part}{suffix}"
+    for part in ("", "_approach", "_release")
+    for suffix in ("", ".csv", ".csv.json", ".npz", ".bag", ".mcap")
+}
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")

@@ -1,23 +1,39 @@
 """Robots: models, inverse kinematics of several arms, limits, timing and checks of joint motions."""
 
+from comove.robots.approach import Transfers, plan_transfers
+from comove.robots.carrying import Carrying, robot_method
+from comove.robots.check import RobotCheck, RobotMotion
+from comove.robots.description import bundled_robots, find_description
+from comove.robots.effort import DEFAULT_MASS
 from comove.robots.files import StoredJoints, read_joints, verify_stored, write_joints
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.timing import Timing, fastest_timing, shortest_duration
+from comove.robots.tracking import track
 from comove.robots.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
 __all__ = [
+    "DEFAULT_MASS",
     "Arm",
+    "Carrying",
     "JointMotion",
     "JointReport",
     "JointVerdict",
     "Robot",
+    "RobotCheck",
+    "RobotMotion",
     "StoredJoints",
     "Timing",
+    "Transfers",
     "VerifiedJointMotion",
+    "bundled_robots",
     "fastest_timing",
+    "find_description",
+    "plan_transfers",
     "read_joints",
+    "robot_method",
     "shortest_duration",
+    "track",
     "verify_joints",
     "verify_stored",
     "write_joints",

@@ -16,6 +16,7 @@ from comove.planning.configurations import Space
 from comove.planning.methods import Comove
 from comove.planning.search import Schedule
 from comove.robots.chains import chains_of
+from comove.robots.effort import DEFAULT_MASS
 from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
 from comove.robots.links import ENOUGH, links_clearance, links_of, place_links
 from comove.robots.model import Arm, Robot
@@ -24,9 +25,9 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-DEFAULT_MASS = 0.25  # kg, of a load that states none
 DEFAULT_CLEARANCE = 0.005  # m, of links, where the scene states none
 SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
+EASE = 2.0  # cost of jolts: of joints that all use their whole acceleration all the time
 SAMPLES = 101  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
@@ -177,7 +178,7 @@ class Carrying:
         strain, around = self.strain(nodes, self.best_start(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
-        return strain.penalty.sum(axis=1) + strain.contact, possible
+        return (strain.penalty + EASE * strain.jolt).sum(axis=1) + strain.contact, possible
 
     def strain(self, nodes: Array, start: Array) -> Strain:
         """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""

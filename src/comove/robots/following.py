@@ -76,6 +76,7 @@ class Strain(NamedTuple):
     missing : largest distance by which a hand's pose is out of reach [m] (a radian counts `TURN`)
     margin : least distance to a joint limit [rad]
     rates : array, shape (n_rollouts, n_arms, 3), largest share of the limits of speed, acceleration and torque
+    jolt : mean square of the share of the limits of acceleration
     penalty : of the arm, 0 where nothing is broken
     clearance : least distance of a link [m], at most what is asked for and a little more
     contact : penalty of links that are too near, array of shape (n_rollouts,)
@@ -84,6 +85,7 @@ class Strain(NamedTuple):
     missing: Array
     margin: Array
     rates: Array
+    jolt: Array
     penalty: Array
     clearance: Array
     contact: Array
@@ -128,7 +130,8 @@ def follow(arms, nodes, start, duration):
     chains, around = arms.chains, arms.around
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
     missing, margin = np.zeros((n_rollouts, n_arms)), np.full((n_rollouts, n_arms), np.inf)
-    rates, penalty = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
+    rates, jolt = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
+    penalty = np.zeros((n_rollouts, n_arms))
     clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
     q = np.empty((n_steps, start.shape[0]))
     for k in range(n_rollouts):
@@ -141,12 +144,12 @@ def follow(arms, nodes, start, duration):
                     least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
                 margin[k, i] = min(margin[k, i], least)
                 penalty[k, i] += 2.0 * max(0.0, WISHED - least) / n_steps
-        _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k])
+        _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k], jolt[k])
         for i in range(n_arms):
             for ratio in rates[k, i]:
                 if ratio > around.share:
                     penalty[k, i] += 0.05 + (ratio - around.share)
-    return missing, margin, rates, penalty, clearance, contact
+    return missing, margin, rates, jolt, penalty, clearance, contact
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -230,8 +233,8 @@ def _contact(arms, q, nodes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _rates(arms, q, nodes, dt, rates):
-    """Largest shares of speed, acceleration and torque limits; result, array of shape (n_arms, 3)."""
+def _rates(arms, q, nodes, dt, rates, jolt):
+    """Largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts (n_arms,)."""
     chains, n_steps, n_joints = arms.chains, q.shape[0], q.shape[1]
     v, w, pull, tau = np.zeros(n_joints), np.zeros(n_joints), np.zeros(3), np.zeros(n_joints)
     for t in range(n_steps):
@@ -250,4 +253,5 @@ def _rates(arms, q, nodes, dt, rates):
             for j in range(chains.first[i], chains.first[i + 1]):
                 rates[i, 0] = max(rates[i, 0], abs(q[after, j] - q[t, j]) / dt / chains.velocity[j])
                 rates[i, 1] = max(rates[i, 1], abs(w[j]) / chains.acceleration[j])
+                jolt[i] += (w[j] / chains.acceleration[j]) ** 2 / (n_steps * n_joints)
                 rates[i, 2] = max(rates[i, 2], abs(tau[j]) / chains.effort[j])

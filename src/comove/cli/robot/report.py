@@ -9,8 +9,8 @@ from comove.errors import RobotError
 
 
 def robot_named(name: str | None, scene, file: Path):
-    """The robot that the command line names, or else the scene."""
-    from comove.robots import Robot, bundled_robots
+    """The robot that the command line names, or else the scene; and its description's name or path."""
+    from comove.robots import Robot, bundled_robots, find_description
 
     named = name if name is not None else scene.file.robot
     if named is None:
@@ -20,7 +20,9 @@ def robot_named(name: str | None, scene, file: Path):
             key="robot",
             way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
         )
-    return Robot.load(named, None if name is not None else file.parent)
+    folder = None if name is not None else file.parent
+    path = find_description(named, folder)
+    return Robot.load(named, folder), named if named in bundled_robots() else path
 
 
 def joints_text(robot, report, folder: Path) -> str:
@@ -57,7 +59,69 @@ def _millimetres(value: float) -> str:
 
 
 def duration_offer(robot, scene, joints) -> str | None:
-    """How long the same path would have to take, where that is all that is wrong."""
-    from comove.robots import shortest_duration
+    """How long the same path would have to take, where the robot cannot go it in the scene's time."""
+    from comove.errors import ComoveError
+    from comove.robots import DEFAULT_MASS, shortest_duration
 
-    return None
+    mass = DEFAULT_MASS if scene.load_mass is None else scene.load_mass
+    holders = [scene.manipulators[i] for i in scene.grasp.holders]
+    try:
+        timing = shortest_duration(robot, joints, carried=dict.fromkeys(holders, mass / len(holders)))
+    except ComoveError:
+        return None
+    if timing.duration <= scene.duration:
+        return None
+    return (
+        f"  the joints could go this way in {timing.duration:.2f} s ({timing.limit}): "
+        f"set duration: {math.ceil(10 * timing.duration) / 10:g} in the scene"
+    )
+
+
+def stored_motion(folder: Path):
+    """The joint motion of a result folder, judged anew.
+
+    Raises
+    ------
+    ResultError
+        If it is not verified, or was edited.
+    """
+    from comove.errors import ResultError
+    from comove.robots import verify_stored
+
+    verdict = verify_stored(folder)
+    if verdict.verified is None:
+        more = f" (and {len(verdict.reasons) - 1} more)" if len(verdict.reasons) > 1 else ""
+        raise ResultError(
+            f"its motion is not verified: {verdict.reasons[0]}{more}",
+            file=folder,
+            way_out="solve the scene again: comove robot solve SCENE --out DIR",
+        )
+    return verdict.verified
+
+
+def transfers_of(motion):
+    """Approach and release of a carry."""
+    from comove.robots import plan_transfers
+
+    return plan_transfers(motion)
+
+
+def simulation_text(summary: dict, folder: Path) -> str:
+    """A simulation's measures for people."""
+    verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
+    grasp, measures = summary["grasp"]["kind"], summary
+    lines = [f"{summary['scene']}, {summary['robot']}, {grasp}: {verdict}"]
+    lines += [f"  - {reason}" for reason in summary["reasons"]]
+    rows = [
+        ("end error", "end_error", 1e3, "mm"),
+        ("hands' distance error", "distance_error_max", 1e3, "mm at most"),
+        ("load behind its plan", "lag_max", 1e3, "mm at most"),
+        ("slip in a hand", "slip_max", 1e3, "mm at most"),
+        ("force inside the load", "internal_force_max", 1.0, "N at most"),
+        ("share of torque", "torque_share_max", 1.0, "at most"),
+    ]
+    for words, key, factor, unit in rows:
+        if measures.get(key) is not None:
+            lines.append(f"  {words:24s}{factor * measures[key]:.3g} {unit}")
+    lines.append(f"  {'series':24s}{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
+    return "\n".join(lines)

@@ -44,7 +44,8 @@ def solve(
     check_budget(budget)
     check_target(out)
     loaded = Scene.load(scene)
-    task = Carrying(robot_named(robot, loaded, scene), loaded)
+    carrier, named = robot_named(robot, loaded, scene)
+    task = Carrying(carrier, loaded)
     check = RobotCheck(task)
     spent = since_process_start()
     load_kernels(loaded.n_dims)
@@ -64,7 +65,7 @@ def solve(
     done = check.carried_out(solution.attempt)
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, dmp)
-        write_joints(draft, done.joints, done.verdict, task.robot, solution.attempt)
+        write_joints(draft, done.joints, done.verdict, task.robot, solution.attempt, source=named)
         title = f"{loaded.name}, {task.robot.name}" + ("" if solution.verified else " (not verified)")
         save(draw_joints(task.robot, done.joints, title=title), draft / "joints.png")
     if json:
