@@ -66,11 +66,16 @@ def require_pictures() -> None:
     """
     engine()
     if os.environ.get("MUJOCO_GL", "").lower() in (NO_PICTURES, "disable", "off", "false", "0"):
-        raise OptionError(
-            "pictures cannot be drawn: neither EGL nor OSMesa works here",
-            key="MUJOCO_GL",
-            way_out=f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs neither",
-        )
+        raise no_pictures("neither EGL nor OSMesa works here")
+
+
+def no_pictures(reason: str) -> OptionError:
+    """The error that says why pictures cannot be drawn, and what to do."""
+    return OptionError(
+        f"pictures cannot be drawn: {reason}",
+        key="MUJOCO_GL",
+        way_out=f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs none of it",
+    )
 
 
 @cache

@@ -5,13 +5,13 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Iterable
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+from PIL import Image
 
-Picture = NDArray[np.uint8]
+from comove.demonstrations.files import whole_path
+from comove.errors import ResultError
 
 GIF_RATE = 12.5  # pictures a second of a GIF at most
 
@@ -26,41 +26,50 @@ def encoder() -> str | None:
         return shutil.which("ffmpeg")
 
 
-def write_film(pictures: Iterable[Picture], path: Path, rate: float, ffmpeg: str | None) -> None:
-    """Write pictures, arrays of shape (height, width, 3), as a film of `rate` pictures a second.
+def write_film(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str | None) -> None:
+    """Write pictures of one size as a film.
 
     Parameters
     ----------
-    path : ends with .mp4 where there is an encoder, with .gif where there is none
+    path : of an MP4 where there is an encoder, of a GIF where there is none
+    rate : pictures a second
     ffmpeg : the encoder
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written.
     """
-    if ffmpeg is None:
-        _write_gif(pictures, path, rate)
-    else:
-        _write_mp4(pictures, path, rate, ffmpeg)
+    with whole_path(path, ResultError) as draft:
+        if ffmpeg is None:
+            _write_gif(pictures, draft, rate)
+        else:
+            _write_mp4(pictures, draft, rate, ffmpeg)
 
 
-def _write_mp4(pictures: Iterable[Picture], path: Path, rate: float, ffmpeg: str) -> None:
+def _write_mp4(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str) -> None:
     pictures = iter(pictures)
     first = next(pictures)
-    height, width = first.shape[:2]
-    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"]
-    wanted = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "23", "-movflags", "+faststart"]
-    command = [ffmpeg, "-y", "-loglevel", "error", *given, "-an", *wanted, str(path)]
+    size = f"{first.width}x{first.height}"
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{rate:g}", "-i", "-", "-an"]
+    wanted = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "23", "-movflags", "+faststart", "-f", "mp4"]
+    command = [ffmpeg, "-y", "-loglevel", "error", *given, *wanted, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         try:
             for picture in chain([first], pictures):
                 process.stdin.write(picture.tobytes())
         except BrokenPipeError:
-            pass
+            pass  # what it has to say comes below
         _, said = process.communicate()
     if process.returncode:
-        raise OSError(f"ffmpeg: {said.decode(errors='replace').strip().splitlines()[-1:]}")
+        reason = said.decode(errors="replace").strip().splitlines()[-1:] or ["it failed"]
+        raise ResultError(
+            f"ffmpeg: {reason[0]}", file=path, way_out="remove that ffmpeg to get a GIF instead"
+        )
 
 
-def _write_gif(pictures: Iterable[Picture], path: Path, rate: float) -> None:
-    from PIL import Image
-
+def _write_gif(pictures: Iterable[Image.Image], path: Path, rate: float) -> None:
     every = max(1, round(rate / GIF_RATE))
-    frames = [Image.fromarray(picture).quantize(64) for picture in list(pictures)[::every]]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 * every / rate), loop=0)
+    frames = [picture.quantize(64) for picture in islice(pictures, 0, None, every)]
+    pause = round(1000 * every / rate)  # ms
+    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0)

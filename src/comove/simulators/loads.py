@@ -5,6 +5,7 @@ The frame stands in the middle between the holders, x from the second of them to
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 from comove.errors import RobotError, SceneError
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.model import BarLoad, BoxLoad, FrameLoad
+from comove.scenes.model import BarLoad
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
 DEFAULT_MASS = 0.25  # kg, of a load that states none
+NEAR = 0.01  # m, that a motion may begin from the scene's start
 THINNEST = 0.004  # m, radius of rods that state none
 
 
@@ -69,18 +71,25 @@ class Load:
     mass: float
 
 
+Section = Callable[[float], tuple[float, float] | None]
+
+
+def _round(radius: float) -> None:
+    """Bars are round."""
+
+
 def holders_of(scene: Scene) -> tuple[int, ...]:
     """The hands, by number, that hold the scene's load."""
     return tuple(scene.manipulators.index(name) for name in scene.file.holders)
 
 
-def load_of(scene: Scene, hands: Array, section: tuple[float, float] | None = None) -> Load | None:
+def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | None:
     """The scene's load, None where it has none.
 
     Parameters
     ----------
     hands : array, shape (n_manipulators, 4, 4), grasp frames at the start
-    section : width and height [m] of a bar that is no capsule but a box
+    section : width and height [m] of a bar by its radius, None where it is round
     """
     load = scene.file.load
     if load is None:
@@ -89,37 +98,30 @@ def load_of(scene: Scene, hands: Array, section: tuple[float, float] | None = No
     points = hands[list(holders)][:, :3, 3]
     pose = np.eye(4)
     pose[:3, :3] = _frame(points)
-    if isinstance(load, BoxLoad):
-        grasps = np.array(
-            [(load.grasps or {}).get(n, (0.0, 0.0, 0.0)) for n in scene.file.holders], dtype=float
-        )
-        pose[:3, 3] = (points - grasps @ pose[:3, :3].T).mean(axis=0)
-    else:
-        pose[:3, 3] = points.mean(axis=0)
-        grasps = (points - pose[:3, 3]) @ pose[:3, :3]
+    pose[:3, 3] = points.mean(axis=0)
+    nodes = (scene.nodes_at("start") - pose[:3, 3]) @ pose[:3, :3]
     mass = DEFAULT_MASS if scene.load_mass is None else scene.load_mass
-    return Load(holders, grasps, pose, _parts(scene, load, grasps, section), mass)
+    grasps = (points - pose[:3, 3]) @ pose[:3, :3]
+    return Load(holders, grasps, pose, tuple(_parts(scene, nodes, section)), mass)
 
 
-def _parts(
-    scene: Scene, load: object, grasps: Array, section: tuple[float, float] | None
-) -> tuple[Part, ...]:
-    if isinstance(load, BoxLoad):
-        return (Part("box", np.zeros(3), np.eye(3), tuple(edge / 2 for edge in load.size)),)
-    if isinstance(load, BarLoad):
-        half = load.length / 2 + load.overhang
-        if section is not None:
-            return (Part("box", np.zeros(3), np.eye(3), (half, section[0] / 2, section[1] / 2)),)
-        along = np.array([half, 0.0, 0.0])
-        return (_rod(along, -along, load.radius),)
-    if isinstance(load, FrameLoad):
-        where = dict(zip(scene.file.holders, grasps, strict=True))
-        return tuple(_rod(where[a], where[b], load.radius) for a, b in load.edges)
-    raise SceneError(
-        f"loads of shape '{load.shape}' cannot be simulated",
-        key="load.shape",
-        way_out="use bar, frame or box",
-    )
+def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[Part]:
+    """The pieces of the scene's body, whose nodes are given in the load's frame."""
+    body = scene.body
+    for (a, b), radius in zip(body.edges, body.radii, strict=True):
+        sides = section(float(radius)) if isinstance(scene.file.load, BarLoad) else None
+        if a == b:
+            continue  # a hand that holds something else than its end
+        if sides is None:
+            yield _rod(nodes[a], nodes[b], float(radius))
+        else:
+            half = float(np.linalg.norm(nodes[a] - nodes[b])) / 2
+            yield Part("box", (nodes[a] + nodes[b]) / 2, np.eye(3), (half, sides[0] / 2, sides[1] / 2))
+    for corners in getattr(body, "solids", ()):  # numbered in binary by the sides they are on
+        first, *along, last = (nodes[corners[i]] for i in (0, 1, 2, 4, 7))
+        edges = np.array(along) - first
+        size = np.linalg.norm(edges, axis=1)
+        yield Part("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
 
 
 def _rod(a: Array, b: Array, radius: float) -> Part:
@@ -152,14 +154,21 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
     """
     if scene.n_dims != 3:
         raise SceneError("robots live in space", key="workspace", way_out="write three numbers a point")
-    for name in scene.manipulators:
-        robot.arm(name)
     if tuple(motion.joint_names) != robot.joint_names:
         raise RobotError(
             f"the motion moves {', '.join(motion.joint_names)}, the robot '{robot.name}' has "
             f"{', '.join(robot.joint_names)}",
             key="joint_names",
             way_out="play it on the robot that it was made for",
+        )
+    apart = hand_poses(robot, scene, motion.position[:1])[0, :, :3, 3] - scene.start
+    missed = np.linalg.norm(apart, axis=1)
+    if missed.max() > NEAR:
+        hand = int(missed.argmax())
+        raise SceneError(
+            f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",
+            key=f"manipulators[{hand}].start",
+            way_out="play the motion in the scene that it was made for",
         )
 
 

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
-from comove.errors import OptionError
+from comove.demonstrations.files import whole_file
+from comove.errors import OptionError, ResultError
 from comove.primitives.rotations import matrices
 from comove.scenes.groups import quaternion_of_rotation
-from comove.simulators.engine import engine, require_pictures, without_log
+from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
 from comove.simulators.execution import Execution
 from comove.simulators.film import encoder, write_film
 from comove.simulators.studio import LARGEST, camera_for, furnish
@@ -22,7 +24,6 @@ from comove.simulators.things import lower_floor
 from comove.simulators.world import World, build_world
 
 Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGE = 2.0  # m, of a box that need not be seen to its ends
@@ -39,19 +40,21 @@ def draw_sheet(
     ----------
     count, columns : how many instants, and how many of them in a row
     width : of one picture; its height is three quarters of that [pixels]
-    """
-    from PIL import Image
 
-    height = round(width * 3 / 4)
-    steps = _steps(execution, count)
-    rows = -(-count // columns)
+    Raises
+    ------
+    OptionError
+        If pictures cannot be drawn here.
+    ResultError
+        If the file cannot be written.
+    """
+    height, rows = round(width * 3 / 4), -(-count // columns)
     sheet = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), PAPER)
-    with _camera(execution, width, height) as shot:
-        for i, step in enumerate(steps):
-            picture = Image.fromarray(shot(step))
-            _write_time(picture, execution.time[step])
-            sheet.paste(picture, ((i % columns) * (width + GAP), (i // columns) * (height + GAP)))
-    sheet.save(path, optimize=True)
+    with camera(execution, width, height) as shot:
+        for i, step in enumerate(_steps(execution, count)):
+            sheet.paste(shot(step), ((i % columns) * (width + GAP), (i // columns) * (height + GAP)))
+    with whole_file(path, ResultError) as file:
+        sheet.save(file, format="PNG", optimize=True)
 
 
 def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, width: int = 640) -> Path:
@@ -66,13 +69,18 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
     Returns
     -------
     the path that was written
+
+    Raises
+    ------
+    OptionError, ResultError
+        As `draw_sheet`.
     """
     ffmpeg = encoder()
     path = Path(path).with_suffix(".gif" if ffmpeg is None else ".mp4")
     width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers
     times = np.arange(0.0, execution.time[-1], 1 / rate)
     steps = np.searchsorted(execution.time, times - 1e-9).clip(max=len(execution.time) - 1)
-    with _camera(execution, width, height, partial(furnish, shadows=False)) as shot:
+    with camera(execution, width, height, shadows=False) as shot:
         write_film((shot(step) for step in steps), path, rate, ffmpeg)
     return path
 
@@ -83,20 +91,17 @@ def _steps(execution: Execution, count: int) -> list[int]:
     return np.linspace(0, min(last, len(execution.time) - 1), count).round().astype(int).tolist()
 
 
-def _write_time(picture: Any, time: float) -> None:
-    from PIL import ImageDraw, ImageFont
-
-    size = max(12, picture.width // 30)
-    ImageDraw.Draw(picture).text(
-        (size // 2, size // 2), f"{time:.1f} s", fill=INK, font=ImageFont.load_default(size)
-    )
-
-
 @contextmanager
-def _camera(
-    execution: Execution, width: int, height: int, finish: Callable[[Any], None] = furnish
-) -> Iterator[Any]:
-    """A function that draws one sample of an execution; array, shape (height, width, 3)."""
+def camera(
+    execution: Execution, width: int, height: int, *, shadows: bool = True
+) -> Iterator[Callable[[int], Image.Image]]:
+    """Lend a function that draws one sample of an execution, of the size given in pixels.
+
+    Raises
+    ------
+    OptionError
+        If pictures, or pictures of that size, cannot be drawn here.
+    """
     if not (0 < height <= LARGEST[0] and 0 < width <= LARGEST[1]):
         raise OptionError(
             f"a picture of {width} x {height} pixels cannot be drawn",
@@ -104,7 +109,7 @@ def _camera(
             way_out=f"use at most {LARGEST[1]} x {LARGEST[0]}",
         )
     require_pictures()
-    mj = engine()
+    mj, finish = engine(), partial(furnish, shadows=shadows)
     with without_log():
         world = build_world(
             execution.robot,
@@ -114,20 +119,30 @@ def _camera(
             execution.perturbation,
             finish=finish,
         )
-        data = mj.MjData(world.model)
-        options = mj.MjvOption()
+        data, options = mj.MjData(world.model), mj.MjvOption()
         options.geomgroup[:] = [group in DRAWN_GROUPS for group in range(len(options.geomgroup))]
         place(execution, world, data, 0)
         lower_floor(world.model, data)
-        camera = camera_for(execution, _seen(execution, world, data), width / height)
-        with mj.Renderer(world.model, height, width) as renderer:
+        view = camera_for(execution, _seen(execution, world, data), width / height)
+        with _renderer(world.model, height, width) as renderer:
 
-            def shot(step: int) -> Picture:
+            def shot(step: int) -> Image.Image:
                 place(execution, world, data, step)
-                renderer.update_scene(data, camera, options)
-                return renderer.render()
+                renderer.update_scene(data, view, options)
+                picture = Image.fromarray(renderer.render())
+                size = max(12, width // 30)
+                words = f"{execution.time[step]:.1f} s"
+                ImageDraw.Draw(picture).text((size // 2,) * 2, words, INK, ImageFont.load_default(size))
+                return picture
 
             yield shot
+
+
+def _renderer(model: Any, height: int, width: int) -> Any:
+    try:
+        return engine().Renderer(model, height, width)
+    except Exception as error:  # what drivers raise is theirs
+        raise no_pictures(str(error).strip().splitlines()[0]) from error
 
 
 def place(execution: Execution, world: World, data: Any, step: int) -> None:

@@ -16,6 +16,7 @@ LARGEST = (1080, 1920)  # pixels of a picture, height and width
 FIELD = 40.0  # degrees, that the camera sees from top to bottom
 ELEVATION = -30.0  # degrees, from which it looks down
 ASIDE = 24.0  # degrees, by which it looks from the side of the front
+NO_FRONT = 0.1  # m, between hands and bases: robots around what they do have no front
 ROOM = 0.10  # m, around the middles of what must be seen
 
 
@@ -83,9 +84,9 @@ def camera_for(execution: Execution, seen: Array, aspect: float) -> Any:
 
 
 def _azimuth(execution: Execution) -> float:
-    """Of a look from what the hands do to where the robot stands, a little from the side [deg]."""
+    """Of a look from what the hands do to where the robot stands, along an axis but for `ASIDE` [deg]."""
     work = execution.hands[:, :, :2, 3].mean(axis=(0, 1))
     bases = np.mean([source.base.position[:2] for source in execution.robot.sources], axis=0)
     x, y = bases - work
-    front = 180.0 if np.hypot(x, y) < 0.1 else float(np.rad2deg(np.arctan2(y, x)))
-    return front + ASIDE
+    front = 180.0 if np.hypot(x, y) < NO_FRONT else 90.0 * np.round(2 / np.pi * np.arctan2(y, x))
+    return float(front + ASIDE)

@@ -107,7 +107,7 @@ def build_world(
     lead = add_servos(spec, robot, perturbation.gains)
     if load is not None:
         add_load(spec, load, load.mass * perturbation.mass, holding)
-        grasp.furnish(spec, robot, holding, perturbation.friction)
+        grasp.furnish(spec, holding, perturbation.friction)
         if not grasp.touching:
             _let_hands_through(spec, robot, holding)
     if finish is not None:
