@@ -1,28 +1,38 @@
 """A robot's description: which URDFs stand where, which arms they have, and what a URDF cannot say.
 
 ```yaml
-name: baxter
-models:                        # one or several, each on its own base
-  - urdf: package://example-robot-data/robots/baxter_description/urdf/baxter.urdf
-    srdf: package://example-robot-data/robots/baxter_description/srdf/baxter_manipulation.srdf
-arms:
-  left: {tip: left_gripper, home: [0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5]}
-  right: {tip: right_gripper, home: [-0.08, -1.0, 1.19, 1.94, -0.67, 1.03, 0.5]}
+name: two_arms
+models:                        # one or several, each on its own base; prefix: before all names of a model
+  - {urdf: arm.urdf, srdf: arm.srdf, prefix: left_, base: {position: [0, 0.4, 0]}}
+  - {urdf: arm.urdf, srdf: arm.srdf, prefix: right_, base: {position: [0, -0.4, 0]}}
+arms:                          # by the name of the manipulator in a scene
+  left: {tip: left_hand, tool: {position: [0, 0, 0.1]}, home: [0, -0.8, 0, -2.4, 0, 1.6, 0.8]}
+  right: {tip: right_hand, fingers: [right_finger]}
+posture: {right_finger: 0.02}  # rad or m, of joints that do not move; 0 where not named
+limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, effort: 50}}
 acceleration: 5.0              # rad/s^2, of joints that `limits` does not name
+springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
+servo: {stiffness: [2000, 2000, 2000, 2000, 1500, 1500, 400]}   # N m/rad, of a simulator's motors, by joint
+uncertainty: {position: 0.002, rotation_deg: 0.1}   # by which each base may stand elsewhere
 ```
 
-Paths are relative to the description, or ``package://NAME/...``.
+`name`, `models` and `arms` are required. `tip` is a frame of the model; `tool` is the grasp frame in it: what is at
+a hand's place in the scene, z the direction of approach, fingers open along y. The joints between base and tip move,
+but for those in `posture`; `home` has one value for each of them, from the base to the tip (the middle of its limits
+unless given), and is where redundancy is drawn to. `limits` replace what the URDF says, key by key. Paths are
+relative to the description, or ``package://NAME/...``.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from comove.errors import RobotError, SceneError, near_name
-from comove.scenes.messages import Contract, explained, scene_error
+from comove.scenes.messages import Contract, explained, scene_error, show
 from comove.scenes.model import (
     UNTURNED,
     Name,
@@ -57,17 +67,26 @@ class Placement(_Part):
     quaternion_wxyz: Quaternion = UNTURNED
 
 
+def _prefix(prefix: str) -> str:
+    if not re.fullmatch(r"[\w./-]{0,100}", prefix):
+        raise _Wrong(
+            f"{show(prefix)} cannot begin names", "use up to 100 letters, digits, '_', '-', '.', '/'"
+        )
+    return prefix
+
+
 class ModelSource(_Part):
     """A URDF and where its base stands in the scene; `prefix` goes before every name in it."""
 
     urdf: str
     srdf: str | None = None
+    """Tells which pairs of links need not be kept apart."""
     base: Placement = Placement()
-    prefix: str = ""
+    prefix: Annotated[str, AfterValidator(_prefix)] = ""
 
 
 class ArmDescription(_Part):
-    """An arm: its last frame, the grasp frame in it (z the approach), the joints' values at home [rad]."""
+    """An arm: its last frame, the grasp frame in it (z the approach), the joints' values at home [rad or m]."""
 
     tip: str
     tool: Placement = Placement()
@@ -104,7 +123,7 @@ class RobotFile(_Part):
 
     name: Name
     models: Annotated[tuple[ModelSource, ...], BeforeValidator(_as_tuple), _at_least(1, "model")]
-    arms: dict[str, ArmDescription]
+    arms: dict[Name, ArmDescription]
     posture: dict[str, Number] = Field(default={})
     """Values of joints that do not move [rad or m]; 0 where not named."""
     acceleration: Positive = 5.0
@@ -115,8 +134,7 @@ class RobotFile(_Part):
     uncertainty: Uncertainty = Uncertainty()
 
 
-_PLACES = {"models": ModelSource, "uncertainty": Uncertainty, "servo": Servo}
-_CONTRACT = Contract(root=RobotFile, families={}, places=_PLACES)
+_CONTRACT = Contract(root=RobotFile, families={}, places={})
 __all__ = ["RobotFile", "bundled_robots", "find_description", "load_description"]
 
 
@@ -138,13 +156,20 @@ def find_description(robot: str | Path, folder: Path | None = None) -> Path:
     path = Path(robot)
     if folder is not None and not path.is_absolute():
         path = folder / path
-    if not path.is_file():
+    if not _is_file(path):
         raise RobotError(
             f"there is no robot '{robot}', nor a file of that name",
             key="robot",
             way_out=f"{near_name(str(robot), bundled_robots())}; or name a description (YAML)",
         )
     return path
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or has a zero byte
+        return False
 
 
 def load_description(path: Path) -> RobotFile:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import re
-import xml.etree.ElementTree as ET
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,17 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ExtraError, RobotError, near_name
+from comove.errors import ComoveWarning, ExtraError, RobotError, near_name
 from comove.primitives.rotations import matrices
 from comove.robots.description import (
     ArmDescription,
-    JointLimits,
-    ModelSource,
     Placement,
     RobotFile,
     find_description,
     load_description,
 )
+from comove.robots.urdf import Mimic, Source, errors_of_reader, read_source
 
 try:
     import pinocchio as pin
@@ -34,9 +31,11 @@ except ImportError as error:  # the extra is not installed
 
 Array = NDArray[np.float64]
 
-MESHES = {".stl", ".dae", ".obj", ".ply"}
-MOVING = ("revolute", "continuous", "prismatic")
-MAX_BYTES = 20_000_000
+LARGEST_BODY = 50.0  # m, radius of a collision body
+LARGEST_LIMIT = 1e6
+ROUNDING = 1e-9  # rad or m
+MAX_NAMES = 30
+"""How many names a message lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class Robot:
 
     Attributes
     ----------
-    description : what it was made from
+    description : what it was made from; its posture names the joints that mimic others, too
     model : pinocchio.Model of the moving joints; all others are locked
     collision : pinocchio.GeometryModel with the pairs that can collide
     arms : in the description's order
@@ -148,166 +147,88 @@ class Robot:
         return self.model.createData()
 
 
-@dataclass(frozen=True)
-class Source:
-    """A model as it was read: its URDF, where its base stands, the folder of each package it names."""
-
-    urdf: str
-    base: Placement
-    file: Path
-
-
-def package_folders(file: Path) -> list[str]:
-    """Where ``package://NAME/`` is looked for: beside the description, in ROS's path, in installed data."""
-    folders = [str(file.parent)]
-    folders += [part for part in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if part]
-    try:
-        import cmeel_pth
-    except ImportError:
-        return folders
-    return [*folders, str(Path(cmeel_pth.__file__).parent / "cmeel.prefix" / "share")]
-
-
-def resolve(uri: str, file: Path) -> Path:
-    """The path that a URI in a description or a model means.
-
-    Raises
-    ------
-    RobotError
-        If there is no such file.
-    """
-    tail = re.sub(r"^(package|file)://", "", uri)
-    folders = package_folders(file) if uri.startswith("package://") else [str(file.parent)]
-    for folder in folders:
-        path = Path(folder) / tail
-        if path.is_file():
-            return path
-    looked = ", ".join(folders)
-    raise RobotError(
-        f"there is no file '{uri}'",
-        file=file,
-        way_out=f"correct the path or install the package; looked in {looked}",
-    )
-
-
 def _assemble(description: RobotFile, file: Path) -> Robot:
     digest = hashlib.sha256(description.model_dump_json().encode())
-    model, collision, sources = None, None, []
-    known: set[str] = set()
-    for source in description.models:
-        urdf, srdf = _read(source, description, file, digest)
-        placement = _se3(source.base)
-        part, geometry = _build(urdf, srdf, resolve(source.urdf, file), file)
-        known |= set(part.names[1:])
-        sources.append(Source(urdf, source.base, resolve(source.urdf, file)))
-        if model is None:
-            _move_base(part, geometry, placement)
-            model, collision = part, geometry
-        else:
-            twice = set(model.names[1:]) & set(part.names[1:])
-            if twice:
-                raise RobotError(
-                    f"two models have a joint '{min(twice)}'",
-                    file=file,
-                    key="models",
-                    way_out="give one a prefix",
-                )
-            model, collision = pin.appendModel(model, part, collision, geometry, 0, placement)
-    _require_known(description.posture, known, "posture", file)
-    _require_known(description.limits, known, "limits", file)
-    _require_known(description.springs, known, "springs", file)
-    moving = _moving_joints(description, model, file)
-    return _reduced(description, model, collision, moving, sources, digest.hexdigest(), file)
+    sources = tuple(read_source(source, description.limits, file, digest) for source in description.models)
+    model, collision = _joined(sources, file)
+    for key in ("posture", "limits", "springs"):
+        _require_known(getattr(description, key), list(model.names)[1:], key, file)
+    chains = _chains(description, model, file)
+    mimics = {name: mimic for source in sources for name, mimic in source.mimics.items()}
+    description = _with_mimics(description, mimics, chains, file)
+    robot = _reduced(description, model, collision, chains, sources, digest.hexdigest(), file)
+    _warn_of_gaps(robot, file)
+    return robot
 
 
-def _read(source: ModelSource, description: RobotFile, file: Path, digest: Any) -> tuple[str, str | None]:
-    """Text of a URDF with limits filled in and names prefixed, and of its SRDF."""
-    path = resolve(source.urdf, file)
-    tree = _xml(path, file)
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{tree.tag}>, not a <robot>", file=path, way_out="name a URDF")
-    joints = {
-        f"{source.prefix}{j.get('name')}": j for j in tree.iter("joint") if j.find("parent") is not None
-    }
-    arms = {part for arm in description.arms.values() for part in arm.fingers}
-    for name, joint in joints.items():
-        if joint.get("type") in MOVING and name not in description.posture and name not in arms:
-            _fill_limits(joint, name, description.limits.get(name))
-    for mesh in tree.findall("./link/collision/geometry/mesh"):
-        named = mesh.get("filename", "")
-        if Path(named).suffix.lower() not in MESHES:
+def _joined(sources: tuple[Source, ...], file: Path) -> tuple[Any, Any]:
+    """All models as one, each on its base, and their collision geometry."""
+    model, collision = _built(sources[0])
+    _move_base(model, collision, _se3(sources[0].base))
+    for source in sources[1:]:
+        part, geometry = _built(source)
+        twice = _frame_names(model) & _frame_names(part)
+        if twice:
             raise RobotError(
-                f"the mesh '{named}' has an unknown format",
-                file=path,
-                way_out=f"convert it to one of {', '.join(sorted(MESHES))}",
+                f"two models have a link or joint '{min(twice)}'",
+                file=file,
+                key="models",
+                way_out="give one a prefix: prefix: right_",
             )
-        digest.update(resolve(named, path if not named.startswith("package://") else file).read_bytes())
-    srdf = None
-    if source.srdf is not None:
-        srdf = resolve(source.srdf, file).read_text(encoding="utf-8")
-        digest.update(srdf.encode())
-    if source.prefix:
-        for link in tree.findall("./link"):
-            link.set("name", source.prefix + link.get("name", ""))
-        for joint in joints.values():
-            joint.set("name", source.prefix + joint.get("name", ""))
-            for end in ("parent", "child"):
-                joint.find(end).set("link", source.prefix + joint.find(end).get("link", ""))
-            if (mimic := joint.find("mimic")) is not None:
-                mimic.set("joint", source.prefix + mimic.get("joint", ""))
-        if srdf is not None:
-            srdf = re.sub(r'(link[12]=")', rf"\g<1>{source.prefix}", srdf)
-    urdf = ET.tostring(tree, encoding="unicode")
-    digest.update(urdf.encode())
-    return urdf, srdf
+        model, collision = pin.appendModel(model, part, collision, geometry, 0, _se3(source.base))
+    return model, collision
 
 
-def _xml(path: Path, file: Path) -> ET.Element:
-    if path.stat().st_size > MAX_BYTES:
-        raise RobotError("it is larger than 20 MB", file=path, way_out="name a URDF")
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if "<!ENTITY" in text:
-        raise RobotError("it defines entities", file=path, way_out="write them out")
-    try:
-        return ET.fromstring(text)
-    except ET.ParseError as error:
-        way_out = "expand it by xacro first" if path.suffix == ".xacro" else "correct it"
-        raise RobotError(f"it is no XML: {error}", file=path, way_out=way_out) from error
+def _frame_names(model: Any) -> set[str]:
+    return {frame.name for frame in model.frames} - {"universe"}
 
 
-def _fill_limits(joint: ET.Element, name: str, given: JointLimits | None) -> None:
-    """Write the description's limits into a joint; a turning joint without limits becomes a limited one."""
-    values = {} if given is None else given.model_dump(exclude_none=True, exclude={"acceleration"})
-    limit = joint.find("limit")
-    if limit is None:
-        if not values:
-            return
-        limit = ET.SubElement(joint, "limit")
-    for key, value in values.items():
-        limit.set(key, repr(value))
-    if joint.get("type") == "continuous" and "lower" in values and "upper" in values:
-        joint.set("type", "revolute")
-
-
-def _build(urdf: str, srdf: str | None, path: Path, file: Path) -> tuple[Any, Any]:
-    try:
-        model = pin.buildModelFromXML(urdf)
-        geometry = pin.buildGeomFromUrdfString(
-            model,
-            urdf,
-            pin.GeometryType.COLLISION,
-            package_dirs=[str(path.parent), *package_folders(file)],
-        )
-        geometry.addAllCollisionPairs()
-        _drop_adjacent(model, geometry)
-        if srdf is not None:
-            pin.removeCollisionPairsFromXML(model, geometry, srdf, False)
-    except (ValueError, RuntimeError, IndexError) as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+def _built(source: Source) -> tuple[Any, Any]:
+    """Model and collision geometry, with the pairs that can collide."""
+    failure = None
+    with errors_of_reader() as errors:
+        try:
+            model = pin.buildModelFromXML(source.urdf)
+            geometry = pin.buildGeomFromUrdfString(model, source.urdf, pin.GeometryType.COLLISION)
+            geometry.addAllCollisionPairs()
+            _drop_adjacent(model, geometry)
+            if source.srdf is not None:
+                pin.removeCollisionPairsFromXML(model, geometry, source.srdf, False)
+        except (ValueError, RuntimeError, IndexError) as error:
+            failure = error
+    if errors or failure is not None:
+        reason = errors[0] if errors else _reason(failure)
         raise RobotError(
-            f"the model cannot be built: {reason}", file=path, way_out="correct the URDF"
-        ) from error
+            f"the model cannot be built: {reason}", file=source.file, way_out="correct the URDF, or its mesh"
+        ) from failure
+    _check_bodies(model, geometry, source.file)
     return model, geometry
+
+
+def _reason(error: Exception) -> str:
+    """What Pinocchio or coal say is wrong, without where in their code."""
+    text = str(error).partition("message: ")[2] or str(error)
+    return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
+
+
+def _check_bodies(model: Any, geometry: Any, path: Path) -> None:
+    """Refuse sizes and masses that no robot has."""
+    for item in geometry.geometryObjects:
+        item.geometry.computeLocalAABB()
+        radius = item.geometry.aabb_radius
+        if not 0 < radius < LARGEST_BODY or not np.isfinite(item.geometry.aabb_center).all():
+            raise RobotError(
+                f"the collision body '{item.name}' is {2 * radius:.3g} m wide",
+                file=path,
+                way_out='write metres; a mesh in millimetres takes scale="0.001 0.001 0.001"',
+            )
+    for name, body in zip(model.names, model.inertias, strict=True):
+        if body.mass < 0:
+            raise RobotError(
+                f"what the joint '{name}' moves has the mass {body.mass:g} kg",
+                file=path,
+                way_out="correct the <inertial> of its link",
+            )
 
 
 def _drop_adjacent(model: Any, geometry: Any) -> None:
@@ -343,40 +264,34 @@ def _se3(placement: Placement) -> Any:
     return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
-def _require_known(named: Iterable[str], known: set[str], key: str, file: Path) -> None:
+def _require_known(named: Iterable[str], known: list[str], key: str, file: Path) -> None:
     for name in named:
         if name not in known:
             raise RobotError(
-                f"there is no joint '{name}' in the models",
-                file=file,
-                key=key,
-                way_out=near_name(name, sorted(known)),
+                f"there is no joint '{name}' in the models", file=file, key=key, way_out=_near(name, known)
             )
 
 
-def _moving_joints(description: RobotFile, model: Any, file: Path) -> dict[str, list[str]]:
+def _near(name: str, names: list[str]) -> str:
+    """Which name was probably meant, and all of them where they are few."""
+    guess, known, listed = near_name(name, names).partition("known: ")
+    return guess + (known + listed if len(names) <= MAX_NAMES else f"{len(names)} are known")
+
+
+def _chains(description: RobotFile, model: Any, file: Path) -> dict[str, list[str]]:
     """Joints of each arm from its base to its tip, those that stay apart."""
-    still = set(description.posture)
     chains: dict[str, list[str]] = {}
     for name, arm in description.arms.items():
-        tip = model.getFrameId(arm.tip)
-        if tip >= model.nframes:
-            raise RobotError(
-                f"there is no frame '{arm.tip}'",
-                file=file,
-                key=f"arms.{name}.tip",
-                way_out=near_name(arm.tip, [frame.name for frame in model.frames]),
-            )
-        _require_known(arm.fingers, set(model.names[1:]), f"arms.{name}.fingers", file)
-        supports = [j for j in model.supports[model.frames[tip].parentJoint] if j > 0]
-        chain = [model.names[j] for j in supports if model.names[j] not in still]
+        tip = _frame(model, arm.tip, f"arms.{name}.tip", file)
+        supports = [model.names[j] for j in model.supports[tip.parentJoint] if j > 0]
+        chain = [joint for joint in supports if joint not in description.posture]
         for other, joints in chains.items():
-            if shared := set(joints) & set(chain):
+            if shared := [joint for joint in chain if joint in joints]:
                 raise RobotError(
-                    f"the arms '{other}' and '{name}' share the joint '{min(shared)}'",
+                    f"the arms '{other}' and '{name}' share the joint '{shared[0]}'",
                     file=file,
                     key="posture",
-                    way_out=f"say where it stays: posture: {{{min(shared)}: 0}}",
+                    way_out=f"say where it stays: posture: {{{shared[0]}: 0}}",
                 )
         if not chain:
             raise RobotError(
@@ -385,10 +300,78 @@ def _moving_joints(description: RobotFile, model: Any, file: Path) -> dict[str, 
                 key=f"arms.{name}.tip",
                 way_out="name another",
             )
+        _require_known(arm.fingers, list(model.names)[1:], f"arms.{name}.fingers", file)
+        if own := [finger for finger in arm.fingers if finger in chain]:
+            raise RobotError(
+                f"the joint '{own[0]}' is between the base and the tip '{arm.tip}'",
+                file=file,
+                key=f"arms.{name}.fingers",
+                way_out="choose a tip before the fingers, or leave it out of them",
+            )
         chains[name] = chain
     if not chains:
         raise RobotError("no arm is named", file=file, key="arms", way_out="name one: {left: {tip: FRAME}}")
     return chains
+
+
+def _frame(model: Any, name: str, key: str, file: Path) -> Any:
+    """The frame of a name."""
+    found = [frame for frame in model.frames if frame.name == name]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise RobotError(
+            f"a link and a joint are both called '{name}'", file=file, key=key, way_out="rename one"
+        )
+    links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    raise RobotError(f"there is no frame '{name}'", file=file, key=key, way_out=_near(name, links))
+
+
+def _with_mimics(
+    description: RobotFile, mimics: dict[str, Mimic], chains: dict[str, list[str]], file: Path
+) -> RobotFile:
+    """The description with the values of joints that go along with others, where it does not give them."""
+    moving = {joint for chain in chains.values() for joint in chain}
+    posture = dict(description.posture)
+    for name, mimic in mimics.items():
+        if name in description.posture:
+            continue
+        if name in moving or mimic.joint in moving:
+            raise RobotError(
+                f"the joint '{name}' goes along with '{mimic.joint}', which no arm here can",
+                file=file,
+                key="posture",
+                way_out=f"say where it stays: posture: {{{name}: 0}}",
+            )
+        posture[name] = mimic.multiplier * posture.get(mimic.joint, 0.0) + mimic.offset
+    return description.model_copy(update={"posture": posture})
+
+
+def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
+    """The configuration in which joints that do not move are locked, as Pinocchio writes it."""
+    q = pin.neutral(model)
+    for name, value in description.posture.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.nv > 1:
+            raise RobotError(
+                f"the joint '{name}' has {joint.nv} degrees of freedom and no single value",
+                file=file,
+                key="posture",
+                way_out="leave it out: it stays where the URDF has it",
+            )
+        if joint.nq == 2:  # turns without end
+            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
+            continue
+        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        if not lower - ROUNDING <= value <= upper + ROUNDING:
+            raise RobotError(
+                f"the joint '{name}' stays at {value:g}, outside its limits",
+                file=file,
+                key="posture",
+                way_out=f"keep it between {lower:g} and {upper:g}",
+            )
+        q[joint.idx_q] = value
+    return q
 
 
 def _reduced(
@@ -396,64 +379,81 @@ def _reduced(
     model: Any,
     collision: Any,
     chains: dict[str, list[str]],
-    sources: list[Source],
+    sources: tuple[Source, ...],
     sha256: str,
     file: Path,
 ) -> Robot:
     """The robot with every joint but the arms' locked."""
-    posture = pin.neutral(model)
     moving = {joint for chain in chains.values() for joint in chain}
-    for name, value in description.posture.items():
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq == 1:
-            posture[joint.idx_q] = value
-    locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
     for name in moving:
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq != 1 or joint.nv != 1:
-            raise RobotError(
-                f"the joint '{name}' has no limits",
-                file=file,
-                key="limits",
-                way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
-            )
-    reduced, geometry = pin.buildReducedModel(model, collision, locked, posture)
+        _require_limited(model.joints[model.getJointId(name)], name, file)
+    locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
+    reduced, geometry = pin.buildReducedModel(model, collision, locked, _locked_at(description, model, file))
     _drop_rigid(geometry)
-    limits = {
-        "lower": np.array(reduced.lowerPositionLimit),
-        "upper": np.array(reduced.upperPositionLimit),
-        "velocity": np.array(reduced.velocityLimit),
-        "effort": np.array(reduced.effortLimit),
-        "acceleration": np.array(
-            [_acceleration(description, name) for name in list(reduced.names)[1:]], dtype=float
-        ),
-    }
-    for i, name in enumerate(list(reduced.names)[1:]):
-        for key, values in limits.items():
-            wrong = not np.isfinite(values[i]) or (key not in ("lower", "upper") and not 0 < values[i] < 1e6)
-            if wrong or not limits["lower"][i] < limits["upper"][i]:
-                raise RobotError(
-                    f"the joint '{name}' has the {key} limit {values[i]:g}",
-                    file=file,
-                    key="limits",
-                    way_out=f"give it: limits: {{{name}: {{{key}: ...}}}}",
-                )
     names = list(reduced.names)[1:]
+    limits = _limits(description, reduced, names, file)
     arms = tuple(
         _arm(name, arm, np.array([names.index(j) for j in chains[name]]), limits, file)
         for name, arm in description.arms.items()
     )
     relief = np.array([description.springs.get(name, 0.0) for name in names])
     return Robot(
-        description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=tuple(sources)
+        description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=sources
     )
+
+
+def _require_limited(joint: Any, name: str, file: Path) -> None:
+    """Refuse joints that an arm cannot have."""
+    if joint.nv > 1:
+        raise RobotError(
+            f"the joint '{name}' has {joint.nv} degrees of freedom, an arm's joint has one",
+            file=file,
+            key="arms",
+            way_out="write it as several joints, or as a fixed one, in the URDF",
+        )
+    if joint.nq > 1:
+        raise RobotError(
+            f"the joint '{name}' turns without end and has no limits",
+            file=file,
+            key="limits",
+            way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
+        )
+
+
+def _limits(description: RobotFile, model: Any, names: list[str], file: Path) -> dict[str, Array]:
+    """Limits of the moving joints; arrays, shape (n_joints,)."""
+    limits = {
+        "lower": np.array(model.lowerPositionLimit),
+        "upper": np.array(model.upperPositionLimit),
+        "velocity": np.array(model.velocityLimit),
+        "effort": np.array(model.effortLimit),
+        "acceleration": np.array([_acceleration(description, name) for name in names]),
+    }
+    for i, name in enumerate(names):
+        lower, upper = limits["lower"][i], limits["upper"][i]
+        if not -LARGEST_LIMIT < lower < upper < LARGEST_LIMIT:
+            raise RobotError(
+                f"the joint '{name}' has the limits {lower:g} to {upper:g}",
+                file=file,
+                key="limits",
+                way_out=f"give others: limits: {{{name}: {{lower: -3, upper: 3}}}}",
+            )
+        for key in ("velocity", "effort", "acceleration"):
+            if not 0 < limits[key][i] < LARGEST_LIMIT:
+                raise RobotError(
+                    f"the joint '{name}' has the {key} limit {limits[key][i]:g}",
+                    file=file,
+                    key="limits",
+                    way_out=f"give another: limits: {{{name}: {{{key}: NUMBER}}}}",
+                )
+    return limits
 
 
 def _arm(
     name: str, arm: ArmDescription, columns: NDArray[np.int64], limits: dict[str, Array], file: Path
 ) -> Arm:
     lower, upper = limits["lower"][columns], limits["upper"][columns]
-    home = np.clip(0.0, lower, upper) if arm.home is None else np.array(arm.home)
+    home = 0.5 * (lower + upper) if arm.home is None else np.array(arm.home)
     if len(home) != len(columns):
         raise RobotError(
             f"home has {len(home)} values, the arm {len(columns)} joints",
@@ -475,3 +475,20 @@ def _arm(
 def _acceleration(description: RobotFile, name: str) -> float:
     given = description.limits.get(name)
     return description.acceleration if given is None or given.acceleration is None else given.acceleration
+
+
+def _warn_of_gaps(robot: Robot, file: Path) -> None:
+    """Say what the models leave out, so that nobody takes silence for safety."""
+    bodies = {item.parentJoint for item in robot.collision.geometryObjects}
+    for arm in robot.arms:
+        joints = [robot.model.getJointId(robot.joint_names[column]) for column in arm.columns]
+        if not bodies & set(joints):
+            _warn(f"no link of the arm '{arm.name}' has a collision body: what it touches is not known", file)
+        if not sum(robot.model.inertias[joint].mass for joint in joints):
+            _warn(
+                f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known", file
+            )
+
+
+def _warn(message: str, file: Path) -> None:
+    warnings.warn(f"{file}: {message}", ComoveWarning, stacklevel=2)

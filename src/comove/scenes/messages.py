@@ -11,7 +11,8 @@ import re
 import reprlib
 from collections.abc import Iterable, Iterator, Sized
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import UnionType
+from typing import Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -152,14 +153,25 @@ def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
 
 def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
     """List the keys that the contract knows for the mapping at `path`, and whether each is required."""
-    if not path:
-        model = contract.root
-    elif family := contract.families.get(path[0]):
+    if path and (family := contract.families.get(path[0])):
         part = data[path[0]] if family.depth == 1 else data[path[0]][path[1]]
         model = family.models[part[family.tag]]
     else:
-        model = contract.places[path[0]]
+        model = _model_at(contract.root, path)
     return {name: field.is_required() for name, field in model.model_fields.items()}
+
+
+def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
+    """Find the model of the mapping at `path`, through lists, mappings by name and parts that may be missing."""
+    found: Any = root
+    for part in path:
+        if isinstance(found, type) and issubclass(found, BaseModel):
+            found = found.model_fields[part].annotation
+        else:
+            found = get_args(found)[-1 if get_origin(found) is dict else 0]
+        if get_origin(found) in (UnionType, Union):
+            found = get_args(found)[0]
+    return found
 
 
 def _unknown_keys(unknown: _Keys, data: Any, contract: Contract) -> Iterator[Flaw]:

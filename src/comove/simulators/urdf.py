@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from comove.errors import ComoveWarning, RobotError
 from comove.primitives.rotations import exponential, matrices
 from comove.robots.description import Placement
-from comove.robots.model import Source, resolve
+from comove.robots.urdf import Source, resolve
 from comove.simulators.meshes import as_obj, coloured_parts
 
 Array = NDArray[np.float64]
