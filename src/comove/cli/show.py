@@ -29,6 +29,12 @@ def show(
 
     stored = read_result(folder)
     print(summary_text(stored.summary, folder))
+    if (folder / "robot.json").is_file():
+        from comove.cli.robot.report import joints_text
+        from comove.robots import read_joints
+
+        robot = read_joints(folder).summary
+        print(joints_text(str(robot.get("robot")), robot))
     if open_pictures:
         for name in PICTURES:
             typer.launch(str(folder / name))

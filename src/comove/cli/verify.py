@@ -22,9 +22,11 @@ def verify(
     from comove.scenes import Scene
 
     verdict = verify_result(read_result(folder), Scene.load(scene))
-    if verdict.verified is None:
+    robot = _robot_verdict(folder)
+    reasons = (*verdict.reasons, *(robot.reasons if robot is not None else ()))
+    if reasons:
         print(f"{folder}: rejected", file=sys.stderr)
-        for reason in verdict.reasons:
+        for reason in dict.fromkeys(reasons):
             print(f"  - {reason}", file=sys.stderr)
         return NOT_VERIFIED
     report = verdict.report
@@ -37,4 +39,17 @@ def verify(
     print(
         f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
     )
+    if robot is not None:
+        from comove.cli.robot.report import joints_text
+
+        print(joints_text(robot.verified.robot.name, robot.report.asdict()))
     return VERIFIED
+
+
+def _robot_verdict(folder: Path):
+    """The judgement on a robot's motion, None where the folder holds none."""
+    if not (folder / "robot.json").exists() and not (folder / "joints.npz").exists():
+        return None
+    from comove.robots import verify_stored
+
+    return verify_stored(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from comove.errors import RobotError
@@ -25,35 +26,32 @@ def robot_named(name: str | None, scene, file: Path):
     return Robot.load(named, folder), named if named in bundled_robots() else path
 
 
-def joints_text(robot, report, folder: Path) -> str:
+def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
     """A joint motion's measures for people."""
+    number, length = (lambda key, write=write: write(measures.get(key)) for write in (_number, _millimetres))
     rows = [
-        ("joints", f"{_number(report.joint_margin_min)} rad from their limits at least"),
+        ("joints", f"{number('joint_margin_min')} rad from their limits at least"),
         (
             "shares of the limits",
-            f"speed {_number(report.velocity_ratio_max)}, acceleration {_number(report.acceleration_ratio_max)}, "
-            f"torque {_number(report.torque_ratio_max)}",
+            f"speed {number('velocity_ratio_max')}, acceleration {number('acceleration_ratio_max')}, "
+            f"torque {number('torque_ratio_max')}",
         ),
-        (
-            "hands on the load",
-            f"within {_number(report.hand_error_max)} m, {_number(report.hand_turn_max)} rad",
-        ),
+        ("hands on the load", f"within {number('hand_error_max')} m, {number('hand_turn_max')} rad"),
         (
             "links keep away from",
-            f"obstacles {_millimetres(report.clearance_scene)}, load {_millimetres(report.clearance_load)}, "
-            f"each other {_millimetres(report.clearance_self)}",
+            f"obstacles {length('clearance_scene')}, load {length('clearance_load')}, "
+            f"each other {length('clearance_self')}",
         ),
-        ("joint motion", f"{folder / 'joints.npz'}, drawn in {folder / 'joints.png'}"),
     ]
-    return "\n".join([f"{robot.name}:", *(f"  {words:24s}{value}" for words, value in rows)])
+    return "\n".join([f"{robot}:", *(f"  {words:24s}{value}" for words, value in rows)])
 
 
-def _number(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
+def _number(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.3g}"
 
 
-def _millimetres(value: float) -> str:
-    if math.isnan(value):
+def _millimetres(value: float | None) -> str:
+    if value is None or math.isnan(value):
         return "-"
     return "nothing near" if math.isinf(value) else f"{1e3 * value:.1f} mm"
 

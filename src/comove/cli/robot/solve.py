@@ -72,7 +72,8 @@ def solve(
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
         print(summary_text(summary, out))
-        print(joints_text(task.robot, done.verdict.report, out))
+        print(joints_text(carrier.name, done.verdict.report.asdict()))
+        print(f"  {'joint motion':24s}{out / 'joints.npz'}, drawn in {out / 'joints.png'}")
         if not solution.verified and (offer := duration_offer(task.robot, loaded, done.joints)):
             print(offer)
     if solution.interrupted:

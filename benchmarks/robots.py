@@ -1,0 +1,165 @@
+"""Robots carry the load: every example solved with several seeds, then played in MuJoCo.
+
+    python benchmarks/robots.py                          # all of it
+    python benchmarks/robots.py --seeds 3 --only solve   # less of it
+
+Times are from the scene's file to the verified joint motion; imports, compiling and the robot's meshes are apart.
+Distances of the hands are computed by Pinocchio from the joints alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning import load_kernels, solve
+from comove.primitives.basis import motion_basis
+from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, robot_method, track
+from comove.scenes import Scene
+from comove.simulators import Friction, Perturbation, Weld, simulate
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCENES = sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")])
+PERTURBED = ("gap_30", "gap_20")
+N_PERTURBED = 20
+
+
+def solved(path: Path, seed: int) -> tuple[VerifiedJointMotion | None, dict[str, float]]:
+    """One run from the file, and what was measured."""
+    robot = Robot.load(Scene.load(path).file.robot)  # meshes apart
+    begun = time.perf_counter()
+    scene = Scene.load(path)
+    task = Carrying(robot, scene)
+    check = RobotCheck(task)
+    solution = solve(
+        scene, demonstration=scene.taught, seed=seed, method=robot_method(), carrier=task, checks=[check]
+    )
+    done = check.carried_out(solution.attempt)
+    seconds = time.perf_counter() - begun
+    report = done.verdict.report
+    return done.verdict.verified, {
+        "seconds": seconds,
+        "first": solution.time_to_first_verified_s or np.nan,
+        "J": solution.cost.total,
+        "distance": distance_error(robot, scene, done.joints.position),
+        "margin": report.joint_margin_min,
+        "speed": report.velocity_ratio_max,
+        "torque": report.torque_ratio_max,
+        "links": min(report.clearance_scene, report.clearance_load, report.clearance_self),
+        "load": solution.report.clearance_min,
+    }
+
+
+def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
+    """Largest departure of the hands' distances from what they are at the start, at all samples [m]."""
+    arms = [robot.arm(name) for name in scene.manipulators]
+    hands = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in arms] for q in joints])
+    apart = np.linalg.norm(hands[:, :1] - hands[:, 1:], axis=-1)
+    planned = np.linalg.norm(scene.start[:1] - scene.start[1:], axis=-1)
+    return float(np.abs(apart - planned).max())
+
+
+def table_of_solves(seeds: int) -> Iterator[tuple[Path, VerifiedJointMotion]]:
+    """Print a row a scene; gives the motion of the first seed."""
+    print(
+        "| scene | verified | first [s] | all [s] | J | distance error [m] | margin [rad] | speed | torque |"
+        " links [mm] | load [mm] |\n|---|---|---|---|---|---|---|---|---|---|---|"
+    )
+    times = []
+    for path in SCENES:
+        runs = [solved(path, seed) for seed in range(seeds)]
+        measures = {key: np.array([m[key] for _, m in runs]) for key in runs[0][1]}
+        times.append(measures["seconds"])
+        print(
+            f"| {path.stem} | {sum(v is not None for v, _ in runs)}/{seeds} "
+            f"| {np.nanmedian(measures['first']):.2f} | {np.median(measures['seconds']):.2f} "
+            f"| {np.median(measures['J']):.3f} | {measures['distance'].max():.1e} "
+            f"| {measures['margin'].min():.3f} | {measures['speed'].max():.2f} | {measures['torque'].max():.2f} "
+            f"| {1e3 * measures['links'].min():.1f} | {1e3 * measures['load'].min():.1f} |",
+            flush=True,
+        )
+        if (motion := next((v for v, _ in runs if v is not None), None)) is not None:
+            yield path, motion
+    print(f"\nmedian of all: {np.median(np.concatenate(times)):.2f} s\n")
+
+
+def straight(scene: Scene) -> CoordinatedMotion:
+    """The motion without shape: from start to goal through whatever stands there."""
+    coordinates, basis = load_coordinates(scene), motion_basis(20, "velocity")
+    weights = np.zeros((coordinates.n_columns, basis.n_basis))
+    return CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+
+
+def row(name: str, execution) -> None:
+    """Print what a simulation measured."""
+    m = execution.measures
+    slip = "-" if m["slip_max"] is None else f"{1e3 * m['slip_max']:.2f}"
+    print(
+        f"| {name} | {'yes' if execution.delivered else 'no'} | {1e3 * m['end_error']:.2f} "
+        f"| {1e3 * m['distance_error_max']:.3f} | {slip} | {m['internal_force_max']:.1f} "
+        f"| {1e3 * m['lag_max']:.2f} | {len(execution.contacts)} | {execution.steps_per_second:.0f} |",
+        flush=True,
+    )
+
+
+def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
+    """Print a row a simulation."""
+    print(
+        "| simulation | delivered | end [mm] | distance [mm] | slip [mm] | inner force [N] | lag [mm] | contacts"
+        " | steps/s |\n|---|---|---|---|---|---|---|---|---|"
+    )
+    for path, motion in motions:
+        row(f"{path.stem}, weld", simulate(motion.joints, motion.scene, motion.robot, Weld()))
+        if path.parent.name == "baxter":
+            row(f"{path.stem}, friction", simulate(motion.joints, motion.scene, motion.robot, Friction()))
+    for path, motion in motions:
+        if path.stem not in PERTURBED:
+            continue
+        for grasp in (Weld(), Friction()):
+            runs = []
+            for seed in range(N_PERTURBED):
+                drawn = Perturbation.drawn(np.random.default_rng(seed), len(motion.robot.joint_names))
+                runs.append(simulate(motion.joints, motion.scene, motion.robot, grasp, drawn))
+            name = f"{path.stem}, {type(grasp).__name__.lower()}, perturbed, worst of {N_PERTURBED}"
+            worst = {
+                key: max(run.measures[key] or 0.0 for run in runs)
+                for key in ("end_error", "distance_error_max", "slip_max", "internal_force_max", "lag_max")
+            }
+            print(
+                f"| {name} | {sum(run.delivered for run in runs)}/{N_PERTURBED} | {1e3 * worst['end_error']:.2f} "
+                f"| {1e3 * worst['distance_error_max']:.3f} | {1e3 * worst['slip_max']:.2f} "
+                f"| {worst['internal_force_max']:.1f} | {1e3 * worst['lag_max']:.2f} "
+                f"| {sum(len(run.contacts) for run in runs)} | |",
+                flush=True,
+            )
+        joints, _ = track(Carrying(motion.robot, motion.scene), straight(motion.scene))
+        for grasp in (Weld(), Friction()):
+            name = f"{path.stem}, {type(grasp).__name__.lower()}, straight line"
+            row(name, simulate(joints, motion.scene, motion.robot, grasp))
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--only", choices=("solve", "simulate"))
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    load_kernels(3)
+    for path in SCENES:  # compiled kernels and meshes in memory
+        scene = Scene.load(path)
+        RobotCheck(Carrying(Robot.load(scene.file.robot), scene)).prepare()
+    motions = list(table_of_solves(1 if options.only == "simulate" else options.seeds))
+    if options.only != "solve":
+        table_of_simulations(motions)
+
+
+if __name__ == "__main__":
+    main()

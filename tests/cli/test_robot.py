@@ -1,0 +1,190 @@
+"""`comove robot ...` as a user runs it: from a scene to files that a robot plays, and what is refused."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from comove.cli import app as _  # noqa: F401
+from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
+from comove.cli.app import app
+from comove.robots import Robot
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def text_of(result):
+    """All that was said; no traceback."""
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.output + (result.stderr if result.stderr_bytes else "")
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robot") / "result"
+    result = run("robot", "solve", SCENE, "--out", folder)
+    assert result.exit_code == 0, text_of(result)
+    return folder
+
+
+@pytest.fixture
+def copy(solved, tmp_path):
+    return Path(shutil.copytree(solved, tmp_path / "copy"))
+
+
+def scene_with(tmp_path, **changes):
+    """The example with other keys; None takes a key away."""
+    data = yaml.safe_load(SCENE.read_text(encoding="utf-8")) | changes
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        yaml.safe_dump({key: value for key, value in data.items() if value is not None}), encoding="utf-8"
+    )
+    return path
+
+
+def test_a_solved_folder_holds_what_the_contract_says(solved):
+    names = {path.name for path in solved.iterdir()}
+    assert names == {
+        "solution.npz", "solution.json", "motion.png", "progress.png",
+        "joints.npz", "robot.json", "scene.json", "joints.png",
+    }  # fmt: skip
+    with np.load(solved / "joints.npz", allow_pickle=False) as joints:
+        assert set(joints) == {"time", "joint_names", "position", "velocity", "acceleration"}
+        time, position = joints["time"], joints["position"]
+        assert np.allclose(np.diff(time), 0.01) and time[0] == 0.0 and time[-1] == 10.0
+        assert position.shape == joints["velocity"].shape == joints["acceleration"].shape == (1001, 14)
+    summary = json.loads((solved / "solution.json").read_text())
+    assert summary["verified"] is True and json.loads((solved / "robot.json").read_text())["verified"] is True
+
+
+def test_the_hands_carry_the_stick(solved):
+    """Pinocchio on Baxter's own URDF, and the stick of the file: nothing of comove."""
+    with np.load(solved / "joints.npz") as joints, np.load(solved / "solution.npz") as hands:
+        names, position = [str(name) for name in joints["joint_names"]], joints["position"]
+        at = [np.array([np.interp(t, hands["time"], p) for p in hands["position"].reshape(-1, 6).T])
+              for t in joints["time"][::100]]  # fmt: skip
+    model = pin.buildModelFromXML(Robot.load("baxter").sources[0].urdf)
+    data, q = model.createData(), pin.neutral(model)
+    for row, expected in zip(position[::100], at, strict=True):
+        for name, value in zip(names, row, strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        poses = [data.oMf[model.getFrameId(f"{side}_gripper")] for side in ("left", "right")]
+        found = np.array([pose.translation for pose in poses])
+        assert np.abs(found.ravel() - expected).max() < 1e-6
+        along = found[0] - found[1]
+        assert abs(np.linalg.norm(along) - 0.6) < 1e-6
+        yaw = np.arctan2(along[1], along[0])
+        down = np.array([[-np.cos(yaw), -np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, -1]])
+        assert all(np.abs(pose.rotation - down).max() < 1e-6 for pose in poses)
+
+
+def test_verify_and_show_speak_of_the_robot(solved):
+    result = run("verify", SCENE, solved)
+    assert result.exit_code == 0 and "baxter:" in text_of(result)
+    assert "shares of the limits" in text_of(run("show", solved))
+
+
+def test_export_writes_what_it_says_and_nothing_twice(copy):
+    result = run("robot", "export", copy, "--no-transfers")
+    assert result.exit_code == 0, text_of(result)
+    header, *rows = (copy / "baxter.csv").read_text().splitlines()
+    assert header.split(",")[:3] == ["time", "left_s0", "left_s1"] and header.count(",") == 16
+    assert len(rows) == 1001
+    again = run("robot", "export", copy, "--no-transfers")
+    assert again.exit_code == 2 and "baxter.csv" in text_of(again)
+    assert run("robot", "solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
+    assert (copy / "baxter.csv").is_file()
+
+
+def test_simulate_delivers(copy):
+    result = run("robot", "simulate", copy, "--no-pictures")
+    assert result.exit_code == 0, text_of(result)
+    summary = json.loads((copy / "simulation.json").read_text())
+    assert summary["delivered"] is True and not summary["contacts"]
+
+
+@pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz"])
+def test_an_edited_folder_is_refused_everywhere(copy, name):
+    path = copy / name
+    if name.endswith("npz"):
+        with np.load(path) as arrays:
+            data = dict(arrays)
+        data["position"] = data["position"].copy()
+        data["position"][500] += 1e-3
+        np.savez(path, **data)
+    else:
+        path.write_text(path.read_text().replace("0.25", "0.26", 1))  # the load's mass
+    for verb in (["export", copy], ["simulate", copy], ["send", copy]):
+        result = run("robot", *verb)
+        assert result.exit_code == 2 and "not verified" in text_of(result), (verb, text_of(result))
+    assert run("verify", SCENE, copy).exit_code == 1
+
+
+def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
+    scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
+    result = run("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
+    assert result.exit_code == 1, text_of(result)
+    assert "set duration:" in text_of(result)
+    assert json.loads((tmp_path / "out" / "solution.json").read_text())["verified"] is False
+    exported = run("robot", "export", tmp_path / "out")
+    assert exported.exit_code == 2 and "not verified" in text_of(exported)
+
+
+FAR = [{"name": "left", "start": [1.6, 0.5, 0.05], "goal": [0.772, -0.108, 0.05]},
+       {"name": "right", "start": [1.6, -0.1, 0.05], "goal": [0.348, -0.532, 0.05]}]  # fmt: skip
+WIDE = {"lower": [0.0, -1.5, -0.1], "upper": [2.0, 1.5, 0.12]}
+LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
+        {"name": "right", "start": [0.6, -0.9, 0.05], "goal": [0.6, -1.0, 0.05]}]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"robot": "baxxter"}, ["robot", "baxxter", "baxter"]),
+        ({"robot": None}, ["robot", "baxter", "two_pandas"]),
+        ({"grasp": None}, ["grasp", "orientation: down"]),
+        ({"manipulators": FAR, "workspace": WIDE, "obstacles": []}, ["left", "start", "missing"]),
+        ({"manipulators": LONG, "workspace": WIDE, "obstacles": [],
+          "load": {"shape": "bar", "length": 1.8, "radius": 0.01}}, ["cannot reach", "missing"]),
+        ({"robot": "two_pandas", "manipulators": None}, ["manipulators"]),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
+    result = run("robot", "solve", scene_with(tmp_path, **changes), "--out", tmp_path / "out")
+    assert result.exit_code == 2, text_of(result)
+    assert not (tmp_path / "out").exists()
+    for word in words:
+        assert word in text_of(result)
+    assert "Traceback" not in text_of(result)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["export", "nowhere"], "nowhere"),
+        (["simulate", "nowhere"], "nowhere"),
+        (["export", ".", "--format", "rosbag"], "rosbag1"),
+        (["simulate", ".", "--grasp", "weldd"], "weld"),
+        (["send", ".", "--part", "cary"], "carry"),
+    ],
+)
+def test_wrong_words_on_the_command_line(arguments, word):
+    result = run("robot", *arguments)
+    assert result.exit_code == 2 and word in text_of(result)
+
+
+def test_a_robot_that_is_not_there(solved, monkeypatch):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    result = run("robot", "send", solved, "--timeout", "1")
+    assert result.exit_code == 2 and "ros" in text_of(result).lower()
