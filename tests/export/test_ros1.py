@@ -189,7 +189,7 @@ def test_a_server_that_hangs_stops_the_other_arm(robot, brief):
 
     thread = threading.Thread(target=hang)
     thread.start()
-    fails(client, brief, "said nothing for 0.* s")
+    fails(client, brief, "said nothing for")
     thread.join()
     servers["right"].wait_for("stopped")
 
@@ -286,13 +286,13 @@ def test_when_comove_ends_all_arms_stop(robot, brief, master):
         "import sys, time; from comove.export.ros1 import BRIDGE, Ros1Client; from comove.export.send import Goal;"
         "import numpy as np; n = np.arange(3) * 10**10; names = sys.argv[1:];"
         "client = Ros1Client(); arms = {a: tuple(x for x in names if x.startswith(a)) for a in ('left', 'right')};"
-        "client.connect(arms, 2.0);"
+        "client.connect(arms, 20.0);"
         "client.send({a: Goal(j, n, *3 * [np.zeros((3, 7))]) for a, j in arms.items()}, 0.1); time.sleep(60)"
     )
     arguments = [sys.executable, "-c", code, *brief.robot.joint_names]
     with Process(arguments, {**os.environ, **master}) as comove:
         for server in servers.values():
-            server.wait_for("goal")
+            server.wait_for("goal", 60.0)
         time.sleep(0.3)
         comove.process.kill()
         killed = time.monotonic()
