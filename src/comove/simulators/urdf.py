@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 COMPILER = {
     "balanceinertia": "true",
-    "boundmass": "1e-6",
-    "boundinertia": "1e-10",
+    "boundmass": "1e-9",
+    "boundinertia": "1e-12",
     "discardvisual": "false",
     "fusestatic": "false",
     "strippath": "false",
@@ -61,6 +61,8 @@ def for_mujoco(
                     link.extend(_drawable(visual, source.file))
             for collision in link.findall("collision"):
                 _convert(collision, source.file)
+            for number, shape in enumerate(link.findall("visual") + link.findall("collision")):
+                shape.set("name", f"{link.get('name')} {number}")  # names must differ
         whole.extend(part for part in tree if part.tag in ("link", "joint", "material"))
     return ET.tostring(whole, encoding="unicode")
 

@@ -74,7 +74,8 @@ class World:
         return 1 if self.model.geom_contype[geom] == ROBOT[0] else 2
 
     def _name_of(self, geom: int) -> str:
-        return self.model.geom(geom).name or self.model.body(self.model.geom_bodyid[geom]).name
+        shape, body = self.model.geom(geom), self.model.body(self.model.geom_bodyid[geom])
+        return body.name if self._rank(geom) == 1 else shape.name
 
 
 def build_world(
