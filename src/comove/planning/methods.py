@@ -128,6 +128,7 @@ class Comove:
         rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
         for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
             if not np.all(value.possible) and not value.possible[i]:
+                search.attempt = search.attempt or dmp.rollout(weights[i])
                 break  # what moves the hands cannot: those that follow neither
             if search.judge(dmp.rollout(weights[i])).verified:
                 return float(value.cost[i]), replace(dmp, weights=weights[i])

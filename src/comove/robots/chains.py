@@ -247,6 +247,19 @@ def solve_damped(jac, free, damping, error, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def spare(chains, j, keep):
+    """What joint j can stay inside its limits, at most `keep` [rad or m]."""
+    return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def inside(chains, j, value, keep):
+    """The value of joint j that is nearest to `value` and `keep` inside its limits, or in their middle."""
+    margin = spare(chains, j, keep)
+    return min(max(value, chains.lower[j] + margin), chains.upper[j] - margin)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance, steady, most, q):
     """Newton's method with damped least squares for one arm, in place, redundancy pulled towards `pull`.
 
@@ -294,8 +307,9 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
                     step[k] += jac[i, k] * dual[i]
                 largest = max(largest, abs(step[k]))
                 j = first + k
-                out_low = q[j] <= chains.lower[j] + keep + 1e-9 and step[k] < 0.0
-                out_high = q[j] >= chains.upper[j] - keep - 1e-9 and step[k] > 0.0
+                margin = spare(chains, j, keep) + 1e-9
+                out_low = q[j] <= chains.lower[j] + margin and step[k] < 0.0
+                out_high = q[j] >= chains.upper[j] - margin and step[k] > 0.0
                 if out_low or out_high:
                     free[k] = False
                     settled = False
@@ -304,7 +318,7 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
         scale, moved = min(1.0, LARGEST_STEP / max(largest, 1e-12)), largest
         for k in range(n):
             j = first + k
-            q[j] = min(max(q[j] + scale * step[k], chains.lower[j] + keep), chains.upper[j] - keep)
+            q[j] = inside(chains, j, q[j] + scale * step[k], keep)
     return residual
 
 

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.robots.chains import Chains, reach_pose, torques
+from comove.robots.chains import Chains, inside, reach_pose, torques
 from comove.robots.links import Links, links_clearance, place_links
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def follow_one(arms, nodes, start, q, missing, penalty):
                 q[t, j] = start[j]
                 continue
             on = q[t - 1, j] if t == 1 else 2.0 * q[t - 1, j] - q[t - 2, j]  # on, as before
-            q[t, j] = min(max(on, chains.lower[j] + KEEP), chains.upper[j] - KEEP)
+            q[t, j] = inside(chains, j, on, KEEP)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes[t], i, rotation)
             left = reach_pose(

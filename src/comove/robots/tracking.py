@@ -11,7 +11,7 @@ from scipy.interpolate import make_lsq_spline
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.robots.carrying import Carrying
-from comove.robots.chains import reach_pose
+from comove.robots.chains import inside, reach_pose
 from comove.robots.following import follow_one, hand_rotation
 from comove.robots.motion import SAMPLE_RATE, JointMotion
 
@@ -87,7 +87,7 @@ def _tracked(arms, nodes, posture):
     rotation = np.empty((3, 3))
     for t in range(n_steps):
         for j in range(joints.shape[1]):
-            joints[t, j] = min(max(joints[t, j], chains.lower[j]), chains.upper[j])
+            joints[t, j] = inside(chains, j, joints[t, j], 0.0)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(arms.around, nodes[t], i, rotation)
             residual[t, i] = reach_pose(

@@ -59,19 +59,21 @@ def _millimetres(value: float | None) -> str:
 def duration_offer(robot, scene, joints) -> str | None:
     """How long the same path would have to take, where the robot cannot go it in the scene's time."""
     from comove.errors import ComoveError
-    from comove.robots import DEFAULT_MASS, shortest_duration
+    from comove.robots import DEFAULT_MASS, fastest_timing, shortest_duration
 
     mass = DEFAULT_MASS if scene.load_mass is None else scene.load_mass
     holders = [scene.manipulators[i] for i in scene.grasp.holders]
     try:
-        timing = shortest_duration(robot, joints, carried=dict.fromkeys(holders, mass / len(holders)))
+        carried = dict.fromkeys(holders, mass / len(holders))
+        timing = shortest_duration(robot, joints, carried=carried)
+        fastest = fastest_timing(robot, joints, carried=carried)
     except ComoveError:
         return None
     if timing.duration <= scene.duration:
         return None
     return (
-        f"  the joints could go this way in {timing.duration:.2f} s ({timing.limit}): "
-        f"set duration: {math.ceil(10 * timing.duration) / 10:g} in the scene"
+        f"  at its pace this way takes the joints {timing.duration:.2f} s ({timing.limit}), at the limits all the "
+        f"way {fastest.duration:.2f} s: set duration: {math.ceil(10 * timing.duration) / 10:g} in the scene"
     )
 
 
