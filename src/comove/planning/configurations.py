@@ -27,6 +27,7 @@ from comove.coordination.coordinates import (
 )
 from comove.scenes.distances import point_distance, segment_distance
 from comove.scenes.scene import Scene
+from comove.scenes.solids import border_distance, solid_at, solid_distance
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class Space(NamedTuple):
     ----------
     blocks : how a configuration becomes nodes
     reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
-    edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
+    edges, radii, solids : the body, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, 8)
     obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     lower, upper : arrays, shape (3,), the workspace [m]
     pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
@@ -53,6 +54,7 @@ class Space(NamedTuple):
     reach: Array
     edges: NDArray[np.int64]
     radii: Array
+    solids: NDArray[np.int64]
     obstacles: Array
     lower: Array
     upper: Array
@@ -71,6 +73,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         reach,
         body.edges,
         body.radii,
+        body.solids,
         scene.obstacles,
         *scene.workspace,
         *scene.kept_apart,
@@ -116,6 +119,14 @@ def clearance_of(space, q, nodes, floor=0.0):
             clearance = min(clearance, distance - TOLERANCE - radius)
             if clearance <= floor:
                 return clearance
+    for s in range(space.solids.shape[0]):
+        solid, normal = np.empty((4, 3)), np.array([1.0, 0.0, 0.0])
+        solid_at(nodes, space.solids[s], solid)
+        clearance = min(clearance, border_distance(solid, space.lower, space.upper))
+        for j in range(space.obstacles.shape[0]):
+            if clearance <= floor:
+                return clearance
+            clearance = min(clearance, solid_distance(space.obstacles, j, solid, clearance, normal)[0])
     return clearance
 
 

@@ -23,13 +23,17 @@ def load_kernels(n_dims: int) -> None:
     def at(*values: float) -> list[float]:
         return [*values, *[0.5] * (n_dims - len(values))]
 
+    load = {"shape": "bar", "length": 0.2}
+    if n_dims == 3:  # a box needs all that a bar needs, and the kernels of solids
+        load = {"shape": "box", "size": [0.2, 0.02, 0.02]}
     scene = Scene.from_dict(
         {
             "name": "kernels",
             "duration": 1.0,
             "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
             "obstacles": [{"shape": "sphere", "center": at(0.9, 0.9), "radius": 0.01}],
-            "load": {"shape": "bar", "length": 0.2},
+            "load": load,
+            "constraints": [{"type": "upright"}] if n_dims == 3 else [],
             "manipulators": [
                 {"name": "a", "start": at(0.2, 0.4), "goal": at(0.3, 0.4)},
                 {"name": "b", "start": at(0.2, 0.6), "goal": at(0.3, 0.6)},

@@ -26,6 +26,7 @@ from comove.coordination.motion import CoordinatedMotion, rollouts
 from comove.errors import OptionError
 from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
+from comove.scenes.solids import border_distance, solid_at, solid_distance
 
 Array = NDArray[np.float64]
 
@@ -106,6 +107,7 @@ class Evaluation(NamedTuple):
     speed : largest of a hand [m/s]
     acceleration : largest of a hand [m/s^2]
     terms : array, shape (n_rollouts, 3): goal, velocity and resemblance terms
+    possible : whether what moves the hands can do it; True where nothing but the scene is asked
     """
 
     cost: Array
@@ -115,6 +117,7 @@ class Evaluation(NamedTuple):
     speed: Array
     acceleration: Array
     terms: Array
+    possible: NDArray[np.bool_] | bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +163,7 @@ class Objective:
                 n_hands,
                 scene.body.edges,
                 scene.body.radii,
+                scene.body.solids,
                 scene.obstacles,
                 *scene.workspace,
                 *scene.kept_apart,
@@ -188,7 +192,7 @@ class Objective:
         """Which rollouts look verifiable; shape (n_rollouts,)."""
         speed, acceleration = self.limit_ratios(evaluation)
         clear = evaluation.clearance > self.scene.clearance
-        return clear & (speed <= NEAR_LIMIT) & (acceleration <= 1.0)
+        return clear & (speed <= NEAR_LIMIT) & (acceleration <= 1.0) & evaluation.possible
 
     def cost(self, motion: CoordinatedMotion) -> Cost:
         """The terms of J of one motion."""
@@ -205,6 +209,7 @@ def _evaluate(
     n_hands,
     edges,
     radii,
+    solids,
     obstacles,
     lower,
     upper,
@@ -245,14 +250,14 @@ def _evaluate(
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
         penalty[k], clearance[k], hits[k] = _obstacle_penalty(
-            x, edges, radii, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
+            x, edges, radii, solids, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
         )
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _obstacle_penalty(
-    x, edges, radii, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
+    x, edges, radii, solids, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
 ):
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout."""
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
@@ -260,6 +265,9 @@ def _obstacle_penalty(
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
     touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
+    here, there, solid = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    normals = np.empty((solids.shape[0], n_obstacles, 3))  # the directions that parted them last
+    normals[:] = 1.0 / sqrt(3.0)
     cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
     total, least, hits = 0.0, cap, 0
     thickest = 0.0
@@ -304,6 +312,21 @@ def _obstacle_penalty(
                     distance = (
                         segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, cap + r, TOLERANCE) - r
                     )
+                    d = min(d, distance)
+                    if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
+                        touched[near[i]] = t + 1
+                        hits += 1
+            for s in range(solids.shape[0]):
+                if part == 0:
+                    solid_at(x[t], solids[s], here)
+                    solid_at(x[after], solids[s], there)
+                for row in range(4):
+                    for axis in range(3):
+                        solid[row, axis] = here[row, axis] + f * (there[row, axis] - here[row, axis])
+                if at_border:
+                    d = min(d, border_distance(solid, lower, upper))
+                for i in range(n_near):
+                    distance = solid_distance(obstacles, near[i], solid, cap, normals[s, near[i]])[0]
                     d = min(d, distance)
                     if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
                         touched[near[i]] = t + 1

@@ -74,7 +74,7 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
         if planar and obstacle.shape == "cylinder":
             yield Flaw(("obstacles", i, "shape"), "a cylinder needs a spatial scene", "use circle or box")
     if not planar and _shape(scene) == "polygon":
-        yield Flaw(("load", "shape"), "a polygon needs a planar scene", "use box, mesh or frame in space")
+        yield Flaw(("load", "shape"), "a polygon needs a planar scene", "use a box or a frame in space")
     if planar and _shape(scene) == "mesh":
         yield Flaw(("load", "shape"), "a mesh needs a spatial scene", "use polygon in the plane")
 

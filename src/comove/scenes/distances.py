@@ -128,27 +128,37 @@ def tangent(table, j, x, y, z, dx, dy, dz):
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 
+    The result is an upper bound, at most `tolerance` above the least distance; where the latter is sure to be
+    above `cutoff`, any value above `cutoff` may come back.
+    """
+    return nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance)[0]
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")  # who wants the distance alone pays for no more
+def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
+    """Where on the segment p-q its distance to obstacle `j` is least, as `segment_distance` bounds it.
+
     The distance is convex along the segment, so tangents bound it from below: where the tangents at both ends
-    of a bracket meet is the next place to look. The result is an upper bound, at most `tolerance` above the
-    least distance; where the latter is sure to be above `cutoff`, any value above `cutoff` may come back.
+    of a bracket meet is the next place to look. Returns the distance [m], the ends of the last bracket as shares of
+    the segment (the same twice where the nearest point is known), and the slopes there.
     """
     dx, dy, dz = qx - px, qy - py, qz - pz
     middle, rise = tangent(table, j, px + 0.5 * dx, py + 0.5 * dy, pz + 0.5 * dz, dx, dy, dz)
     if middle - 0.5 * abs(rise) > cutoff or dx * dx + dy * dy + dz * dz == 0.0:
-        return middle
+        return middle, 0.5, 0.5, rise, rise
     # The least distance lies on the falling side of the middle.
     if rise > 0.0:
         high, f_high, g_high = 0.5, middle, rise
         low = 0.0
         f_low, g_low = tangent(table, j, px, py, pz, dx, dy, dz)
         if g_low >= 0.0:
-            return f_low
+            return f_low, low, low, g_low, g_low
     else:
         low, f_low, g_low = 0.5, middle, rise
         high = 1.0
         f_high, g_high = tangent(table, j, qx, qy, qz, dx, dy, dz)
         if g_high <= 0.0:
-            return f_high
+            return f_high, high, high, g_high, g_high
     best = min(f_low, f_high)
     for _ in range(40):
         s = (f_high - f_low + g_low * low - g_high * high) / (g_low - g_high)
@@ -162,8 +172,8 @@ def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
         elif g < 0.0:
             low, f_low, g_low = s, f, g
         else:
-            break
-    return best
+            return best, s, s, g, g
+    return best, low, high, g_low, g_high
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -144,6 +144,13 @@ def levelling(along: Array, up: Array) -> Array:
     return similarity(across / size, up) if size > 0.1 else np.eye(3)
 
 
+def standing(x: Array) -> Array:
+    """The rotation whose x axis is the unit vector `x`, not vertical, and whose z axis leans least; shape (3, 3)."""
+    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
+    z /= np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
 def _about_middle(points: Array) -> Array:
     return points - points.mean(axis=-2, keepdims=True)
 

@@ -273,7 +273,7 @@ class PolygonLoad(_Gripped):
 
 
 class BoxLoad(_Gripped):
-    """A box with the full edge lengths `size` [m], centred on the load's frame."""
+    """A solid box with the full edge lengths `size` [m], centred on the load's frame; a rectangle in the plane."""
 
     shape: Literal["box"]
     size: Sizes

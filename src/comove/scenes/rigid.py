@@ -27,12 +27,15 @@ from comove.scenes.groups import (
     levelling,
     nearest_distances,
     orientation_of,
+    standing,
     tilt_between,
 )
 from comove.scenes.model import SceneFile
+from comove.scenes.solids import N_CORNERS
 
 Array = NDArray[np.float64]
 
+HEADING = 1e-3  # m, by which hands that tell a heading must be beside each other
 TILT_ROUNDING = 1e-9  # rad
 
 
@@ -97,6 +100,9 @@ def rigid_group(
     stated = {frozenset((c.first, c.second)): c for c in own if isinstance(c, DistanceConstraint)}
     grasps, corners = _held(file, members, ends[0], stated, path)
     orientation = orientation_of(grasps, n_dims)
+    rolls = orientation == "axis" and len(corners) == N_CORNERS  # a box on one line: turns about it count
+    if rolls:
+        grasps, corners = _on_x_axis(file, members, grasps, corners, ends, path)
     implied = []
     for (a, i), (b, j) in combinations(enumerate(members), 2):
         distance = float(np.linalg.norm(grasps[a] - grasps[b]))
@@ -135,11 +141,20 @@ def rigid_group(
                 key="manipulators",
                 way_out=f"swap two of them at the {end}",
             )
+    if rolls:
+        poses = [Pose(pose.center, standing(pose.rotation[:, 0])) for pose in poses]
     group = RigidGroup(members, grasps, corners, orientation, *poses)
     if any(isinstance(c, (UprightConstraint, SameHeightConstraint)) for c in own) and len(members) > 1:
         group = _upright(group, ends, own, file, path)
     elif any(isinstance(c, RelativePoseConstraint) for c in own) and orientation == "axis":
         group = _without_roll(group)
+    elif rolls:
+        raise SceneError(
+            f"{_listed(file, members)} leave the box free to turn about the line through their hands",
+            file=path,
+            key="load",
+            way_out="add {type: upright} to the constraints (or grasp, which implies it), or a third hand",
+        )
     return group, implied
 
 
@@ -240,14 +255,57 @@ def _held(
     """Grasps and further points of the load in the group's frame; arrays, shapes (n_members, 3), (n_corners, 3)."""
     holders = tuple(i for i in members if file.names[i] in file.holders)
     grasps, corners = _load_shape(file, holders) if holders else (None, np.zeros((0, 3)))
+    held = [members.index(i) for i in holders]
+    if holders and file.load.shape == "box" and grasps is None:  # centred between those who hold it
+        grasps = _grasps_from_start(holders, hands[held], stated, file, path)
     if grasps is not None and holders == members:
         return grasps, corners
     found = _grasps_from_start(members, hands, stated, file, path)
     if grasps is not None:  # others go along with the load that some hold
-        held = [members.index(i) for i in holders]
-        pose = fit_pose(grasps, found[held], orientation_of(grasps, file.dimension))
+        orientation = orientation_of(grasps, file.dimension)
+        if orientation == "axis" and len(corners) == N_CORNERS:
+            own, corners = _on_x_axis(file, holders, grasps, corners, (found[held], found[held]), path)
+            pose = fit_pose(own, found[held], orientation)
+            grasps, pose = own, Pose(pose.center, standing(pose.rotation[:, 0]))
+        else:
+            pose = fit_pose(grasps, found[held], orientation)
         found[held], corners = pose.place(grasps), pose.place(corners)
     return found, corners
+
+
+def _on_x_axis(
+    file: SceneFile,
+    members: tuple[int, ...],
+    grasps: Array,
+    corners: Array,
+    ends: tuple[Array, Array],
+    path: object,
+) -> tuple[Array, Array]:
+    """Grasps on one line, and the corners of a box, with this line on x and the box's own z as near z as can be.
+
+    Raises
+    ------
+    SceneError
+        If the line is vertical, so that nothing tells where the box is heading.
+    """
+    line = grasps[-1] - grasps[0]
+    for way in (line, *(hands[-1] - hands[0] for hands in ends)):
+        if np.hypot(way[0], way[1]) < HEADING:
+            raise SceneError(
+                f"{_listed(file, members)} hold the box one above the other, which leaves open where it is heading",
+                file=path,
+                key="load",
+                way_out="move one of them aside, or let a third hand hold it",
+            )
+    frame, middle = standing(line / np.linalg.norm(line)), grasps.mean(axis=0)
+    along = (grasps - middle) @ frame[:, 0]
+    return np.outer(along, [1.0, 0.0, 0.0]), (corners - middle) @ frame
+
+
+def _listed(file: SceneFile, members: tuple[int, ...]) -> str:
+    """``'a' and 'b'``, ``'a', 'b' and 'c'``."""
+    names = [f"'{file.names[i]}'" for i in members]
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _load_shape(file: SceneFile, holders: tuple[int, ...]) -> tuple[Array | None, Array]:
@@ -265,6 +323,12 @@ def _load_shape(file: SceneFile, holders: tuple[int, ...]) -> tuple[Array | None
     if load.shape == "polygon":
         corners = np.zeros((len(load.vertices), 3))
         corners[:, : file.dimension] = load.vertices
+    elif load.shape == "box" and file.dimension == 2:
+        corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        corners[:, :2] *= 0.5 * np.array(load.size)
+    elif load.shape == "box":
+        sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
+        corners = -0.5 * sides * np.array(load.size)
     return grasps, corners
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, radians
 from pathlib import Path
@@ -33,20 +33,20 @@ from comove.scenes.constraints import (
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import RigidGroup, rotation_in_plane
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
-from comove.scenes.rigid import levelled, require_same_heights, rigid_group, rigid_sets
+from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
+from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.taught import read_demonstration, read_movement
 
 Array = NDArray[np.float64]
 
-LOADS = ("bar", "frame", "polygon")
-HEADING = 1e-3  # m, between the first two holders, seen from above
+LOADS = ("bar", "frame", "polygon", "box")
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
 @dataclass(frozen=True)
 class Body:
-    """What must not touch anything: segments between nodes, thickened.
+    """What must not touch anything: segments between nodes, thickened, and solid boxes.
 
     Nodes are the hands in the order of the manipulators, then the corners of the load.
 
@@ -56,12 +56,14 @@ class Body:
     radii : array, shape (n_edges,), [m]
     n_nodes : int
     filled : bool, the edges are the border of a filled polygon
+    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as `comove.scenes.solids` says
     """
 
     edges: NDArray[np.int64]
     radii: Array
     n_nodes: int
     filled: bool = False
+    solids: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +230,9 @@ class Scene:
         clearance, nearest = sd.configuration_distance(
             nodes, self.body.edges, self.body.radii, self.obstacles, *self.workspace
         )
+        if len(self.body.solids):
+            solid = solids_clearance(nodes, self.body.solids, self.obstacles, *self.workspace)
+            clearance, nearest = min((clearance, nearest), solid)
         if self.body.filled:
             first, second = self.body.edges.T
             border = nodes[first[first != second]]  # without the hands, which are points
@@ -256,7 +261,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
             f"loads of shape '{file.load.shape}' are not supported",
             file=path,
             key="load.shape",
-            way_out=f"use one of {', '.join(LOADS)}, a polygon in the plane only",
+            way_out="use a box around it, or a frame of rods",
         )
     names = [m.name for m in file.manipulators]
     start = _spatial(np.array([m.start for m in file.manipulators]))
@@ -328,17 +333,19 @@ def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
 
 
 def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
-    """Edges of the load between nodes, and every hand that is not the end of one as a point."""
-    load, edges, radius = file.load, [], 0.0
+    """Edges of the load between nodes, or its solid, and every hand that is not the end of an edge as a point."""
+    load, edges, solids, radius = file.load, [], [], 0.0
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
     if load is not None:
-        radius = load.radius
+        radius = getattr(load, "radius", 0.0)
         if load.shape == "bar":
             holders = [names.index(name) for name in (load.held_by or names)]
             edges = [tuple(corners or holders)]
         elif load.shape == "frame":
             edges = [(names.index(a), names.index(b)) for a, b in load.edges]
+        elif load.shape == "box" and file.dimension == 3:
+            solids = [corners]
         else:
             edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
     touched = {node for edge in edges for node in edge}
@@ -347,7 +354,8 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
         edges=np.array(edges + points, dtype=np.int64).reshape(-1, 2),
         radii=np.array([radius] * len(edges) + [0.0] * len(points)),
         n_nodes=len(names) + n_corners,
-        filled=load is not None and load.shape == "polygon",
+        filled=load is not None and file.dimension == 2 and load.shape in ("polygon", "box"),
+        solids=np.array(solids, dtype=np.int64).reshape(-1, N_CORNERS),
     )
 
 

@@ -11,6 +11,12 @@ edge at mid-time: by the same constant, ``d(middle) - ds/2 length``, or by conve
 beyond the middle the distance stays above the line through the middle and the other end. Cells that are not
 clear enough are halved along their larger term. The least bound over all cells, less the bulge and the radius of
 the load, is a lower bound of the clearance at every instant.
+
+A solid box between two knots stays within the largest bulge of its corners of the box of their chords, whose centre b
+and half edges e_k are linear in time. The gap along a fixed direction n between this box and an obstacle,
+``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
+least at an end. The direction is that of the interval before, or the best at mid-time; intervals that are not
+clear enough are halved.
 """
 
 from __future__ import annotations
@@ -25,6 +31,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL
 from comove.scenes.distances import point_distance
+from comove.scenes.solids import gap, solid_at, solid_distance
 from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
@@ -69,6 +76,19 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clea
     lower, upper, k, nearest = certified_clearance(
         nodes, bulge, body.edges, body.radii, scene.obstacles, *scene.workspace, scene.clearance
     )
+    if len(body.solids):
+        lower, upper, k, nearest = certified_solids(
+            nodes,
+            bulge,
+            body.solids,
+            scene.obstacles,
+            *scene.workspace,
+            scene.clearance,
+            lower,
+            upper,
+            k,
+            nearest,
+        )
     if body.filled:  # an obstacle inside the plate at the start need not touch its border
         at_start, _ = scene.clearance_at(nodes[0])
         lower, upper = min(lower, at_start), min(upper, at_start)
@@ -151,8 +171,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
                         met, knot, nearest = distance, k, j
                     along = distance - 0.5 * (s1 - s0) * length
                     sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
-                    spare = 0.5 * (met - required)
-                    enough = met - (LOOSE if spare < 0.0 else min(LOOSE, max(TIGHT, spare)))
+                    enough = met - _slack(met, required)
                     if along - sweep < enough:
                         x, y, z = _on_surface(a0, b0, a1, b1, t, s0)
                         first = point_distance(obstacles, j, x, y, z) - radii[e]
@@ -173,6 +192,97 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
                         stack[top, 3], stack[top + 1, 2] = s, s
                     top += 2
     return bound, met, knot, nearest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def certified_solids(nodes, bulge, solids, obstacles, lower, upper, required, bound, met, knot, nearest):
+    """As `certified_clearance`, for solids; the last four arguments are what it found for the rest of the body.
+
+    Parameters
+    ----------
+    solids : array of int, shape (n_solids, 8), nodes at their corners
+    """
+    n_intervals, n_obstacles = bulge.shape[0], obstacles.shape[0]
+    begin, end, solid = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    normal, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    stack = np.empty((STACK, 2))
+    cells = 0
+    for corners in solids:
+        for k in range(n_intervals + 1):
+            for n in corners:
+                worst = max(bulge[max(k - 1, 0), n], bulge[min(k, n_intervals - 1), n])
+                for axis in range(3):
+                    border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
+                    if border < met:
+                        met, knot, nearest = border, k, -1
+                    bound = min(bound, border - worst)
+        for k in range(0, n_intervals + 1, 4):
+            solid_at(nodes[k], corners, solid)
+            for j in range(n_obstacles):
+                distance = solid_distance(obstacles, j, solid, met, normal)[1]
+                if distance < met:
+                    met, knot, nearest = distance, k, j
+        for j in range(n_obstacles):
+            solid_at(nodes[0], corners, end)
+            solid_distance(obstacles, j, end, np.inf, normal)
+            for k in range(n_intervals):
+                begin, end = end, begin
+                solid_at(nodes[k + 1], corners, end)
+                swell = ROUNDING
+                for n in corners:
+                    swell = max(swell, bulge[k, n] + ROUNDING)
+                stack[0, 0], stack[0, 1] = 0.0, 1.0
+                top = 1
+                while top > 0:
+                    top -= 1
+                    t0, t1 = stack[top, 0], stack[top, 1]
+                    slack = _slack(met, required)
+                    clear = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal)
+                    if clear < met - slack:
+                        cells += 1
+                        t = 0.5 * (t0 + t1)
+                        _between(begin, end, t, solid)
+                        at_middle, distance = solid_distance(obstacles, j, solid, np.inf, other)
+                        if distance < met:
+                            met, knot, nearest = distance, k, j
+                            slack = _slack(met, required)
+                        anew = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, other)
+                        if anew > clear:
+                            clear = anew
+                            normal[0], normal[1], normal[2] = other[0], other[1], other[2]
+                        # Where they touch, or no direction does better at mid-time, halving gains nothing.
+                        gains = at_middle > 0.0 and clear < min(met, at_middle) - slack
+                        if gains and top + 2 <= STACK and cells <= MAX_CELLS:
+                            stack[top, 0], stack[top, 1] = t0, t
+                            stack[top + 1, 0], stack[top + 1, 1] = t, t1
+                            top += 2
+                            continue
+                    bound = min(bound, clear - swell)
+    return bound, met, knot, nearest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal):
+    """Least gap [m] along `normal` while a solid moves from share t0 to t1 of its way; `solid` is scratch."""
+    x, y, z = normal[0], normal[1], normal[2]
+    _between(begin, end, t0, solid)
+    first = gap(obstacles, j, solid, x, y, z)
+    _between(begin, end, t1, solid)
+    return min(first, gap(obstacles, j, solid, x, y, z))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _between(begin, end, t, solid):
+    for row in range(4):
+        for axis in range(3):
+            solid[row, axis] = begin[row, axis] + t * (end[row, axis] - begin[row, axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slack(met, required):
+    """How far [m] the bound may stay below the clearance met: little where it is close to what is asked for."""
+    spare = 0.5 * (met - required)
+    return LOOSE if spare < 0.0 else min(LOOSE, max(TIGHT, spare))
 
 
 @numba.njit(cache=True, error_model="numpy")

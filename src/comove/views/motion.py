@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
@@ -194,17 +194,27 @@ def _outline(row: Array, view: tuple[int, int]) -> Array:
 def _hull_of_box(row: Array, rotation: Array, size: Array, view: tuple[int, int]) -> Array:
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     half = np.minimum(size, 1e3)  # a planar scene's boxes are endless along z
-    corners = (row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)]
+    return _hull((row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)])
+
+
+def _hull(corners: Array) -> Array:
+    """The corners (n, 2) of the convex hull, in order."""
     angles = np.linspace(0.0, 2 * np.pi, 721)
     farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
     return corners[list(dict.fromkeys(farthest.tolist()))]
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array) -> None:
-    """The load's edges at every state; nodes (n_states, n_nodes, 2)."""
-    bars = [e for e in scene.body.edges if e[0] != e[1]]
-    if not bars:
+    """The load's edges, or outlines of its solids, at every state; nodes (n_states, n_nodes, 2)."""
+    bars, solids = [e for e in scene.body.edges if e[0] != e[1]], scene.body.solids
+    if not bars and not len(solids):
         bars = [(c.first, c.second) for c in scene.distances]
+    outlines = [_hull(state[corners]) for state in nodes for corners in solids]
+    axes.add_collection(
+        PolyCollection(
+            outlines, facecolors=(0.35, 0.35, 0.35, 0.02), edgecolors="0.2", linewidths=0.7, zorder=3
+        )
+    )
     lines = [state[list(edge)] for state in nodes for edge in bars]
     axes.add_collection(LineCollection(lines, colors="0.15", linewidths=1.1, alpha=0.75, zorder=3))
     for hand in range(len(scene.manipulators)):
