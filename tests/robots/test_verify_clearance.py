@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from comove.robots import JointMotion, bodies
 from comove.robots.bases import Bases
-from comove.robots.bodies import LOAD, SCENE, SELF, bodies_of
+from comove.robots.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.carried import Carried
 from comove.robots.certificate import TIGHT, certify
 from comove.robots.description import Uncertainty
@@ -68,8 +68,15 @@ class Sampled:
         fine = self._distances(rate, near)
         return np.array([fine[kinds[near] == kind].min() for kind in range(3)])
 
+    def at(self, time, kind):
+        """The least distance of one kind at one instant."""
+        return self._distances_at(np.array([time]), np.flatnonzero(np.array(self.kinds) == kind)).min()
+
     def _distances(self, rate, pairs):
         time = np.linspace(0.0, self.joints.duration, int(rate * self.joints.duration) + 1)
+        return self._distances_at(time, pairs)
+
+    def _distances_at(self, time, pairs):
         hands = self.motion.hands(time / self.joints.duration)[0]
         least = np.full(len(pairs), np.inf)
         for q, (left, right) in zip(self.joints.curve(time), hands, strict=True):
@@ -101,6 +108,15 @@ def compare(motion, joints, rate=200.0):
         if sampled > keep + TAKEN:
             assert clearance.lower >= sampled - TAKEN - TIGHT - 1e-4
     return found
+
+
+def test_what_was_met_on_the_way_is_a_distance_less_what_is_taken():
+    motion, joints = known_carry()
+    sampled = Sampled(motion, joints)
+    for kind, clearance in enumerate(certified(motion, joints)[0]):
+        distance = sampled.at(clearance.time, kind)
+        assert clearance.upper <= distance - COAL_ERROR + 1e-6
+        assert clearance.upper >= distance - TAKEN - 1e-6
 
 
 def test_clearances_of_the_known_path_are_those_of_dense_sampling():
