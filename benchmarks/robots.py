@@ -19,9 +19,9 @@ import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.planning import load_kernels, solve
+from comove.planning import load_kernels
 from comove.primitives.basis import motion_basis
-from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, robot_method, track
+from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, carry, track
 from comove.scenes import Scene
 from comove.simulators import Friction, Perturbation, Weld, simulate
 
@@ -36,19 +36,14 @@ def solved(path: Path, seed: int) -> tuple[VerifiedJointMotion | None, dict[str,
     robot = Robot.load(Scene.load(path).file.robot)  # meshes apart
     begun = time.perf_counter()
     scene = Scene.load(path)
-    task = Carrying(robot, scene)
-    check = RobotCheck(task)
-    solution = solve(
-        scene, demonstration=scene.taught, seed=seed, method=robot_method(), carrier=task, checks=[check]
-    )
-    done = check.carried_out(solution.attempt)
+    found = carry(scene, robot, demonstration=scene.taught, seed=seed)
     seconds = time.perf_counter() - begun
-    report = done.verdict.report
-    return done.verdict.verified, {
+    solution, report = found.solution, found.report
+    return found.motion, {
         "seconds": seconds,
         "first": solution.time_to_first_verified_s or np.nan,
         "J": solution.cost.total,
-        "distance": distance_error(robot, scene, done.joints.position),
+        "distance": distance_error(robot, scene, found.joints.position),
         "margin": report.joint_margin_min,
         "speed": report.velocity_ratio_max,
         "torque": report.torque_ratio_max,

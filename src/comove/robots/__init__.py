@@ -1,6 +1,7 @@
 """Robots: models, inverse kinematics of several arms, limits, timing and checks of joint motions."""
 
 from comove.robots.approach import Transfers, plan_transfers
+from comove.robots.carry import RobotSolution, carry
 from comove.robots.carrying import Carrying, robot_method
 from comove.robots.check import RobotCheck, RobotMotion
 from comove.robots.description import bundled_robots, find_description
@@ -22,11 +23,13 @@ __all__ = [
     "Robot",
     "RobotCheck",
     "RobotMotion",
+    "RobotSolution",
     "StoredJoints",
     "Timing",
     "Transfers",
     "VerifiedJointMotion",
     "bundled_robots",
+    "carry",
     "fastest_timing",
     "find_description",
     "plan_transfers",

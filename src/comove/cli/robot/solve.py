@@ -35,9 +35,8 @@ def solve(
     from comove.cli.robot.report import duration_offer, joints_text, robot_named
     from comove.cli.show import summary_text
     from comove.cli.solve import check_budget, write_result
-    from comove.planning import load_kernels, solve
     from comove.results import check_target, whole_folder
-    from comove.robots import Carrying, RobotCheck, robot_method, write_joints
+    from comove.robots import carry, write_joints
     from comove.scenes import Scene
     from comove.views import draw_joints, save
 
@@ -45,36 +44,29 @@ def solve(
     check_target(out)
     loaded = Scene.load(scene)
     carrier, named = robot_named(robot, loaded, scene)
-    task = Carrying(carrier, loaded)
-    check = RobotCheck(task)
-    spent = since_process_start()
-    load_kernels(loaded.n_dims)
-    check.prepare()
-    dmp = loaded.taught
+    dmp, spent = loaded.taught, since_process_start()
     with progress_bar(budget) as progress:
-        solution = solve(
+        found = carry(
             loaded,
+            carrier,
             demonstration=dmp,
             seed=seed,
-            method=robot_method(),
             budget=max(0.5 * budget, budget - spent - SAVING),
-            carrier=task,
-            checks=[check],
             progress=progress,
         )
-    done = check.carried_out(solution.attempt)
+    solution = found.solution
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, dmp)
-        write_joints(draft, done.joints, done.verdict, task.robot, solution.attempt, source=named)
-        title = f"{loaded.name}, {task.robot.name}" + ("" if solution.verified else " (not verified)")
-        save(draw_joints(task.robot, done.joints, title=title), draft / "joints.png")
+        write_joints(draft, found.joints, found.verdict, carrier, solution.attempt, source=named)
+        title = f"{loaded.name}, {carrier.name}" + ("" if solution.verified else " (not verified)")
+        save(draw_joints(carrier, found.joints, title=title), draft / "joints.png")
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
         print(summary_text(summary, out))
-        print(joints_text(carrier.name, done.verdict.report.asdict()))
+        print(joints_text(carrier.name, found.report.asdict()))
         print(f"  {'joint motion':24s}{out / 'joints.npz'}, drawn in {out / 'joints.png'}")
-        if not solution.verified and (offer := duration_offer(task.robot, loaded, done.joints)):
+        if not solution.verified and (offer := duration_offer(carrier, loaded, found.joints)):
             print(offer)
     if solution.interrupted:
         return INTERRUPTED

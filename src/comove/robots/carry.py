@@ -1,0 +1,92 @@
+"""`carry`: from a scene and a robot to a judged joint motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from comove.planning.solution import ProgressCallback, Solution
+from comove.planning.solver import solve
+from comove.primitives.dmp import DMP
+from comove.robots.carrying import Carrying, robot_method
+from comove.robots.check import RobotCheck
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.robots.verify import JointReport, JointVerdict, VerifiedJointMotion
+from comove.scenes.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSolution:
+    """The outcome of `carry`.
+
+    Attributes
+    ----------
+    robot : who carries
+    solution : the motion of the hands; its reasons hold those of the robot
+    joints : the joint motion handed out: the verified one, or what comes nearest to it
+    verdict : of the judge on `joints`
+    """
+
+    robot: Robot
+    solution: Solution
+    joints: JointMotion
+    verdict: JointVerdict
+
+    @property
+    def motion(self) -> VerifiedJointMotion | None:
+        """The verified joint motion; None where none was found."""
+        return self.verdict.verified
+
+    @property
+    def report(self) -> JointReport:
+        """What the judge measured."""
+        return self.verdict.report
+
+    @property
+    def verified(self) -> bool:
+        """Whether `motion` holds a verified motion."""
+        return self.motion is not None
+
+
+def carry(
+    scene: Scene,
+    robot: Robot,
+    *,
+    demonstration: DMP | None = None,
+    seed: int = 0,
+    budget: float = 30.0,
+    progress: ProgressCallback | None = None,
+) -> RobotSolution:
+    """Find a motion for a scene that a robot can carry out, and judge its joints.
+
+    Parameters
+    ----------
+    scene
+        With a grasp; its manipulators are arms of the robot.
+    robot
+        `Robot.load("baxter")`, for example.
+    demonstration, seed, progress
+        As for `comove.planning.solve`.
+    budget
+        Seconds after which the best so far is returned; loading kernels is apart.
+
+    Raises
+    ------
+    SceneError, RobotError
+        If the robot cannot hold the load at its start or goal, or has no such arms.
+    """
+    task = Carrying(robot, scene)
+    check = RobotCheck(task)
+    check.prepare()
+    solution = solve(
+        scene,
+        demonstration=demonstration,
+        seed=seed,
+        method=robot_method(),
+        budget=budget,
+        carrier=task,
+        checks=[check],
+        progress=progress,
+    )
+    done = check.carried_out(solution.attempt)
+    return RobotSolution(robot, solution, done.joints, done.verdict)
