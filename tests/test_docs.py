@@ -29,6 +29,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("docs")
     for scene in SCENES.glob("*.yaml"):
         shutil.copy(scene, folder)
+    shutil.copytree(ROOT / "examples", folder / "examples", ignore=shutil.ignore_patterns("*.py"))
     return folder
 
 
