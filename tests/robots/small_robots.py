@@ -1,0 +1,126 @@
+"""Robots of all kinds for tests, written as text: random chains with turning and sliding joints, and a gantry."""
+
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from comove.robots import Robot
+
+BUNDLED = ("baxter", "two_pandas", "ur5_and_panda")
+RANDOM = ("random 0", "random 1", "random 2")
+AXES = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 2, -2], [-3, 0, 4], [0.2, 0.1, 0.7]])
+
+
+@lru_cache(maxsize=8)
+def robot(name: str) -> Robot:
+    """A bundled robot, "gantry", or "random SEED"; loaded once."""
+    if name in BUNDLED:
+        return Robot.load(name)
+    with tempfile.TemporaryDirectory() as folder:
+        if name == "gantry":
+            return Robot.load(gantry(Path(folder)))
+        return Robot.load(random_arms(Path(folder), int(name.split()[1])))
+
+
+def urdf(body: str, name: str = "robot") -> str:
+    """A model around links and joints, with the link `base`."""
+    return f'<robot name="{name}"><link name="base"/>{body}</robot>'
+
+
+def written(folder: Path, urdfs: dict[str, str], description: dict) -> Path:
+    """Write models and their description; the description's path."""
+    for name, text in urdfs.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    path = folder / "robot.yaml"
+    path.write_text(yaml.safe_dump({"name": "small", **description}, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def random_arms(folder: Path, seed: int) -> Path:
+    """Two random arms on one base, and a third on a model of its own that stands elsewhere and has a prefix."""
+    rng = np.random.default_rng(seed)
+    one = urdf(random_arm(rng, "a", 7) + random_arm(rng, "b", 6))
+    two = urdf(random_arm(rng, "a", 8))
+    quaternion = rng.normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    base = {"position": [0.3, -0.4, 0.2], "quaternion_wxyz": quaternion.tolist()}
+    tool = {"position": [0.01, 0.05, -0.02], "quaternion_wxyz": [0.5, -0.5, 0.5, 0.5]}
+    description = {
+        "models": [{"urdf": "one.urdf"}, {"urdf": "two.urdf", "base": base, "prefix": "other_"}],
+        "arms": {"b": {"tip": "b_tip"}, "a": {"tip": "a_tip", "tool": tool}, "c": {"tip": "other_a_tip"}},
+        "springs": {"a_j1": 0.4, "b_j0": 1.0, "other_a_j2": 0.7},
+    }
+    return written(folder, {"one.urdf": one, "two.urdf": two}, description)
+
+
+def random_arm(rng: np.random.Generator, name: str, n_joints: int) -> str:
+    """Links and joints of an arm in all directions; its last link is NAME_tip, fixed to the one before."""
+    parts, before = [], "base"
+    for k in range(n_joints):
+        kind = "prismatic" if rng.random() < 0.3 else "revolute"
+        low, high = (-0.3, 0.4) if kind == "prismatic" else (-2.5, 2.8)
+        parts.append(
+            f'<link name="{name}_{k}">{_inertial(rng)}<collision>{_origin(rng, 0.03)}'
+            f'<geometry><cylinder radius="0.03" length="0.15"/></geometry></collision></link>'
+            f'<joint name="{name}_j{k}" type="{kind}"><parent link="{before}"/><child link="{name}_{k}"/>'
+            f'{_origin(rng, 0.2)}<axis xyz="{_numbers(AXES[rng.integers(len(AXES))])}"/>'
+            f'<limit lower="{low}" upper="{high}" velocity="2" effort="80"/></joint>'
+        )
+        before = f"{name}_{k}"
+    return "".join(parts) + (
+        f'<link name="{name}_tip"/><joint name="{name}_fixed" type="fixed"><parent link="{before}"/>'
+        f'<child link="{name}_tip"/><origin xyz="0.02 -0.03 0.1" rpy="0.3 -0.2 1"/></joint>'
+    )
+
+
+def _inertial(rng: np.random.Generator) -> str:
+    """Mass, centre and a full inertia matrix that a body can have."""
+    points = rng.normal(0.0, 0.08, (12, 3))
+    spread = points.T @ points / len(points)
+    mass = rng.uniform(0.5, 4.0)
+    inertia = mass * (np.trace(spread) * np.eye(3) - spread)[np.triu_indices(3)]
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    parts = " ".join(f'{name}="{value:.17g}"' for name, value in zip(names, inertia, strict=True))
+    return f'<inertial>{_origin(rng, 0.05)}<mass value="{mass:.17g}"/><inertia {parts}/></inertial>'
+
+
+def _origin(rng: np.random.Generator, size: float) -> str:
+    return f'<origin xyz="{_numbers(rng.normal(0, size, 3))}" rpy="{_numbers(rng.uniform(-3, 3, 3))}"/>'
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.17g}" for value in values)
+
+
+def gantry(folder: Path) -> Path:
+    """Two hands that slide along x, y and z under a ceiling and turn about the vertical; they point down at 0."""
+    parts = "".join(_slides(name, home) for name, home in (("left", 0.4), ("right", -0.4)))
+    arms = {
+        name: {"tip": f"{name}_yaw", "tool": {"quaternion_wxyz": [0, 0, 1, 0]}} for name in ("left", "right")
+    }
+    return written(folder, {"gantry.urdf": urdf(parts)}, {"models": [{"urdf": "gantry.urdf"}], "arms": arms})
+
+
+def _slides(name: str, y: float) -> str:
+    body = '<inertial><mass value="2"/><inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"/></inertial>'
+    box = '<collision><geometry><box size="0.06 0.06 {}"/></geometry>{}</collision>'
+    column = box.format(1.0, '<origin xyz="0 0 0.55"/>')
+    parts, before = [], "base"
+    for axis, limits, xyz, shape in (
+        ("x", (-0.6, 0.6), f"0 {y} 1", ""),
+        ("y", (-0.8, 0.8), "0 0 0", ""),
+        ("z", (-1.0, 0.0), "0 0 0", column),
+        ("yaw", (-3.0, 3.0), "0 0 0", box.format(0.05, '<origin xyz="0 0 0.03"/>')),
+    ):
+        kind = "revolute" if axis == "yaw" else "prismatic"
+        along = {"x": "1 0 0", "y": "0 1 0"}.get(axis, "0 0 1")
+        parts.append(
+            f'<link name="{name}_{axis}">{body}{shape}</link><joint name="{name}_{axis}_joint" type="{kind}">'
+            f'<parent link="{before}"/><child link="{name}_{axis}"/><origin xyz="{xyz}"/><axis xyz="{along}"/>'
+            f'<limit lower="{limits[0]}" upper="{limits[1]}" velocity="1.5" effort="200"/></joint>'
+        )
+        before = f"{name}_{axis}"
+    return "".join(parts)

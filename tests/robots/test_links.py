@@ -1,0 +1,290 @@
+"""Links as capsules: where they are, how much of a body they hold, and how far they are from everything."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from comove.errors import ComoveWarning
+from comove.robots import Robot
+from comove.robots.chains import chains_of
+from comove.robots.links import (
+    CELL,
+    ENOUGH,
+    FINE,
+    MOST_PARTS,
+    ROUGH,
+    _capsules,
+    links_clearance,
+    links_of,
+    near_enough,
+    place_links,
+    segments_apart,
+)
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, posts, scene_data
+from tests.robots.small_robots import BUNDLED, RANDOM, robot, urdf, written
+
+POINT = arrays(float, 3, elements=st.one_of(st.integers(-2, 2).map(float), st.floats(-2, 2)))
+SIZE = st.floats(0.005, 0.6)
+CORNERS, ENDS = 0.23, 0.05  # shares of a radius by which bodies may stick out, see the module
+
+
+def from_axis(points, capsule):
+    """Distances of points from a capsule's axis, less its radius."""
+    a, b, radius = capsule
+    along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0.0, 1.0)
+    return np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - radius
+
+
+def sticking_out(points, capsules):
+    """By how much points are outside all capsules, at most, and by which share of a radius."""
+    outside = np.array([from_axis(points, capsule) for capsule in capsules])
+    shares = outside / np.array([radius for *_, radius in capsules])[:, None]
+    return outside.min(axis=0).max(), shares.min(axis=0).max()
+
+
+def mesh(points, triangles):
+    """A mesh as Pinocchio loads it."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(triangles), len(points))
+    for triangle in triangles:
+        model.addTriangle(*(np.array(points[i], dtype=float) for i in triangle))
+    model.endModel()
+    return model
+
+
+def on_triangles(points, triangles, rng, count=4000):
+    """Random points of a surface."""
+    a, b, c = points[triangles[rng.integers(len(triangles), size=count)]].swapaxes(0, 1)
+    u, v = rng.random((2, count, 1))
+    flip = (u + v) > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    return a + u * (b - a) + v * (c - a)
+
+
+@given(SIZE, SIZE, SIZE)
+def test_corners_of_boxes_stick_out_by_less_than_a_quarter_of_a_radius(x, y, z):
+    corners = np.array(np.meshgrid(*[(-s / 2, s / 2) for s in (x, y, z)])).reshape(3, -1).T
+    inner = np.random.default_rng(0).uniform(-0.5, 0.5, (500, 3)) * (x, y, z)
+    faces = inner.copy()
+    faces[np.arange(500), np.arange(500) % 3] = (np.sign(faces) * 0.5 * (x, y, z))[
+        np.arange(500), np.arange(500) % 3
+    ]
+    capsules = _capsules(coal.Box(x, y, z), True)
+    assert sticking_out(np.concatenate([corners, faces, inner]), capsules)[1] < CORNERS
+
+
+@given(SIZE, SIZE)
+def test_rims_of_cylinders_stick_out_by_less_than_a_twentieth_of_the_radius(radius, length):
+    angle = np.linspace(0, 2 * np.pi, 24)
+    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(24, length / 2)])
+    (capsule,) = _capsules(coal.Cylinder(radius, length), True)
+    for points in (rim, rim * (1, 1, -1), rim * (1, 1, 0.5)):
+        assert sticking_out(points, [capsule])[1] < ENDS
+    assert capsule[2] == radius
+
+
+def test_balls_and_capsules_are_what_they_are():
+    assert _capsules(coal.Sphere(0.3), True)[0][2] == 0.3
+    a, b, radius = _capsules(coal.Capsule(0.1, 0.6), True)[0]
+    assert (radius, np.linalg.norm(b - a)) == (0.1, pytest.approx(0.6))
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.integers(4, 40), arrays(float, 3, elements=st.floats(0.01, 1)))
+def test_meshes_that_move_stick_out_of_one_capsule_by_less_than_a_quarter_of_its_radius(seed, count, size):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
+    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
+    (capsule,) = _capsules(mesh(points, triangles), True)
+    assert sticking_out(on_triangles(points, triangles, rng), [capsule])[1] < CORNERS
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.integers(3, 12), st.floats(0.01, 2.0))
+def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_triangles(seed, count, size):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-size, size, (count, 3))
+    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
+    balls = _capsules(mesh(points, triangles), False)
+    assert sticking_out(on_triangles(points, triangles, rng), balls)[0] <= 1e-12
+    spread = max(FINE, 2 * np.sqrt(3) * size / MOST_PARTS)
+    assert max(radius for *_, radius in balls) < 0.5 * np.sqrt(3) * CELL + spread
+
+
+def start_and_end(links):
+    return links.start.copy(), links.end.copy()
+
+
+@pytest.mark.parametrize("name", [*BUNDLED, *RANDOM, "gantry"])
+def test_capsules_go_along_with_their_bodies(name):
+    machine, rng = robot(name), np.random.default_rng(4)
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    columns = np.concatenate([arm.columns for arm in machine.arms])
+    data, (start, end) = machine.model.createData(), start_and_end(links)
+    capsules = [
+        (item, *capsule)
+        for item in machine.collision.geometryObjects
+        for capsule in _capsules(item.geometry, item.parentJoint > 0)
+    ]
+    np.testing.assert_array_equal(links.radius, [radius for *_, radius in capsules])
+    for q in rng.uniform(machine.lower, machine.upper, (5, len(machine.lower))):
+        place_links(chains, links, q[columns], start, end)
+        pin.forwardKinematics(machine.model, data, q)
+        poses = [data.oMi[item.parentJoint] * item.placement for item, *_ in capsules]
+        for at, (pose, (_, a, b, _)) in enumerate(zip(poses, capsules, strict=True)):
+            np.testing.assert_allclose(start[at], pose.act(a), atol=1e-12)
+            np.testing.assert_allclose(end[at], pose.act(b), atol=1e-12)
+
+
+def test_an_arm_that_carries_nothing_stands_at_home():
+    machine = robot("baxter")
+    left, _ = machine.arms
+    links, chains = links_of(machine, (left,)), chains_of(machine, (left,))
+    both = links_of(machine, machine.arms)
+    start, end = start_and_end(both)
+    place_links(chains_of(machine, machine.arms), both, machine.home, start, end)
+    mine = both.arm == 1
+    np.testing.assert_allclose(links.start[mine], start[mine], atol=1e-12)
+    assert (links.joint[mine] < 0).all()
+    a, b = start_and_end(links)
+    place_links(chains, links, left.home + 0.1, a, b)
+    np.testing.assert_array_equal(a[mine], links.start[mine])
+
+
+def test_a_robot_without_collision_bodies_has_no_links(tmp_path):
+    text = urdf(
+        '<link name="tip"/><joint name="j" type="revolute"><parent link="base"/><child link="tip"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    description = {"models": [{"urdf": "r.urdf"}], "arms": {"left": {"tip": "tip"}}}
+    with pytest.warns(ComoveWarning):  # of what the model leaves out
+        machine = Robot.load(written(tmp_path, {"r.urdf": text}, description))
+    links = links_of(machine, machine.arms)
+    none = np.zeros((0, 2), dtype=np.int64)
+    assert (
+        links_clearance(
+            links, *start_and_end(links), np.zeros((0, 16)), np.zeros((2, 3)), none, np.zeros(0), 0.3
+        )
+        == 0.3
+    )
+
+
+@given(POINT, POINT, POINT, POINT)
+def test_the_distance_of_segments_is_that_of_capsules_in_coal(a, b, c, d):
+    apart = segments_apart(a, b, c, d)
+    u = np.linspace(0, 1, 41)
+    p, q = a + u[:, None] * (b - a), c + u[:, None] * (d - c)
+    grid = np.linalg.norm(p[:, None] - q[None], axis=2).min()
+    step = (np.linalg.norm(b - a) + np.linalg.norm(d - c)) / 80
+    assert grid - step - 1e-9 <= apart <= grid + 1e-7
+    assert segments_apart(c, d, a, b) == pytest.approx(apart, abs=1e-7)
+    assert near_enough(a, b, c, d, apart + 1e-6)
+
+
+def solid(a, b, radius):
+    """A capsule for coal: its shape, and where it is."""
+    along = b - a
+    length = np.linalg.norm(along)
+    turn = pin.Quaternion.FromTwoVectors(
+        np.array([0, 0, 1.0]), along / length if length > 1e-12 else np.eye(3)[2]
+    )
+    shape = coal.Capsule(radius, length) if length > 1e-12 else coal.Sphere(radius)
+    return shape, coal.Transform3s(turn.matrix(), 0.5 * (a + b))
+
+
+def between(one, other):
+    """Distance by coal; negative inside."""
+    result = coal.DistanceResult()
+    return coal.distance(*one, *other, coal.DistanceRequest(), result)
+
+
+def obstacle(part):
+    """An obstacle of the scene for coal."""
+    shape = {
+        "box": lambda: coal.Box(*part.size),
+        "cylinder": lambda: coal.Cylinder(part.radius, part.height),
+        "sphere": lambda: coal.Sphere(part.radius),
+    }[part.shape]()
+    return shape, coal.Transform3s(np.eye(3), np.array(part.center))
+
+
+def surrounded():
+    """The benchmark's scene with something at the height of the elbows."""
+    ball = {"shape": "sphere", "center": [0.4, 0.6, 0.3], "radius": 0.1}
+    high = {"shape": "box", "center": [0.5, -0.7, 0.4], "size": [0.1, 0.2, 0.3]}
+    return Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.3), ball, high)))
+
+
+def test_clearances_are_those_of_the_capsules_in_coal():
+    machine, scene = robot("baxter"), surrounded()
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    body, rng, (start, end), told = scene.body, np.random.default_rng(5), start_and_end(links), []
+    things = [obstacle(part) for part in scene.file.obstacles]
+    for _ in range(60):
+        q = machine.home + rng.uniform(-0.6, 0.6, len(machine.home))
+        place_links(chains, links, q, start, end)
+        nodes = scene.nodes_at("start") + rng.uniform(-0.3, 0.3, 3)
+        capsules = [solid(*capsule) for capsule in zip(start, end, links.radius, strict=True)]
+        load = [
+            solid(nodes[a], nodes[b], radius)
+            for (a, b), radius in zip(body.edges, body.radii, strict=True)
+            if a != b
+        ]
+        cap = 0.1
+        wanted = [between(capsules[i], thing) for i in links.moving for thing in things]
+        wanted += [between(capsules[i], rod) for i in np.flatnonzero(~links.holds) for rod in load]
+        wanted += [between(capsules[i], capsules[j]) for i, j in links.pairs]
+        found = links_clearance(links, start, end, scene.obstacles, nodes, body.edges, body.radii, cap)
+        told.append(found)
+        if min(wanted) > -0.01:
+            assert found == pytest.approx(min(cap, *wanted), abs=2 * ROUGH)
+        else:
+            assert found < 0.0
+    assert min(told) < 0.0 < max(told) <= cap
+
+
+def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_their_corners():
+    machine, scene = robot("baxter"), surrounded()
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    body, rng, (start, end) = scene.body, np.random.default_rng(6), start_and_end(links)
+    columns = np.concatenate([arm.columns for arm in machine.arms])
+    data, far = machine.model.createData(), np.full((scene.body.n_nodes, 3), 10.0)
+    things, pairs = [obstacle(part) for part in scene.file.obstacles], links._replace(pairs=links.pairs[:0])
+    corner = CORNERS * links.radius[links.moving].max()
+    for _ in range(60):
+        q = machine.home + rng.uniform(-0.6, 0.6, len(machine.home))
+        place_links(chains, links, q[columns], start, end)
+        pin.forwardKinematics(machine.model, data, q)
+        exact = min(
+            between((item.geometry, coal.Transform3s(pose.rotation, pose.translation)), thing)
+            for item in machine.collision.geometryObjects
+            if item.parentJoint > 0
+            for pose in [data.oMi[item.parentJoint] * item.placement]
+            for thing in things
+        )
+        found = links_clearance(pairs, start, end, scene.obstacles, far, body.edges, body.radii, 0.1)
+        assert found <= max(exact, 0.0) + corner + ROUGH
+
+
+def test_pairs_that_never_meet_are_forgotten_and_others_are_not():
+    machine = robot("two_pandas")
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    kept = {tuple(sorted(pair)) for pair in links.pairs.tolist()}
+    hands = [np.flatnonzero(links.holds & (links.arm == arm)) for arm in (0, 1)]
+    assert any(tuple(sorted((i, j))) in kept for i in hands[0] for j in hands[1])
+    assert not any(links.joint[i] < 0 and links.joint[j] < 0 for i, j in kept)
+    home = np.concatenate([arm.home for arm in machine.arms])
+    assert len(links.near(chains, home[None]).pairs) < len(links.pairs)
+    a, b = start_and_end(links)
+    none, edges = np.zeros((0, 16)), np.zeros((0, 2), dtype=np.int64)
+    place_links(chains, links, home, a, b)
+    alone = links_clearance(links, a, b, none, np.zeros((2, 3)), edges, np.zeros(0), ENOUGH)
+    near = links_clearance(
+        links.near(chains, home[None]), a, b, none, np.zeros((2, 3)), edges, np.zeros(0), ENOUGH
+    )
+    assert alone == near
