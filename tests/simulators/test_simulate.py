@@ -61,8 +61,9 @@ def test_the_shortest_way_of_the_joints_tears_the_stick_out_of_the_hands():
     assert sum("the load left the hand" in reason for reason in execution.reasons) == 2
 
 
-def test_hands_at_rest_bear_the_weight_of_the_stick():
-    force = held().wrench[-1, :, :3].sum(axis=0)
+@pytest.mark.parametrize("grasp", [Weld(), Connect(), Friction()])
+def test_hands_at_rest_bear_the_weight_of_the_stick(grasp):
+    force = held(grasp).wrench[-1, :, :3].sum(axis=0)
     assert np.allclose(force, [0, 0, 0.25 * G], atol=1e-4)
 
 
@@ -117,6 +118,13 @@ def test_friction_holds_what_fingers_press_for(coefficient, holds):
     """Two fingers a hand of 20 N hold 4 x 20 N x mu: the stick's 2.45 N from mu = 0.031 on."""
     execution = held(Friction(coefficient=coefficient), duration=1.0)
     assert execution.delivered == holds, execution.reasons
+
+
+def test_what_falls_before_the_motion_begins_was_not_held():
+    """Fingers without friction: the stick lies on the table when time begins, and nothing moves any more."""
+    robot, motion = standing()
+    execution = simulate(motion, posts(), robot, Friction(coefficient=1e-3), settings=Settings(settle=4.0))
+    assert "when the motion began: the hands did not hold it" in " ".join(execution.reasons)
 
 
 def test_a_push_displaces_the_stick_along_it_and_passes():

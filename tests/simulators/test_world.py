@@ -8,6 +8,7 @@ import pytest
 
 from comove.errors import RobotError, SceneError
 from comove.robots import JointMotion, Robot
+from comove.robots.description import bundled_robots
 from comove.scenes import Scene
 from comove.simulators import Friction, Weld, simulate
 from comove.simulators.engine import engine
@@ -104,7 +105,7 @@ def assert_same_robot(robot):
         assert np.allclose(data.site_xmat[site].reshape(3, 3), pose[:3, :3], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["baxter", "two_pandas", "ur5_and_panda"])
+@pytest.mark.parametrize("name", bundled_robots())
 def test_masses_and_hands_are_those_of_the_description(name):
     assert_same_robot(Robot.load(name))
 

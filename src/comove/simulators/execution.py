@@ -192,6 +192,11 @@ class Execution:
         limits, found = self.settings, []
         if self.unstable is not None:
             found.append(f"the simulation broke down at {self.unstable:.2f} s")
+        if self.start_error > np.linalg.norm(self.perturbation.start_error) + limits.end_error_limit:
+            found.append(
+                f"the load was {1e3 * self.start_error:.1f} mm from its place when the motion began: the hands "
+                "did not hold it"
+            )
         for contact in self.contacts:
             found.append(
                 f"{contact.between[0]} touched {contact.between[1]} at {contact.time:.2f} s, "
@@ -220,19 +225,10 @@ class Execution:
 
     def series(self) -> dict[str, NDArray[Any]]:
         """All series by name, for files."""
-        names = (
-            "time",
-            "commanded",
-            "joints",
-            "torque",
-            "hands",
-            "hands_planned",
-            "load_pose",
-            "wrench",
-            "fingers",
-        )
+        measured = ("time", "commanded", "joints", "torque", "hands", "hands_planned", "load_pose")
+        forces = ("wrench", "fingers")
         derived = ("lag", "distance_error", "slip", "internal", "squeeze")
-        return {name: getattr(self, name) for name in (*names, *derived)}
+        return {name: getattr(self, name) for name in (*measured, *forces, *derived)}
 
 
 def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
