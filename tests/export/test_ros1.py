@@ -255,8 +255,9 @@ def test_a_missing_master_is_told(brief, monkeypatch):
         fails(client, brief, "no ROS master at http://127.0.0.1:9; start one by roscore")
 
 
-def test_a_python_without_ros_is_told(brief, monkeypatch):
-    monkeypatch.setenv("COMOVE_ROS_PYTHON", sys.executable)
+@pytest.mark.parametrize("python", [sys.executable, "/no/such/python"])
+def test_a_python_without_ros_is_told(brief, monkeypatch, python):
+    monkeypatch.setenv("COMOVE_ROS_PYTHON", python)
     with Ros1Client() as client:
         fails(client, brief, "no Python here has ROS 1; tried .*COMOVE_ROS_PYTHON")
 

@@ -118,6 +118,13 @@ def test_a_joint_that_leaves_the_motion_stops_all(verified):
     assert caught.value.outcome.deviation == pytest.approx(0.3)
 
 
+def test_an_arm_that_does_not_begin_stops_all(verified):
+    fake = Fake(verified, [(ALWAYS, says("right", Status.PENDING))])
+    with pytest.raises(SendError, match="'right' had not taken its goal when all were to begin"):
+        send(fake, verified, clock=fake.clock)
+    assert 0.1 < next(call[1] for call in fake.calls if call[0] == "cancel") < 0.13
+
+
 def test_joints_that_fall_silent_stop_all(verified):
     fake = Fake(verified, [(2.0, lambda state: replace(state, silence=fake.now - fake.start - 2.0))])
     with pytest.raises(SendError, match="joints have said nothing for 0"):

@@ -107,6 +107,7 @@ class Ros1Client:
             self._tell({"do": "cancel"})
         elif self._again is not None:  # the bridge is gone, and the arms may move: another one stops them
             (python, command), self._again = self._again, None
+            self.close()
             if self._begin(python, command)["event"] == "connected":
                 self._tell({"do": "cancel_all"})
 
@@ -135,14 +136,17 @@ class Ros1Client:
     def _begin(self, python: str, command: dict[str, Any]) -> dict[str, Any]:
         """Start a bridge and connect it; its answer."""
         self._events, self._errors = queue.Queue(), tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(
-            [python, str(BRIDGE)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-            start_new_session=True,  # an interruption from the keyboard is told to it by this process
-        )
+        try:
+            self._process = subprocess.Popen(
+                [python, str(BRIDGE)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                text=True,
+                start_new_session=True,  # an interruption from the keyboard is told to it by this process
+            )
+        except OSError as error:
+            return {"event": "refused", "reason": "ros", "what": error.strerror}
         listener = threading.Thread(target=_listen, args=(self._process.stdout, self._events), daemon=True)
         listener.start()
         self._tell(command)

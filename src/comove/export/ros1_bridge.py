@@ -158,9 +158,10 @@ class Bridge(object):
         """Give every server its goal, all with one stamp, at which they begin."""
         import rospy
 
-        self.start = rospy.Time.now() + rospy.Duration(delay)
         messages = {arm: self.goal_message(goal) for arm, goal in goals.items()}
+        self.start = rospy.Time.now() + rospy.Duration(delay)
         for arm, message in messages.items():
+            message.trajectory.header.stamp = self.start
             self.goals[arm] = self.clients[arm].send_goal(message, self.on_change(arm))
         self.tell("sent")
 
@@ -168,7 +169,6 @@ class Bridge(object):
         import rospy
 
         message = self.types["control_msgs/FollowJointTrajectoryGoal"]()
-        message.trajectory.header.stamp = self.start
         message.trajectory.joint_names = goal["joints"]
         rows = zip(goal["time"], goal["position"], goal["velocity"], goal["acceleration"])
         for nanoseconds, position, velocity, acceleration in rows:

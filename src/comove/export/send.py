@@ -22,6 +22,8 @@ from comove.robots.verify import VerifiedJointMotion
 Clock = Callable[[], float]
 
 PATIENCE = 0.02  # s, that one look at the state waits for news
+ROW = 1e-4  # s, that a sample may need on its way to an arm
+TAKEN = 0.1  # s after the start, when every arm must have said that it has begun
 STOP = 1.0  # s, that arms are given to say that they stopped
 
 
@@ -124,7 +126,7 @@ class Tolerances:
     start : how far a joint may be from the first sample [rad]
     path : how far a joint may be from the motion while it runs [rad]
     connect : how long to wait for the robot [s]
-    delay : from sending to the common start [s]
+    delay : from sending to the common start, and a little more for long motions [s]
     late : how long after its end a motion may take to be reported as done [s]
     silence : how long joints may say nothing [s]
     clock : how far the robot's clock may be from this one [s]
@@ -203,11 +205,11 @@ def send(
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)
     samples = chosen.samples(rate)
+    goals = {arm: _goal(chosen, names, samples) for arm, names in chosen.arms.items()}
+    delay = tolerances.delay + ROW * len(samples.time) * len(goals)
     try:
-        client.send(
-            {arm: _goal(chosen, names, samples) for arm, names in chosen.arms.items()}, tolerances.delay
-        )
-        return _watched(client, chosen, tolerances, clock)
+        client.send(goals, delay)
+        return _watched(client, chosen, tolerances, delay, clock)
     except BaseException:  # whatever it is, no arm goes on alone
         client.cancel()
         raise
@@ -260,7 +262,9 @@ def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances,
         )
 
 
-def _watched(client: TrajectoryClient, part: Part, tolerances: Tolerances, clock: Clock) -> Outcome:
+def _watched(
+    client: TrajectoryClient, part: Part, tolerances: Tolerances, delay: float, clock: Clock
+) -> Outcome:
     """Wait until all arms are done, or stop them."""
     began, worst = clock(), 0.0
     while True:
@@ -271,7 +275,7 @@ def _watched(client: TrajectoryClient, part: Part, tolerances: Tolerances, clock
         arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
         if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
             return Outcome(state.arms, worst)
-        allowed = tolerances.delay + part.joints.duration + tolerances.late
+        allowed = delay + part.joints.duration + tolerances.late
         if not reason and not clock() - began <= allowed:
             slow = next(
                 name for name in part.arms if state.arms.get(name, ArmState()).status is not Status.SUCCEEDED
@@ -292,6 +296,8 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
         if arm.status in _FAILED:
             told = f": {arm.text}" if arm.text else ""
             return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
+        if arm.status is Status.PENDING and state.time is not None and state.time > TAKEN:
+            return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
     if not state.silence <= tolerances.silence:
         return f"the robot's joints have said nothing for {state.silence:.2g} s"
     return ""
