@@ -12,7 +12,7 @@ from comove import Scene
 from comove.errors import OptionError, RobotError
 from comove.robots import verify_joints
 from comove.robots.approach import GRIP_TIME, HEIGHT, Transfers, plan_transfers
-from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
+from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing
 ALONE = [TABLE, *posts(0.30)]
@@ -145,7 +145,15 @@ def test_hands_keep_the_limits_of_the_scene():
             [[baxter().tool_pose(q, arm)[:3, 3] for arm in baxter().arms] for q in part.position]
         )
         speed = np.linalg.norm(np.diff(places, axis=0), axis=2) * 100.0
-        assert speed.max() < 0.5 * 1.001
+        assert speed.max() < 0.5
+
+
+def test_hands_without_a_load_go_home_from_where_they_are():
+    data = scene_data(constraints=[{"type": "relative_pose", "between": ["left", "right"]}])
+    scene = Scene.from_dict({key: value for key, value in data.items() if key not in ("load", "grasp")})
+    transfers = plan_transfers(verify_joints(baxter(), hands_motion(scene), known_carry()[1]).verified)
+    assert (transfers.approach.position[-1] == transfers.carry.joints.position[0]).all()
+    assert transfers.clearance_min >= KEEP - 1e-4
 
 
 def test_the_same_seed_gives_the_same(transfers):

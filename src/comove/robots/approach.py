@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 HEIGHT = 0.08  # m, of the place behind the grasp
 GRIP_TIME = 1.0  # s, that hands have to open or close
 PACE = 0.5  # share of the limits of joints that is used
+HANDS_PACE = 0.98  # likewise of the scene's limits of hands, which are looked at in samples
 ATTEMPTS = 3
 STRAIGHT_STEPS = 41  # of the straight part, solved one after the other
 REACHED = 1e-9  # m and rad
@@ -161,7 +162,7 @@ def _withdrawal(
     raise RobotError(
         f"there is no way between home and the grasp at the {end}: {'; '.join(reasons)}",
         key="home",
-        way_out="give another home in the robot's description, another height, or move what is in the way",
+        way_out="give another home in the robot's description, another height, or leave approach and release out",
     )
 
 
@@ -254,7 +255,11 @@ def _way_home(
         if room.is_free(start) and room.is_free(robot.home):
             return way(room, start, robot.home, rng)
     for q, where, way_out in (
-        (robot.home, "at home", "give another home in the robot's description"),
+        (
+            robot.home,
+            "at home",
+            "give another home in the robot's description, or leave approach and release out",
+        ),
         (start, f"behind the grasp at the {end}", "give another height"),
     ):
         if near := room.contact(q):
@@ -278,18 +283,13 @@ def _both(bodies: Bodies, hands: Bodies) -> Bodies:
 
 
 def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
-    """Minimum-jerk samples along a path, as fast as limits of joints (a share) and hands allow.
+    """Minimum-jerk samples along a path, as fast as shares of the limits of joints and hands allow.
 
     Parameters
     ----------
     path : array, shape (n_configurations, n_joints), evenly spaced along the way
     """
-    marks = np.linspace(0.0, 1.0, len(path))
-    curve = (
-        CubicSpline(marks, path)
-        if len(path) > 3
-        else PPoly(np.stack([path[1] - path[0], path[0]])[:, None], marks[[0, -1]])
-    )
+    curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
     unit = JointMotion(s, robot.joint_names, curve(_minimum_jerk(s)))
     velocity, acceleration = unit.largest()
@@ -300,7 +300,10 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
     places = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in arms] for q in unit.position])
     hands = CubicSpline(s, places, bc_type="clamped")
     speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
-    ratios += [speed / scene.speed_limit, np.sqrt(pull / scene.acceleration_limit)]
+    ratios += [
+        speed / (HANDS_PACE * scene.speed_limit),
+        np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
+    ]
     steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
     samples = curve(_minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))
     samples[[0, -1]] = path[[0, -1]]  # free of rounding
