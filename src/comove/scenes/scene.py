@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 
 LOADS = ("bar", "frame", "polygon", "box")
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
@@ -392,7 +393,7 @@ _SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
 def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
     shift = np.linalg.norm(moved - given, axis=1)
     worst = int(shift.argmax())
-    if shift[worst] > 1e-12:
+    if shift[worst] > TOLD_SHIFT:
         warnings.warn(
             f"the {end} was moved onto the constraints, '{names[worst]}' most, by {shift[worst]:.3g} m",
             ComoveWarning,
