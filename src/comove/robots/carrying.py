@@ -15,7 +15,7 @@ from comove.errors import SceneError
 from comove.planning.configurations import Space
 from comove.planning.methods import Comove
 from comove.planning.search import Schedule
-from comove.robots.chains import chains_of
+from comove.robots.chains import chains_of, place_arm, pose_error
 from comove.robots.effort import DEFAULT_MASS
 from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
 from comove.robots.links import ENOUGH, links_clearance, links_of, place_links
@@ -54,13 +54,17 @@ class Carrying:
     caution: int = 0
 
     def __post_init__(self) -> None:
-        if self.scene.grasp is None:
-            raise SceneError(
-                "a robot cannot know how to hold the load",
-                key="grasp",
-                way_out="say it: grasp: {orientation: down, yaw: load}",
+        scene = self.scene
+        if scene.n_dims != 3:
+            raise _unfit(
+                scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
-        for name in self.scene.manipulators:
+        if scene.file.load is None:
+            raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
+        if scene.grasp is None:
+            way_out = "say it: grasp: {orientation: down, yaw: load}"
+            raise _unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
+        for name in scene.manipulators:
             self.robot.arm(name)
 
     @cached_property
@@ -224,10 +228,14 @@ class Carrying:
             seeds = np.concatenate([[posture], draws])
             joints, missing = solutions(chains, i, rotations[i], nodes[i], posture, seeds)
             if missing.min() > MET:
-                raise SceneError(
-                    f"the arm '{arm.name}' cannot reach its {end}: {missing.min():.3g} m are missing",
-                    key=f"manipulators.{end}",
-                    way_out="move it nearer, turn the load, or use another robot",
+                shift, turn = self._miss(i, joints[missing.argmin()], rotations[i], nodes[i])
+                x, y, z = nodes[i]
+                raise _unfit(
+                    self.scene,
+                    f"manipulators.{end}",
+                    f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
+                    f"{shift:.3g} m and {turn:.3g} degrees are missing",
+                    "move it nearer, turn the load or the hands on it, or use another robot",
                 )
             part = slice(chains.first[i], chains.first[i + 1])
             branches = _distinct(joints[missing <= MET][:, part], posture[part])
@@ -236,6 +244,19 @@ class Carrying:
             free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
             found.append(branches[free] if free.any() else branches)
         return tuple(found)
+
+    def _miss(self, arm: int, q: Array, rotation: Array, point: Array) -> tuple[float, float]:
+        """How far an arm's grasp is from a pose: in position [m] and in orientation [deg]."""
+        chains = self.arms.chains
+        count = chains.first[arm + 1] - chains.first[arm] + 1
+        rotations, points, error = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(6)
+        place_arm(chains, arm, q, rotations, points)
+        pose_error(rotations[-1], points[-1], rotation, point, error)
+        return float(np.linalg.norm(error[:3])), float(np.rad2deg(np.linalg.norm(error[3:])))
+
+
+def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
+    return SceneError(message, file=scene.path, key=key, way_out=way_out)
 
 
 def _apart(p: Array, q: Array) -> float:

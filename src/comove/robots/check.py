@@ -76,4 +76,5 @@ class RobotCheck:
 
 
 def _out_of_reach(miss: Miss) -> str:
-    return f"the arm '{miss.arm}' does not reach its hand's pose at {miss.time:.2f} s: {miss.distance:.3g} m are missing"
+    where = f"the arm '{miss.arm}' does not reach its hand's pose at {miss.time:.2f} s"
+    return f"{where}: {miss.distance:.3g} m are missing"

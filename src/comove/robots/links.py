@@ -1,8 +1,8 @@
 """Links as capsules: what a search sees of a robot's bodies.
 
-Capsules are quick and a little off. At the ends of cylinders a body sticks out of its capsules by less than a twentieth
-of their radius, at the corners of boxes and ends of meshes by less than a quarter; nowhere else does it. Meshes that
-do not move are inside their balls. The judge works on the exact geometry.
+Capsules are quick and a little off: bodies stick out of them at the ends of cylinders, by less than a twentieth of the
+radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do not
+move are inside their balls. The judge works on the exact geometry.
 """
 
 from __future__ import annotations
@@ -177,10 +177,11 @@ def _balls_on(shape: Any, points: Array) -> list[tuple[Array, Array, float]]:
     points = np.concatenate(
         [(_shares(count) @ corners[parts == count]).reshape(-1, 3) for count in np.unique(parts)]
     )
-    _, cell = np.unique(np.floor(points / CELL).astype(int), axis=0, return_inverse=True)
-    order = np.argsort(cell.ravel(), kind="stable")
-    cells = np.split(points[order], np.flatnonzero(np.diff(cell.ravel()[order])) + 1)
-    return [_ball(cell, spread) for cell in cells]
+    place = np.floor((points - points.min(axis=0)) / CELL).astype(int)
+    cell = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
+    order = np.argsort(cell, kind="stable")
+    groups = np.split(points[order], np.flatnonzero(np.diff(cell[order])) + 1)
+    return [_ball(group, spread) for group in groups]
 
 
 def _shares(count: int) -> Array:
