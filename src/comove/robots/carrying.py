@@ -86,6 +86,7 @@ class Carrying:
     def arms(self) -> Arms:
         """All of it as arrays."""
         scene, grasp = self.scene, self.scene.grasp
+        lattice = _lattice(scene.body.solids)
         carried = np.zeros(len(self.holders))
         carried[list(grasp.holders)] = self.mass / len(grasp.holders)
         around = Surroundings(
@@ -94,8 +95,8 @@ class Carrying:
             first=grasp.holders[0],
             second=grasp.holders[min(1, len(grasp.holders) - 1)],
             obstacles=scene.obstacles,
-            edges=scene.body.edges,
-            radii=scene.body.radii,
+            edges=np.concatenate([scene.body.edges, lattice]),
+            radii=np.concatenate([scene.body.radii, np.zeros(len(lattice))]),
             carried=carried,
             clearance=scene.clearance or DEFAULT_CLEARANCE,
             spare=SPARE * (1 + self.caution),
@@ -257,6 +258,16 @@ class Carrying:
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
     return SceneError(message, file=scene.path, key=key, way_out=way_out)
+
+
+def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Edges and diagonals of the faces of boxes, as which links see them; array, shape (n_lines, 2), of corners."""
+    lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
+    return (
+        np.array([(corners[a], corners[b]) for corners in solids for a, b in lines])
+        .reshape(-1, 2)
+        .astype(int)
+    )
 
 
 def _apart(p: Array, q: Array) -> float:

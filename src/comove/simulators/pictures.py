@@ -86,9 +86,16 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
 
 
 def _steps(execution: Execution, count: int) -> list[int]:
-    """Numbers of equally spaced samples of the motion itself."""
-    last = int(np.searchsorted(execution.time, execution.motion.duration - 1e-9))
-    return np.linspace(0, min(last, len(execution.time) - 1), count).round().astype(int).tolist()
+    """Numbers of samples between which equally much happens: half of that is time, half travel of the hands."""
+    last = min(
+        int(np.searchsorted(execution.time, execution.motion.duration - 1e-9)), len(execution.time) - 1
+    )
+    hands = execution.hands_planned[: last + 1, :, :3, 3]
+    travel = np.linalg.norm(np.diff(hands, axis=0), axis=-1).sum(axis=-1)
+    progress = np.linspace(0.0, 1.0, last + 1)
+    if travel.sum() > 0:
+        progress = 0.5 * (progress + np.append(0.0, np.cumsum(travel)) / travel.sum())
+    return np.searchsorted(progress, np.linspace(0.0, 1.0, count) - 1e-9).clip(max=last).tolist()
 
 
 @contextmanager

@@ -25,7 +25,8 @@ def simulate(
             "as planned unless given.",
         ),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures and a film.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
+    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
 ) -> int:
     """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
     import numpy as np
@@ -52,11 +53,13 @@ def simulate(
     execution = simulate(motion.joints, motion.scene, robot, grasps[grasp](), drawn)
     summary = write_simulation(execution, folder, seed=seed)
     print(simulation_text(summary, folder))
-    if pictures:
+    if pictures or film:
         try:
-            draw_sheet(execution, folder / "simulation.png")
-            film = draw_film(execution, folder / "simulation.mp4")
-            print(f"  {'pictures':24s}{folder / 'simulation.png'}, {film}")
+            if pictures:
+                draw_sheet(execution, folder / "simulation.png")
+                print(f"  {'pictures':24s}{folder / 'simulation.png'}")
+            if film:
+                print(f"  {'film':24s}{draw_film(execution, folder / 'simulation.mp4')}")
         except ComoveError as error:  # what was simulated counts without them
             print(f"warning: no pictures: {error}", file=sys.stderr)
     return VERIFIED if summary["delivered"] else NOT_VERIFIED
