@@ -185,6 +185,7 @@ def test_a_server_that_hangs_stops_the_other_arm(robot, brief):
 
     def hang():
         servers["left"].wait_for("goal")
+        time.sleep(0.8)
         servers["left"].process.send_signal(signal.SIGSTOP)
 
     thread = threading.Thread(target=hang)

@@ -21,17 +21,24 @@ AT_HOME = {"shape": "sphere", "center": [0.51, 0.22, 0.25], "radius": 0.04}
 PARTS = [("approach", "start"), ("release", "goal")]
 
 
-def carried(*more):
-    motion, joints = known_carry()
-    scene = Scene.from_dict(scene_data(obstacles=(*ALONE, *more)))
-    verdict = verify_joints(baxter(), on_scene(motion, scene), joints)
+BOX = {
+    "shape": "box",
+    "size": [0.5, 0.1, 0.04],
+    "grasps": {"left": [0.3, 0.0, 0.0], "right": [-0.3, 0.0, 0.0]},
+}
+
+
+def carried(*more, **changes):
+    scene = Scene.from_dict(scene_data(obstacles=(*ALONE, *more), **changes))
+    verdict = verify_joints(baxter(), hands_motion(scene), known_carry()[1])
     assert verdict.verified is not None, verdict.reasons
     return verdict.verified
 
 
-@pytest.fixture(scope="module", params=[(), (IN_THE_WAY,)], ids=["posts", "and a ball"])
+@pytest.fixture(scope="module", params=["stick", "ball", "box"])
 def transfers(request):
-    return plan_transfers(carried(*request.param))
+    more = {"ball": (IN_THE_WAY,)}.get(request.param, ())
+    return plan_transfers(carried(*more, **({"load": BOX} if request.param == "box" else {})))
 
 
 def geometry_of(scene, end):
@@ -50,13 +57,14 @@ def geometry_of(scene, end):
         for link in links:
             geometry.addCollisionPair(pin.CollisionPair(link, number))
     left, right = getattr(scene, end)
-    along = (left - right) / np.linalg.norm(left - right)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along).matrix()
-    load = scene.file.load
-    shape = coal.Capsule(load.radius, load.length + 2 * load.overhang)
-    stick = geometry.addGeometryObject(
-        pin.GeometryObject("stick", 0, pin.SE3(turn, 0.5 * (left + right)), shape)
-    )
+    x, z, load = (left - right) / np.linalg.norm(left - right), np.array([0.0, 0.0, 1.0]), scene.file.load
+    turn = np.stack([x, np.cross(z, x), z], axis=1)
+    shape = coal.Box(*load.size) if load.shape == "box" else None
+    if shape is None:
+        shape = coal.Capsule(load.radius, load.length + 2 * load.overhang)
+        turn = turn[:, [1, 2, 0]]  # a capsule lies along z
+    item = pin.GeometryObject("load", 0, pin.SE3(turn, 0.5 * (left + right)), shape)
+    stick = geometry.addGeometryObject(item)
     wrists = {robot.model.getJointId(f"{side}_w2") for side in ("left", "right")}
     near = []
     for link in links:

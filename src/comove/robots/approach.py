@@ -24,6 +24,7 @@ from comove.robots.bodies import LOAD, Bodies, bodies_of
 from comove.robots.carried import Carried
 from comove.robots.extremes import Ranges
 from comove.robots.free_space import SPARES, Room, way
+from comove.robots.load_shapes import placements
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
 from comove.robots.verify import VerifiedJointMotion
@@ -168,9 +169,9 @@ def _withdrawal(
 
 def _put(bodies: Bodies, place: Array) -> Bodies:
     """The same with the load where it lies."""
-    for rod, a, b in bodies.rods:
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), place[b] - place[a]).matrix()
-        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, 0.5 * (place[a] + place[b]))
+    for rod, *spanned in bodies.rods:
+        (turn,), (middle,) = placements(place[None], tuple(spanned))
+        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
     return bodies
 
 
