@@ -242,3 +242,20 @@ def test_joints_that_jump_are_given_up_soon():
     wild = joints.position + 3.0 * np.sin(np.arange(1001) * 2.0)[:, None]
     found, required = certified(motion, replace(joints, position=wild))
     assert any(clearance.lower < keep for clearance, keep in zip(found, required, strict=True))
+
+
+@pytest.mark.parametrize("room", [0.01, 0.0053])
+def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(room, monkeypatch):
+    """Their distance stays what it is for the whole motion, which bounds by speeds alone can hardly prove."""
+    from comove.robots import certificate, verify_joints
+
+    monkeypatch.setattr(certificate, "MOST", 20_000)
+    motion, joints = known_carry()
+    top = 0.05 - 0.00515 - room  # m, that deep below the load fingers reach
+    table = {"shape": "box", "center": [0.68, 0, top - 0.025], "size": [0.7, 1.6, 0.05]}
+    thin = scene_data()["load"] | {"radius": 0.002}
+    workspace = {"lower": [0.1, -1.2, -0.3], "upper": [1.3, 1.2, 1.0]}
+    scene = Scene.from_dict(scene_data(obstacles=(table,), load=thin, workspace=workspace))
+    verdict = verify_joints(baxter(), on_scene(motion, scene), joints)
+    assert verdict.reasons == ()
+    assert verdict.report.clearance_scene == pytest.approx(room, abs=1.2e-3)

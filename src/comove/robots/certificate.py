@@ -5,8 +5,9 @@ Two bodies whose distance at an instant is d are, at most w before or after it, 
     d - w sum_j max|q_j'| r_j
 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
-only the joints between the two count; the load adds its own largest speed. Wherever that is too little, time is
-halved, for those pairs only. Distances are coal's, placements Pinocchio's.
+only the joints between the two count; the load adds its own largest speed. Where that is too little, convex bodies
+are looked at more closely (see `nearing`), and where that is too little as well, time is halved, for those pairs
+only. Distances are coal's, placements Pinocchio's.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from comove.robots.bodies import Bodies
 from comove.robots.carried import Carried
 from comove.robots.extremes import Ranges, fastest
 from comove.robots.load_shapes import placements
+from comove.robots.nearing import Nearing
 
 Array = NDArray[np.float64]
 
@@ -69,18 +71,22 @@ def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[Clearance]:
     ----------
     curve : joint positions by time [s], cubic between samples
     """
-    distances = _Distances(bodies, carried, curve)
+    distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
     cells, width, computed = _first(bodies), curve.x[-1] / FIRST, 0
     lower, met = np.full(3, np.inf), [Clearance(np.inf, np.inf, -1, 0.0)] * 3
     for depth in range(DEEPEST):
         distance, change = distances(cells, width)
-        kind, bound = bodies.kind[cells.pair], distance - change
+        kind = bodies.kind[cells.pair]
         is_exact = bodies.exact[cells.pair] == cells.pair
         for k in range(3):
             met[k] = _nearer(met[k], np.where(is_exact & (kind == k), distance, np.inf), cells, width)
         upper = np.array([least.upper for least in met])
         enough = np.maximum(bodies.required, upper - TIGHT)
         enough = np.where(upper < bodies.required, upper - LOOSE, enough)[kind]
+        spare = np.where(distance > 0, distance - enough, 0.0)
+        bound = distance - nearing.improved(
+            change, spare, cells.pair, (cells.stretch + 0.5) * width, width / 2
+        )
         done = bound >= enough
         computed += len(distance)
         if depth == DEEPEST - 1 or computed > MOST:
