@@ -42,8 +42,10 @@ class Sampled:
         for k, obstacle in enumerate(motion.scene.file.obstacles):
             self._add(f"obstacle {k}", links, SCENE, shape(obstacle), np.array(obstacle.center))
         load = motion.scene.file.load
-        self.length = load.length + 2 * load.overhang
-        rod = coal.Capsule(load.radius, self.length)
+        if load.shape == "bar":
+            rod = coal.Capsule(load.radius, load.length + 2 * load.overhang)
+        else:  # in the frame of a rod, whose z axis is along the line between the hands
+            rod = coal.Box(load.size[2], load.size[1], load.size[0])
         free = [
             g for g in links if self.model.names[self.geometry.geometryObjects[g].parentJoint] not in wrists
         ]
@@ -81,10 +83,9 @@ class Sampled:
         least = np.full(len(pairs), np.inf)
         for q, (left, right) in zip(self.joints.curve(time), hands, strict=True):
             pin.updateGeometryPlacements(self.model, self.data, self.geometry, self.placed, q)
-            self.placed.oMg[self.rod] = pin.SE3(
-                pin.Quaternion.FromTwoVectors(np.array([0, 0, 1.0]), left - right).matrix(),
-                0.5 * (left + right),
-            )
+            u, up = (left - right) / np.linalg.norm(left - right), np.array([0.0, 0.0, 1.0])
+            turn = np.column_stack([up, np.cross(u, up), u])
+            self.placed.oMg[self.rod] = pin.SE3(turn, 0.5 * (left + right))
             found = [
                 pin.computeDistance(self.geometry, self.placed, int(pair)).min_distance for pair in pairs
             ]
@@ -135,6 +136,15 @@ def test_clearances_of_other_motions_are_those_of_dense_sampling(seed):
     bumps = np.sin(np.pi * np.outer(joints.time / joints.duration, rng.integers(1, 6, 14))) ** 3
     position = joints.position + rng.uniform(-0.25, 0.25, 14) * bumps
     compare(motion, JointMotion(joints.time, joints.joint_names, position))
+
+
+def test_a_box_between_the_hands_is_kept_clear_of():
+    motion, joints = known_carry()
+    load = {"shape": "box", "size": [0.5, 0.3, 0.02]}
+    scene = Scene.from_dict(scene_data(obstacles=(TABLE,), load=load))
+    _, found, _ = compare(on_scene(motion, scene), joints)
+    plain = certified(on_scene(motion, Scene.from_dict(scene_data(obstacles=(TABLE,)))), joints)[0][LOAD]
+    assert found.lower < plain.lower - 0.02  # m: the box is wider than the bar
 
 
 @settings(max_examples=2)
