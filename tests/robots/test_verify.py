@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
+from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
+from comove.robots.findings import unfit_scene
 from comove.robots.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
 from comove.verification.verify import verify
@@ -219,6 +221,17 @@ def test_a_scene_that_no_robot_can_carry_out_is_refused_in_words():
     )
     assert bare.grasp is None
     assert "grasp: {orientation: down}" in verify_joints(baxter(), motion, joints).reasons[0]
+
+
+def test_a_planar_scene_and_hands_without_arms_are_refused_in_words():
+    motion, joints = known_carry()
+    (reason,) = unfit_scene(baxter(), example("narrow"))
+    assert "three coordinates" in reason
+    data = scene_data()
+    data["manipulators"][0]["name"] = "lefty"
+    (reason,) = verify_joints(baxter(), on_scene(motion, Scene.from_dict(data)), joints).reasons
+    assert "has no arm 'lefty'" in reason
+    assert "did you mean 'left'" in reason
 
 
 def test_something_else_than_a_motion_of_hands_is_an_error():
