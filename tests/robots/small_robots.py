@@ -1,13 +1,21 @@
 """Robots of all kinds for tests, written as text: random chains with turning and sliding joints, and a gantry."""
 
 import tempfile
+import warnings
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from comove.robots import Robot
+from comove.coordination import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.coordinates import load_coordinates
+from comove.errors import ComoveWarning
+from comove.primitives.basis import motion_basis
+from comove.robots import Arm, Robot
+from comove.robots.carrying import Carrying
+from comove.robots.chains import TURN
+from comove.scenes import Scene
 
 BUNDLED = ("baxter", "two_pandas", "ur5_and_panda")
 RANDOM = ("random 0", "random 1", "random 2")
@@ -124,3 +132,72 @@ def _slides(name: str, y: float) -> str:
         )
         before = f"{name}_{axis}"
     return "".join(parts)
+
+
+POST = {"shape": "cylinder", "center": [0.0, 0.0, 0.3], "radius": 0.04, "height": 0.6}
+
+
+def gantry_scene(obstacles: tuple[dict, ...] = (POST,), **more: object) -> Scene:
+    """The gantry carries a bar past a post that is in the middle of the straight way; `more` replaces keys."""
+    return Scene.from_dict(
+        {
+            "name": "gantry",
+            "duration": 6.0,
+            "workspace": {"lower": [-0.7, -1.2, 0.0], "upper": [0.7, 1.2, 0.45]},
+            "obstacles": list(obstacles),
+            "load": {"shape": "bar", "length": 0.5, "radius": 0.01, "mass": 1.0},
+            "manipulators": [
+                {"name": "left", "start": [-0.3, 0.25, 0.3], "goal": [0.3, 0.25, 0.3]},
+                {"name": "right", "start": [-0.3, -0.25, 0.3], "goal": [0.3, -0.25, 0.3]},
+            ],
+            "grasp": {"orientation": "down", "offset_deg": -90},
+            **more,
+        }
+    )
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@lru_cache(maxsize=8)
+def task(name: str) -> Carrying:
+    """A robot with something to carry: "gantry", or the name of an example scene."""
+    if name == "gantry":
+        return Carrying(robot("gantry"), gantry_scene())
+    with warnings.catch_warnings():  # ends are moved onto the constraints by less than a nanometre
+        warnings.simplefilter("ignore", ComoveWarning)
+        scene = Scene.load(next(EXAMPLES.glob(f"*/{name}.yaml")))
+    return Carrying(robot(scene.file.robot), scene)
+
+
+def movement(scene: Scene, bend: tuple[float, ...] = ()) -> CoordinatedMotion:
+    """The straight movement of the load; `bend` shifts its columns at mid-time [m, rad]."""
+    coordinates, basis = load_coordinates(scene), motion_basis(20)
+    boundary, s = coordinates.boundary(), np.linspace(0.0, 1.0, 201)
+    straight = CoordinatedDMP(scene, coordinates, basis, boundary, np.zeros((len(boundary[0]), 20)))
+    q = straight.rollout().at(s)[0].T
+    q[: len(bend)] += np.array(bend).reshape(-1, 1) * np.sin(np.pi * s) ** 4
+    phi, base = np.split(basis.sampled(201).T, [basis.n_basis], axis=1)
+    weights = np.linalg.lstsq(phi, q.T - base @ boundary, rcond=None)[0].T
+    return CoordinatedMotion(scene, coordinates, basis, boundary, weights)
+
+
+def wanted_grasps(motion: CoordinatedMotion, time: np.ndarray) -> np.ndarray:
+    """Where the hands are meant to be; array, shape (n_steps, n_hands, 4, 4)."""
+    places = motion.hands(time / motion.scene.duration)[0]
+    frames = np.zeros((*places.shape[:2], 4, 4))
+    frames[..., :3, 3], frames[..., 3, 3] = places, 1.0
+    frames[..., :3, :3] = motion.scene.grasp.hand_rotations(places)
+    return frames
+
+
+def grasp_errors(robot: Robot, arms: tuple[Arm, ...], position: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Errors of the grasps by Pinocchio [m], a radian as `TURN`; array, shape (n_steps, n_arms)."""
+    errors = np.empty(wanted.shape[:2])
+    for t, q in enumerate(position):
+        for i, arm in enumerate(arms):
+            pose, target = robot.tool_pose(q, arm), wanted[t, i]
+            turn = 0.5 * np.linalg.norm(target[:3, :3] @ pose[:3, :3].T - np.eye(3), 2)
+            angle = 2 * np.arcsin(min(1.0, turn))
+            errors[t, i] = np.hypot(np.linalg.norm(target[:3, 3] - pose[:3, 3]), TURN * angle)
+    return errors

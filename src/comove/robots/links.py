@@ -1,8 +1,8 @@
 """Links as capsules: what a search sees of a robot's bodies.
 
-Capsules are quick and a little off: bodies stick out of them at the ends of cylinders, by less than a twentieth of the
-radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do not
-move are inside their balls. The judge works on the exact geometry.
+Capsules are quick and a little off: bodies stick out of them at the ends of cylinders, by less than a twentieth of
+the radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do
+not move are inside their balls. The judge works on the exact geometry.
 """
 
 from __future__ import annotations

@@ -1,0 +1,134 @@
+"""What a search learns of movements: arms follow them, and strain, rates and nearness are the judge's."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from comove.robots import verify_joints
+from comove.robots.carrying import Carrying
+from comove.robots.chains import TURN
+from comove.robots.following import KEEP, MET, follow, follow_one, hand_rotation, solutions
+from comove.robots.tracking import _nodes, track
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, known_carry, scene_data
+from tests.robots.small_robots import gantry_scene, grasp_errors, movement, robot, task, wanted_grasps
+
+
+def whole(carrying, q):
+    """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
+    position = np.tile(carrying.robot.home, (len(q), 1))
+    position[:, carrying.columns] = q
+    return position
+
+
+@pytest.mark.parametrize("name", ["gantry", "gap_30", "two_pandas", "ur5_and_panda"])
+def test_hands_are_turned_as_the_scenes_grasp_says(name):
+    carrying, out = task(name), np.empty((3, 3))
+    for hands in np.random.default_rng(0).normal(size=(20, len(carrying.holders), 3)):
+        for i, wanted in enumerate(carrying.scene.grasp.hand_rotations(hands)):
+            hand_rotation(carrying.arms.around, hands, i, out)
+            np.testing.assert_allclose(out, wanted, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["gantry", "gap_30", "two_pandas", "ur5_and_panda"])
+def test_solutions_hold_the_hand_and_keep_the_limits(name):
+    carrying = task(name)
+    chains, rng = carrying.arms.chains, np.random.default_rng(1)
+    nodes = carrying.scene.nodes_at("start")
+    rotations = carrying.scene.grasp.hand_rotations(nodes[: len(carrying.holders)])
+    seeds = rng.uniform(chains.lower, chains.upper, (20, len(chains.lower)))
+    for i, arm in enumerate(carrying.holders):
+        joints, missing = solutions(
+            chains, i, rotations[i], nodes[i], carrying.arms.around.posture, seeds.copy()
+        )
+        assert (missing < 1e-8).any()
+        assert (joints >= chains.lower).all()
+        assert (joints <= chains.upper).all()
+        for q, left in zip(whole(carrying, joints), missing, strict=True):
+            pose = carrying.robot.tool_pose(q, arm)
+            turn = np.linalg.norm(pin.log3(rotations[i] @ pose[:3, :3].T))
+            away = np.hypot(np.linalg.norm(nodes[i] - pose[:3, 3]), TURN * turn)
+            assert left == pytest.approx(away, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["gantry", "gap_30", "two_pandas", "ur5_and_panda"])
+def test_arms_follow_a_movement_within_what_a_search_allows(name):
+    carrying = task(name)
+    motion = movement(carrying.scene)
+    nodes = _nodes(motion, 101)
+    q, missing, penalty = np.empty((101, len(carrying.columns))), np.zeros(2), np.zeros(2)
+    follow_one(carrying.arms, nodes, carrying.best_start(nodes), q, missing, penalty)
+    time = np.linspace(0.0, carrying.scene.duration, 101)
+    errors = grasp_errors(carrying.robot, carrying.holders, whole(carrying, q), wanted_grasps(motion, time))
+    np.testing.assert_allclose(errors.max(axis=0), missing, atol=1e-7)
+    assert missing.max() <= MET
+    assert (penalty == 0).all()
+    assert np.abs(np.diff(q, axis=0)).max() < 0.1
+
+
+def test_rates_and_margins_are_those_that_the_judge_finds():
+    motion, _ = known_carry()
+    carrying = Carrying(robot("baxter"), motion.scene)
+    joints, miss = track(carrying, motion)
+    assert miss is None
+    report = verify_joints(carrying.robot, motion, joints).report
+    nodes = _nodes(motion, 101)[None]
+    strain = carrying.strain(nodes, joints.position[0, carrying.columns])
+    speed, acceleration, torque = strain.rates[0].max(axis=0)
+    assert speed == pytest.approx(report.velocity_ratio_max, rel=0.1)
+    assert acceleration == pytest.approx(report.acceleration_ratio_max, rel=0.2)
+    assert torque == pytest.approx(report.torque_ratio_max, rel=0.05)
+    assert strain.margin.min() == pytest.approx(report.joint_margin_min, abs=0.05)
+    around = carrying.arms.around
+    assert strain.clearance[0] == pytest.approx(around.clearance + around.spare)
+    assert strain.contact[0] == 0.0
+
+
+def test_a_faster_movement_strains_in_proportion():
+    """Speeds grow with the pace, accelerations with its square, still torques do not."""
+    carrying = task("gantry")
+    nodes = _nodes(movement(carrying.scene), 101)[None]
+    start = carrying.best_start(nodes[0])
+    slow, fast = (follow(carrying.arms, nodes, start, duration) for duration in (100.0, 50.0))
+    np.testing.assert_allclose(fast[2][..., 0], 2 * slow[2][..., 0], rtol=1e-12)
+    np.testing.assert_allclose(fast[2][..., 1], 4 * slow[2][..., 1], rtol=1e-12)
+    np.testing.assert_allclose(fast[2][..., 2], slow[2][..., 2], rtol=1e-2)
+    weights = 9.81 * (2.0 + 2.0 + 0.5)  # N, of z, yaw and half of the load
+    assert slow[2][0, 0, 2] == pytest.approx(weights / 200.0, rel=1e-2)
+
+
+def test_what_links_pass_between_two_samples_is_noticed():
+    """Three samples of a movement over 0.6 m, and a thin rod that the columns meet in between."""
+    rod = {"shape": "cylinder", "center": [-0.15, 0.25, 0.8], "radius": 0.005, "height": 0.2}
+    free = {**rod, "center": [-0.15, 0.4, 0.8]}
+    found = []
+    for obstacle in (rod, free):
+        carrying = Carrying(robot("gantry"), gantry_scene((obstacle,)))
+        nodes = _nodes(movement(carrying.scene), 3)[None]
+        strain = carrying.strain(nodes, carrying.best_start(nodes[0]))
+        found.append((strain.clearance[0], strain.contact[0]))
+    assert found[0][0] < 0.0 < found[0][1]
+    assert found[1] == (pytest.approx(0.01), 0.0)
+
+
+def test_links_that_come_too_near_the_load_cost_something():
+    high = {"shape": "bar", "length": 0.6, "radius": 0.12, "overhang": 0.03}
+    workspace = {"lower": [0.0, -1.4, -0.5], "upper": [1.4, 1.4, 1.0]}
+    scene = Scene.from_dict(scene_data(load=high, workspace=workspace, obstacles=()))
+    motion = movement(scene)
+    thick = Carrying(robot("baxter"), scene)
+    thin = Carrying(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE,))))
+    nodes = _nodes(motion, 101)[None]
+    contacts = [c.strain(nodes, thin.best_start(nodes[0])).contact[0] for c in (thick, thin)]
+    assert contacts[0] > contacts[1] == 0.0
+
+
+def test_a_movement_out_of_reach_costs_more_the_further_it_is():
+    carrying = task("gantry")
+    nodes = [_nodes(movement(carrying.scene, (0.0, shift)), 101) for shift in (0.0, 0.8, 1.0)]
+    strain = carrying.strain(np.array(nodes), carrying.best_start(nodes[0]))
+    near, far, further = strain.missing.max(axis=1)
+    assert near < MET
+    most = 0.65 - KEEP  # of the right hand, as far as a search lets it go
+    assert (far, further) == (pytest.approx(0.8 - most, abs=1e-3), pytest.approx(1.0 - most, abs=1e-3))
+    assert (np.diff(strain.penalty.sum(axis=1)) > 0.5).all()
