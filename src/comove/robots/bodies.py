@@ -94,34 +94,17 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     geometry = robot.collision.copy()
-    links = range(geometry.ngeoms)
-    names = [_link_name(robot, item) for item in geometry.geometryObjects]
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
     pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs]
     pairs = [p for p in pairs if _parent(geometry, p[0]) != _parent(geometry, p[1])]
-    for i, obstacle in enumerate(scene.file.obstacles):
-        number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
-        names.append(f"obstacles[{i}] ({obstacle.shape})")
-        pairs += [(link, number, SCENE) for link in links]
-    held = _beyond_wrists(robot, [arms[i] for i in _holders(scene)])
-    rods = []
-    for shape in load_shapes(carried):
-        number = geometry.addGeometryObject(pin.GeometryObject("load", 0, pin.SE3.Identity(), shape.geometry))
-        rods.append((number, *shape.nodes))
-        names.append("the load")
-        pairs += [(link, number, LOAD) for link in links if _parent(geometry, link) not in held]
-    solid, rough = _hulls(geometry, names)
-    pairs = [(solid.get(a, a), solid.get(b, b), kind) for a, b, kind in pairs]
-    exact = list(range(len(pairs)))
-    for number, (a, b, kind) in enumerate(pairs.copy()):
-        if a in rough or b in rough:
-            exact.append(number)
-            pairs.append((rough.get(a, a), rough.get(b, b), kind))
+    pairs += _add_obstacles(geometry, names, scene)
+    rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in _holders(scene)])
+    pairs, exact = _with_hulls(geometry, names, pairs + with_load)
     geometry.removeAllCollisionPairs()
     for first, second, _ in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     kind = np.array([p[2] for p in pairs], dtype=np.int64)
     keep = scene.clearance or LINK_CLEARANCE
-    required = np.array([keep, keep, min(keep, LINK_CLEARANCE)])
     reach, pull, base = _links_of(geometry, bases, names)
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
     for rod, *_ in rods:  # a load between two bases is on neither
@@ -129,16 +112,60 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
         pull[rod] = max(amount for _, amount in pulls) * lever
     taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
     taken[kind == LOAD] += miss * lever
-    change = _changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3))
-    return Bodies(robot, geometry, tuple(names), kind, required, taken, change, np.array(exact), tuple(rods))
+    return Bodies(
+        robot=robot,
+        geometry=geometry,
+        names=tuple(names),
+        kind=kind,
+        required=np.array([keep, keep, min(keep, LINK_CLEARANCE)]),
+        taken=taken,
+        reach=_changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3)),
+        exact=exact,
+        rods=rods,
+    )
+
+
+def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
+    """Put the scene's obstacles in; the pairs with all links."""
+    links, pairs = range(geometry.ngeoms), []
+    for i, obstacle in enumerate(scene.file.obstacles):
+        number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
+        names.append(f"obstacles[{i}] ({obstacle.shape})")
+        pairs += [(link, number, SCENE) for link in links]
+    return pairs
+
+
+def _add_load(
+    robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
+) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
+    """Put the load's shapes in; their numbers with the nodes that they span, and the pairs with links."""
+    held, rods, pairs = _beyond_wrists(robot, holders), [], []
+    links = [link for link in range(robot.collision.ngeoms) if _parent(geometry, link) not in held]
+    for shape in load_shapes(carried):
+        name = f"load {len(rods)}"
+        number = geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape.geometry))
+        rods.append((number, *shape.nodes))
+        names.append("the load")
+        pairs += [(link, number, LOAD) for link in links]
+    return tuple(rods), pairs
+
+
+def _with_hulls(
+    geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
+) -> tuple[list[tuple[int, int, int]], NDArray[np.int64]]:
+    """Pairs with hulls instead of convex meshes, then the rough versions of others; and `Bodies.exact`."""
+    convex, rough = _hulls(geometry, names)
+    pairs = [(convex.get(a, a), convex.get(b, b), kind) for a, b, kind in pairs]
+    exact = list(range(len(pairs)))
+    for number, (a, b, kind) in enumerate(pairs.copy()):
+        if a in rough or b in rough:
+            exact.append(number)
+            pairs.append((rough.get(a, a), rough.get(b, b), kind))
+    return pairs, np.array(exact, dtype=np.int64)
 
 
 def _parent(geometry: Any, item: int) -> int:
     return geometry.geometryObjects[item].parentJoint
-
-
-def _link_name(robot: Robot, item: Any) -> str:
-    return robot.model.frames[item.parentFrame].name
 
 
 def _obstacle(obstacle: Any, name: str) -> Any:
