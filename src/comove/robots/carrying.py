@@ -18,7 +18,7 @@ from comove.planning.search import Schedule
 from comove.robots.chains import chains_of, place_arm, pose_error
 from comove.robots.effort import DEFAULT_MASS
 from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
-from comove.robots.links import ENOUGH, links_clearance, links_of, place_links
+from comove.robots.links import ENOUGH, Links, links_clearance, links_of, place_links
 from comove.robots.model import Arm, Robot
 from comove.robots.planner import plan_with_arms
 from comove.scenes.scene import Scene
@@ -27,8 +27,9 @@ Array = NDArray[np.float64]
 
 DEFAULT_CLEARANCE = 0.005  # m, of links, where the scene states none
 SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
+COARSER = 3  # samples of which one is looked at to tell branches apart
 EASE = 2.0  # cost of jolts: of joints that all use their whole acceleration all the time
-SAMPLES = 101  # of a movement that a search looks at
+SAMPLES = 81  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
 BRANCHES = 4  # solutions of an end that are kept, per arm
@@ -103,7 +104,11 @@ class Carrying:
             share=NEAR_LIMIT * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
         )
-        return Arms(chains_of(self.robot, self.holders), links_of(self.robot, self.holders), around)
+        return Arms(chains_of(self.robot, self.holders), self._links, around)
+
+    @cached_property
+    def _links(self) -> Links:
+        return links_of(self.robot, self.holders)
 
     @cached_property
     def _busy(self) -> Arms:
@@ -120,7 +125,11 @@ class Carrying:
 
     def stricter(self) -> Carrying:
         """The same with more caution, after a movement that a search took for possible was rejected."""
-        return replace(self, caution=self.caution + 1)
+        more = replace(self, caution=self.caution + 1)
+        for name in ("starts", "goals", "_ends", "_links"):  # caution changes nothing of these
+            if name in vars(self):
+                vars(more)[name] = vars(self)[name]
+        return more
 
     @cached_property
     def starts(self) -> tuple[Array, ...]:
@@ -199,6 +208,7 @@ class Carrying:
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
         starts, n_most = self.starts, max(map(len, self.starts))
+        nodes = np.ascontiguousarray(nodes[::COARSER])
         tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
         if n_most == 1:
             return np.concatenate(tried[0])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.robots.chains import Chains, inside, reach_pose, torques
-from comove.robots.links import Links, links_clearance, place_links
+from comove.robots.links import Links, clearance_around, clearance_between, place_links
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ PULL = 0.2  # share of the way home that redundancy goes an iteration
 LOOSE = 0.05  # rad, of a step: redundancy need not have come to rest in a search
 FOLLOWING = 6  # iterations a sample
 STRIDE = 2  # samples between those at which links are placed
-SUB_STEP, MAX_SUB_STEPS = 0.015, 12  # m, and parts of an interval, at which near links are looked at
+SUB_STEP, MAX_SUB_STEPS = 0.02, 10  # m, and parts of an interval, at which near links are looked at
 SETTLING = 200  # iterations from a random seed
 
 
@@ -178,8 +178,8 @@ def follow_one(arms, nodes, start, q, missing, penalty):
 def _contact(arms, q, nodes):
     """Least clearance of the links [m], at most what is wished for, and the penalty of what is less.
 
-    Between two samples the links' axes are taken to move straight; where something is near, they are looked at
-    every `SUB_STEP`.
+    Between two samples the links' axes are taken to move straight; where an obstacle or the load is near, they are
+    looked at every `SUB_STEP`.
     """
     chains, links, around = arms.chains, arms.links, arms.around
     n_steps, n_links = q.shape[0], links.joint.shape[0]
@@ -204,7 +204,11 @@ def _contact(arms, q, nodes):
                 moved = max(moved, square)
         moved = sqrt(moved)
         far = wished + moved
-        apart = links_clearance(
+        apart = clearance_between(links, here[0], here[1], wished)
+        if apart < wished:
+            least = min(least, apart)
+            penalty += STRIDE * _cost_of_contact(around, wished - apart) / n_steps
+        apart = clearance_around(
             links, here[0], here[1], around.obstacles, nodes[t], around.edges, around.radii, far
         )
         if apart >= far:
@@ -223,13 +227,19 @@ def _contact(arms, q, nodes):
                         load[n, axis] = nodes[t, n, axis] + share * (
                             nodes[after, n, axis] - nodes[t, n, axis]
                         )
-                apart = links_clearance(
+                apart = clearance_around(
                     links, between[0], between[1], around.obstacles, load, around.edges, around.radii, wished
                 )
             if apart < wished:
                 least = min(least, apart)
-                penalty += (50.0 * (wished - apart) + (apart < around.clearance)) * STRIDE / (n_steps * parts)
+                penalty += STRIDE * _cost_of_contact(around, wished - apart) / (n_steps * parts)
     return least, penalty
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cost_of_contact(around, lacking):
+    """Of links that are nearer than wished for by `lacking` [m]; a step where they are nearer than asked for."""
+    return 50.0 * lacking + (lacking > around.spare)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -271,6 +271,13 @@ def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
     start, end : arrays, shape (n_links, 3), as `place_links` leaves them [m]
     nodes, edges, radii : the load and its hands, as the scene's `Body` describes them
     """
+    around = clearance_around(links, start, end, obstacles, nodes, edges, radii, cap)
+    return clearance_between(links, start, end, around)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def clearance_around(links, start, end, obstacles, nodes, edges, radii, cap):
+    """The same from obstacles and the load alone."""
     least = cap
     for i in links.moving:
         a, b, r = start[i], end[i], links.radius[i]
@@ -287,14 +294,43 @@ def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
                         - r
                     )
                     least = min(least, apart)
-    for e in range(edges.shape[0]):
-        a, b = nodes[edges[e, 0]], nodes[edges[e, 1]]
-        if edges[e, 0] == edges[e, 1]:
+    cx, cy, cz, size = _ball_of_load(nodes, radii)
+    for i in range(links.joint.shape[0]):
+        if links.holds[i]:
             continue
-        for i in range(links.joint.shape[0]):
-            thick = links.radius[i] + radii[e]
-            if not links.holds[i] and near_enough(start[i], end[i], a, b, least + thick):
-                least = min(least, segments_apart(start[i], end[i], a, b) - thick)
+        a, b, r = start[i], end[i], links.radius[i]
+        x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
+        half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+        far = size + half + r + least
+        if x * x + y * y + z * z > far * far:
+            continue
+        for e in range(edges.shape[0]):
+            c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
+            if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
+                least = min(least, segments_apart(a, b, c, d) - thick)
+    return least
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ball_of_load(nodes, radii):
+    """Middle and radius of a ball about the load and its hands [m]."""
+    x, y, z, square = 0.0, 0.0, 0.0, 0.0
+    for n in range(nodes.shape[0]):
+        x += nodes[n, 0] / nodes.shape[0]
+        y += nodes[n, 1] / nodes.shape[0]
+        z += nodes[n, 2] / nodes.shape[0]
+    for n in range(nodes.shape[0]):
+        square = max(square, (nodes[n, 0] - x) ** 2 + (nodes[n, 1] - y) ** 2 + (nodes[n, 2] - z) ** 2)
+    thickest = 0.0
+    for e in range(radii.shape[0]):
+        thickest = max(thickest, radii[e])
+    return x, y, z, sqrt(square) + thickest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def clearance_between(links, start, end, cap):
+    """The same of the links from each other alone."""
+    least = cap
     middle, reach = _balls(links, start, end)
     for p in range(links.pairs.shape[0]):
         i, j = links.pairs[p, 0], links.pairs[p, 1]
