@@ -819,9 +819,7 @@ def test_every_place_may_hold_junk(data, value):
 
 
 def test_all_public_models_forbid_unknown_keys_and_are_frozen():
-    parts = [
-        part for part in vars(model).values() if isinstance(part, type) and issubclass(part, model._Part)
-    ]
+    parts = [part for part in vars(model).values() if isinstance(part, type) and issubclass(part, model.Part)]
     assert len(parts) >= 15
     for part in parts:
         assert part.model_config["frozen"]

@@ -32,20 +32,20 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from comove.errors import RobotError, SceneError, near_name
-from comove.scenes.messages import Contract, explained, scene_error, show
-from comove.scenes.model import (
+from comove.scenes.keys import (
     UNTURNED,
     Name,
     NotNegative,
     Number,
+    Part,
     Positive,
     Quaternion,
     Vector,
-    _as_tuple,
-    _at_least,
-    _Part,
-    _Wrong,
+    Wrong,
+    as_tuple,
+    at_least,
 )
+from comove.scenes.messages import Contract, explained, scene_error, show
 from comove.scenes.yaml_reader import read_yaml
 
 BUNDLED = Path(__file__).parent / "descriptions"
@@ -53,14 +53,14 @@ BUNDLED = Path(__file__).parent / "descriptions"
 
 def _point(vector: tuple[float, ...]) -> tuple[float, ...]:
     if len(vector) != 3:
-        raise _Wrong(f"{list(vector)} has {len(vector)} numbers", "write three: x, y, z")
+        raise Wrong(f"{list(vector)} has {len(vector)} numbers", "write three: x, y, z")
     return vector
 
 
 Point = Annotated[Vector, AfterValidator(_point)]
 
 
-class Placement(_Part):
+class Placement(Part):
     """A frame in another one: `position` [m] and orientation, w first."""
 
     position: Point = (0.0, 0.0, 0.0)
@@ -69,13 +69,11 @@ class Placement(_Part):
 
 def _prefix(prefix: str) -> str:
     if not re.fullmatch(r"[\w./-]{0,100}", prefix):
-        raise _Wrong(
-            f"{show(prefix)} cannot begin names", "use up to 100 letters, digits, '_', '-', '.', '/'"
-        )
+        raise Wrong(f"{show(prefix)} cannot begin names", "use up to 100 letters, digits, '_', '-', '.', '/'")
     return prefix
 
 
-class ModelSource(_Part):
+class ModelSource(Part):
     """A URDF and where its base stands in the scene; `prefix` goes before every name in it."""
 
     urdf: str
@@ -85,17 +83,17 @@ class ModelSource(_Part):
     prefix: Annotated[str, AfterValidator(_prefix)] = ""
 
 
-class ArmDescription(_Part):
+class ArmDescription(Part):
     """An arm: its last frame, the grasp frame in it (z the approach), the joints' values at home [rad or m]."""
 
     tip: str
     tool: Placement = Placement()
     home: Vector | None = None
-    fingers: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
+    fingers: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     """Joints that close on the load; `posture` says how wide they are while it is carried."""
 
 
-class JointLimits(_Part):
+class JointLimits(Part):
     """What a joint keeps where its URDF says nothing or too much [rad or m, s, N m or N]."""
 
     lower: Number | None = None
@@ -105,24 +103,24 @@ class JointLimits(_Part):
     effort: Positive | None = None
 
 
-class Servo(_Part):
+class Servo(Part):
     """Position servos of a simulator: `stiffness` by joint of an arm [N m/rad]."""
 
     stiffness: Vector
 
 
-class Uncertainty(_Part):
+class Uncertainty(Part):
     """How far the bases may stand from where the description says."""
 
     position: NotNegative = 0.0
     rotation_deg: NotNegative = 0.0
 
 
-class RobotFile(_Part):
+class RobotFile(Part):
     """A robot description as written."""
 
     name: Name
-    models: Annotated[tuple[ModelSource, ...], BeforeValidator(_as_tuple), _at_least(1, "model")]
+    models: Annotated[tuple[ModelSource, ...], BeforeValidator(as_tuple), at_least(1, "model")]
     arms: dict[Name, ArmDescription]
     posture: dict[str, Number] = Field(default={})
     """Values of joints that do not move [rad or m]; 0 where not named."""
@@ -134,7 +132,7 @@ class RobotFile(_Part):
     uncertainty: Uncertainty = Uncertainty()
 
 
-_CONTRACT = Contract(root=RobotFile, families={}, places={})
+_CONTRACT = Contract(root=RobotFile, families={})
 __all__ = ["RobotFile", "bundled_robots", "find_description", "load_description"]
 
 

@@ -43,11 +43,10 @@ class Family(NamedTuple):
 
 
 class Contract(NamedTuple):
-    """The models of a file: of the whole, of the places whose model depends on a tag, of the other places."""
+    """The models of a file: of the whole, and of the places whose model depends on a tag."""
 
     root: type[BaseModel]
     families: dict[str, Family]
-    places: dict[str, type[BaseModel]]
 
 
 _PLAIN_NUMBER = "write a plain number such as 0.5: no quotes, no unit, a point for decimals"

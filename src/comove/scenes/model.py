@@ -12,14 +12,11 @@ metres, times in seconds, angles in degrees where the key says so, quaternions i
 from __future__ import annotations
 
 import json
-import math
-import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Discriminator,
@@ -33,71 +30,42 @@ from pydantic import (
 
 from comove.scenes.checks import cross_checked, warn_of_units
 from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
+from comove.scenes.keys import (
+    UNTURNED,
+    Name,
+    NotNegative,
+    Number,
+    Part,
+    Positive,
+    Quaternion,
+    Sizes,
+    Vector,
+    Wrong,
+    as_tuple,
+    at_least,
+    no_minus_zero,
+    safe_name,
+)
 from comove.scenes.messages import Contract, Family, counted, explained, scene_error, show
 from comove.scenes.yaml_reader import Lines, read_yaml
 
 CHOICES = ("episode", "topic")
 """Keys that say which recording of a file is meant."""
-MAX_NAME = 100
 MAX_DURATION = 3600.0
 """[s]"""
-QUATERNION_TOLERANCE = 1e-3
-
-UNTURNED = (1.0, 0.0, 0.0, 0.0)
-
-
-class _Wrong(ValueError):
-    """A value that its type accepts and the contract does not; `args` are message and way out."""
-
-
-def _no_minus_zero(number: float) -> float:
-    return number + 0.0  # -0.0 becomes 0.0, so that equal scenes have equal checksums
-
-
-def _as_tuple(value: Any) -> Any:
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _safe_name(name: str) -> str:
-    """Accept names that can name a folder, a file, a column of a table."""
-    if not re.fullmatch(r"\w[\w +-]*(\.[\w +-]+)*", name) or name.endswith(" "):
-        way_out = "begin with a letter or digit; letters, digits, blanks and . _ + - may follow"
-        raise _Wrong(f"{show(name)} cannot name a file", way_out)
-    if len(name) > MAX_NAME or len(name.encode()) > 2 * MAX_NAME:
-        raise _Wrong(f"the name has {len(name)} characters", f"use at most {MAX_NAME} ({2 * MAX_NAME} bytes)")
-    return name
-
-
-def _manipulator_name(name: str) -> str:
-    if "." in name or " " in name:
-        raise _Wrong(f"{show(name)} contains a point or a blank", "use letters, digits, '_', '-'")
-    return _safe_name(name)
-
-
-def _unit_quaternion(quaternion: tuple[float, ...]) -> tuple[float, ...]:
-    if len(quaternion) != 4:
-        raise _Wrong(
-            f"{show(quaternion)} has {counted(quaternion, 'number')}", "write 4, in the order w, x, y, z"
-        )
-    norm = math.hypot(*quaternion)
-    if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
-        raise _Wrong(f"{show(quaternion)} has the norm {norm:.6g}", "write a unit quaternion, w first")
-    rounding = 1e-15  # an already normalised quaternion stays as it is
-    return quaternion if abs(norm - 1.0) <= rounding else tuple(part / norm for part in quaternion)
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
     if not names:
-        raise _Wrong("no manipulator is named", "name at least one")
+        raise Wrong("no manipulator is named", "name at least one")
     if len(set(names)) < len(names):
-        raise _Wrong(f"{show(names)} names a manipulator twice", "name different manipulators")
+        raise Wrong(f"{show(names)} names a manipulator twice", "name different manipulators")
     return names
 
 
 def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
     if len(names) != 2:
-        raise _Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
+        raise Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
     return _distinct(names)
 
 
@@ -105,59 +73,35 @@ def _not_supported(message: str, way_out: str) -> AfterValidator:
     """Make a validator that refuses what the contract knows and this version does not do."""
 
     def refuse(value: Any) -> Any:
-        raise _Wrong(message.format(value), way_out)
+        raise Wrong(message.format(value), way_out)
 
     return AfterValidator(refuse)
 
 
-def _at_least(count: int, what: str) -> AfterValidator:
-    def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
-        if len(items) < count:
-            raise _Wrong(
-                f"the list has {counted(items, 'entry', 'entries')}", f"write at least {count} {what}"
-            )
-        return items
-
-    return AfterValidator(check)
-
-
 def _version(number: int) -> int:
     if number != 1:
-        raise _Wrong(f"the version {number} is not known", "write 1")
+        raise Wrong(f"the version {number} is not known", "write 1")
     return number
 
 
 def _robot_name(name: str) -> str:
     if not name.strip() or not name.isprintable():
-        raise _Wrong(f"{show(name)} names no robot", "write a name such as baxter, or a description's path")
+        raise Wrong(f"{show(name)} names no robot", "write a name such as baxter, or a description's path")
     return name
 
 
-Number = Annotated[float, AfterValidator(_no_minus_zero)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(_no_minus_zero)]
-NotNegative = Annotated[float, Field(ge=0), AfterValidator(_no_minus_zero)]
-Vector = Annotated[tuple[Number, ...], BeforeValidator(_as_tuple)]
-Sizes = Annotated[tuple[Positive, ...], BeforeValidator(_as_tuple)]
-Quaternion = Annotated[tuple[Number, ...], BeforeValidator(_as_tuple), AfterValidator(_unit_quaternion)]
-Name = Annotated[str, AfterValidator(_manipulator_name)]
-Names = Annotated[tuple[str, ...], BeforeValidator(_as_tuple), AfterValidator(_distinct)]
-Pair = Annotated[tuple[str, ...], BeforeValidator(_as_tuple), AfterValidator(_pair)]
+Names = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_distinct)]
+Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pair)]
 
 
-class _Part(BaseModel):
-    """Frozen and strict: no unknown keys, no NaN or infinity, a bool or a text is no number."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class Workspace(_Part):
+class Workspace(Part):
     """The box that load and hands stay in [m]; two numbers a corner make the scene planar, three spatial."""
 
     lower: Vector
     upper: Vector
 
 
-class _Turned(_Part):
+class _Turned(Part):
     """What stands at `center` [m], turned by one of the two (`UNTURNED` and 0 where not given)."""
 
     center: Vector
@@ -174,7 +118,7 @@ class BoxObstacle(_Turned):
     size: Sizes
 
 
-class SphereObstacle(_Part):
+class SphereObstacle(Part):
     """A circle in the plane, a sphere in space [m]."""
 
     shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
@@ -190,7 +134,7 @@ class CapsuleObstacle(_Turned):
     length: Positive
 
 
-class CylinderObstacle(_Part):
+class CylinderObstacle(Part):
     """A cylinder along local z [m]; spatial scenes only."""
 
     shape: Literal["cylinder"]
@@ -207,7 +151,7 @@ class EllipsoidObstacle(_Turned):
     radii: Sizes
 
 
-class UnsupportedObstacle(_Part):
+class UnsupportedObstacle(Part):
     """An obstacle of the contract that this version refuses; never part of a parsed scene."""
 
     model_config = ConfigDict(extra="allow")
@@ -228,7 +172,7 @@ Obstacle = Annotated[
 ]
 
 
-class _Load(_Part):
+class _Load(Part):
     """A load of `mass` [kg], None where nothing is said: loads without one keep their checksum."""
 
     mass: Positive | None = None
@@ -252,7 +196,7 @@ class FrameLoad(_Load):
     """Rods of `radius` [m] between the hands that `edges` names in pairs."""
 
     shape: Literal["frame"]
-    edges: Annotated[tuple[Pair, ...], BeforeValidator(_as_tuple), _at_least(1, "pair of names")]
+    edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
     radius: NotNegative = 0.0
     held_by: Names | None = None
 
@@ -268,7 +212,7 @@ class PolygonLoad(_Gripped):
     """A polygon of `vertices` in the load's frame, thickened by `radius` [m]; planar scenes only."""
 
     shape: Literal["polygon"]
-    vertices: Annotated[tuple[Vector, ...], BeforeValidator(_as_tuple), _at_least(3, "vertices")]
+    vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
     radius: NotNegative = 0.0
 
 
@@ -289,7 +233,7 @@ class MeshLoad(_Gripped):
 Load = Annotated[BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad, Field(discriminator="shape")]
 
 
-class Manipulator(_Part):
+class Manipulator(Part):
     """A hand that moves from `start` to `goal` [m]."""
 
     name: Name
@@ -297,7 +241,7 @@ class Manipulator(_Part):
     goal: Vector
 
 
-class Limits(_Part):
+class Limits(Part):
     """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], and the load's `clearance` [m]."""
 
     speed: Positive | None = None
@@ -305,7 +249,7 @@ class Limits(_Part):
     clearance: NotNegative = 0.0
 
 
-class DistanceConstraint(_Part):
+class DistanceConstraint(Part):
     """Two hands stay `distance` apart, within `tolerance` (None: not given) [m]."""
 
     type: Literal["distance"]
@@ -314,7 +258,7 @@ class DistanceConstraint(_Part):
     tolerance: NotNegative | None = None
 
 
-class RelativePoseConstraint(_Part):
+class RelativePoseConstraint(Part):
     """Two hands move as one rigid body, as they start; ends may miss their distance by `tolerance` [m]."""
 
     type: Literal["relative_pose"]
@@ -322,7 +266,7 @@ class RelativePoseConstraint(_Part):
     tolerance: NotNegative | None = None
 
 
-class SeparationConstraint(_Part):
+class SeparationConstraint(Part):
     """Two hands stay at least `distance` apart, less `tolerance` [m]."""
 
     type: Literal["separation"]
@@ -333,23 +277,21 @@ class SeparationConstraint(_Part):
     @model_validator(mode="after")
     def _demands_something(self) -> SeparationConstraint:
         if self.tolerance >= self.distance:
-            raise _Wrong(
+            raise Wrong(
                 f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
                 "give a smaller tolerance",
             )
         return self
 
 
-class UprightConstraint(_Part):
+class UprightConstraint(Part):
     """The load turns about the vertical only; the goal may miss the tilt of the start by `tolerance_deg`."""
 
     type: Literal["upright"]
-    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(_no_minus_zero)] = (
-        UPRIGHT_TOLERANCE_DEG
-    )
+    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = UPRIGHT_TOLERANCE_DEG
 
 
-class SameHeightConstraint(_Part):
+class SameHeightConstraint(Part):
     """Two hands are at the same height (last coordinate), within `tolerance` [m]."""
 
     type: Literal["same_height"]
@@ -367,7 +309,7 @@ Constraint = Annotated[
 ]
 
 
-class GraspPart(_Part):
+class GraspPart(Part):
     """How hands hold the load: they keep their tilt, given in one of two ways, and turn with it.
 
     `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
@@ -393,11 +335,11 @@ class GraspPart(_Part):
     @model_validator(mode="after")
     def _one_orientation(self) -> GraspPart:
         if self.orientation is not None and self.quaternion_wxyz is not None:
-            raise _Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
+            raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
         return self
 
 
-class DemonstrationSource(_Part):
+class DemonstrationSource(Part):
     """Where the taught movement comes from: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
     `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
@@ -426,30 +368,30 @@ class DemonstrationSource(_Part):
         given = [name for name in ("file", "lasa", "library") if getattr(self, name) is not None]
         if len(given) != 1:
             found = f"both {' and '.join(given[:2])} are" if given else "neither file nor lasa nor library is"
-            raise _Wrong(f"{found} given", "give one of the three")
+            raise Wrong(f"{found} given", "give one of the three")
         if self.lasa is None and self.demo:
-            raise _Wrong(f"demo {self.demo} belongs to a LASA shape and none is given", "leave demo out")
+            raise Wrong(f"demo {self.demo} belongs to a LASA shape and none is given", "leave demo out")
         for key in ("manipulator", *CHOICES):
             if self.file is None and getattr(self, key) is not None:
-                raise _Wrong(
+                raise Wrong(
                     f"{key} {getattr(self, key)!r} belongs to a file and none is given", f"leave {key} out"
                 )
         return self
 
 
-class SceneFile(_Part):
+class SceneFile(Part):
     """A scene as written; :func:`load_scene_file` and :func:`parse_scene` make it and cross-check it."""
 
     version: Annotated[int, AfterValidator(_version)] = 1
-    name: Annotated[str, AfterValidator(_safe_name)]
-    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_minus_zero)]
+    name: Annotated[str, AfterValidator(safe_name)]
+    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(no_minus_zero)]
     """[s]"""
     workspace: Workspace
-    obstacles: Annotated[tuple[Obstacle, ...], BeforeValidator(_as_tuple)] = ()
+    obstacles: Annotated[tuple[Obstacle, ...], BeforeValidator(as_tuple)] = ()
     load: Load | None = None
-    manipulators: Annotated[tuple[Manipulator, ...], BeforeValidator(_as_tuple), _at_least(1, "manipulator")]
+    manipulators: Annotated[tuple[Manipulator, ...], BeforeValidator(as_tuple), at_least(1, "manipulator")]
     limits: Limits = Limits()
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(_as_tuple)] = ()
+    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(as_tuple)] = ()
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
@@ -496,13 +438,6 @@ CONTRACT = Contract(
         "obstacles": Family("shape", _OBSTACLES, 2),
         "load": Family("shape", _LOADS, 1),
         "constraints": Family("type", _CONSTRAINTS, 2),
-    },
-    places={
-        "workspace": Workspace,
-        "manipulators": Manipulator,
-        "limits": Limits,
-        "demonstration": DemonstrationSource,
-        "grasp": GraspPart,
     },
 )
 """What messages know of the keys."""
