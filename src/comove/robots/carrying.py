@@ -296,5 +296,5 @@ def _distinct(joints: Array, posture: Array) -> Array:
 def robot_method() -> Comove:
     """The default method, more sparing: with arms to follow, a generation takes forty times as long."""
     return Comove(
-        n_plans=2, n_polishings=4, polishing=Schedule(sigma=0.02, generations=200, patience=25, gain=0.01)
+        n_plans=2, n_polishings=4, polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01)
     )
