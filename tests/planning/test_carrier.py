@@ -1,0 +1,84 @@
+"""What moves the hands limits a search: it plans, says what is possible, and becomes careful when it was wrong."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from comove.planning import solve
+from comove.planning.planner import plan
+from comove.scenes import Scene
+
+SCENE = Scene.from_dict(
+    {
+        "name": "around",
+        "duration": 5.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "obstacles": [{"shape": "box", "center": [0.5, 0.3], "size": [0.1, 0.6]}],
+        "load": {"shape": "bar", "length": 0.1},
+        "manipulators": [
+            {"name": "left", "start": [0.1, 0.55], "goal": [0.9, 0.55]},
+            {"name": "right", "start": [0.1, 0.45], "goal": [0.9, 0.45]},
+        ],
+    }
+)
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """Hands that cannot go above a height, less a margin that grows with caution."""
+
+    height: float
+    caution: int = 0
+    asked: list = field(default_factory=list)
+
+    def plan(self, space, start, goal, margin, rng, *, required, max_nodes):
+        path = plan(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
+        return None if path is None or path[:, 1].max() > self.height - 0.02 else path
+
+    def ask(self, nodes):
+        top = nodes[:, :, :2, 1].max(axis=(1, 2))
+        self.asked.append(len(nodes))
+        wished = self.height - 0.005 * self.caution
+        return 50.0 * np.maximum(0.0, top - wished), top <= wished
+
+    def stricter(self):
+        return replace(self, caution=self.caution + 1)
+
+
+def highest(motion):
+    return motion.hands(np.linspace(0, 1, 2001))[0][:, :, 1].max()
+
+
+def test_a_search_stays_where_its_carrier_can_go():
+    free = solve(SCENE, seed=3, budget=3)
+    assert free.verified
+    for seed in range(4):
+        carrier = Ceiling(0.72)
+        found = solve(SCENE, seed=seed, budget=10, carrier=carrier)
+        assert found.verified and highest(found.attempt) <= 0.72 + 1e-3
+        assert sum(carrier.asked) > 0
+
+
+def test_what_a_check_rejects_makes_the_carrier_careful():
+    carrier, told = Ceiling(0.72), []
+
+    def check(motion):
+        top = highest(motion)
+        told.append(top)
+        return [f"a hand is at {top:.3f} m"] if top > 0.705 else []
+
+    found = solve(SCENE, seed=0, budget=10, carrier=carrier, checks=[check])
+    assert found.verified and highest(found.attempt) <= 0.705
+    assert max(told) > 0.705  # it was rejected, and found another way
+
+
+def test_what_nothing_can_carry_is_handed_out_as_an_attempt():
+    class Helpless(Ceiling):
+        def plan(self, space, start, goal, margin, rng, *, required, max_nodes):
+            return plan(space, start, goal, margin, rng, required=required, max_nodes=max_nodes)
+
+        def ask(self, nodes):
+            return np.ones(len(nodes)), np.zeros(len(nodes), dtype=bool)
+
+    found = solve(SCENE, seed=0, budget=1.5, carrier=Helpless(0.5), checks=[lambda motion: ["never"]])
+    assert not found.verified and "never" in found.reasons
