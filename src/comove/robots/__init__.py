@@ -1,5 +1,12 @@
 """Robots: models, inverse kinematics of several arms, limits, timing and checks of joint motions."""
 
+from comove.errors import ExtraError
+
+try:
+    import pinocchio  # noqa: F401  before any module here needs it
+except ImportError as error:  # the extra is not installed
+    raise ExtraError("a robot", "robot") from error
+
 from comove.robots.approach import Transfers, plan_transfers
 from comove.robots.carry import RobotSolution, carry
 from comove.robots.carrying import Carrying, robot_method

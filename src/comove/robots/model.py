@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.errors import ComoveWarning, ExtraError, RobotError, near_name
+from comove.errors import ComoveWarning, RobotError, near_name
 from comove.primitives.rotations import matrices
 from comove.robots.description import (
     ArmDescription,
@@ -23,11 +24,6 @@ from comove.robots.description import (
     load_description,
 )
 from comove.robots.urdf import Mimic, Source, errors_of_reader, read_source
-
-try:
-    import pinocchio as pin
-except ImportError as error:  # the extra is not installed
-    raise ExtraError("a robot", "robot") from error
 
 Array = NDArray[np.float64]
 

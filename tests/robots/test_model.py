@@ -1,0 +1,468 @@
+"""Robots as their models tell it, against Pinocchio's reading of each model alone; and models that cannot be used."""
+
+import subprocess
+import sys
+import warnings
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from comove.errors import ComoveWarning, RobotError
+from comove.robots import Robot
+from comove.robots.description import find_description, load_description
+from comove.robots.urdf import resolve
+from tests.robots.small_robots import BUNDLED, EXAMPLES, random_arms, robot, urdf, written
+
+LIMIT = '<limit lower="-1" upper="2" effort="3" velocity="4"/>'
+ENDLESS = '<limit effort="3" velocity="4"/>'
+MASS = (
+    '<inertial><mass value="1"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial>'
+    '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+)
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+
+
+def joint(name, parent, child, kind="revolute", inside=LIMIT, axis="0 0 1", xyz="0.3 0 0.1"):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{inside}</joint>'
+    )
+
+
+def link(name, inside=MASS):
+    return f'<link name="{name}">{inside}</link>'
+
+
+def two_joints(first=LIMIT, kind="revolute", body=MASS, more=""):
+    """An arm of two joints, the first of which is as a test wants it."""
+    return urdf(
+        link("upper", body)
+        + joint("shoulder", "base", "upper", kind, first)
+        + link("hand")
+        + joint("elbow", "upper", "hand", axis="0 1 0")
+        + more
+    )
+
+
+def load(folder, text=None, arms=None, models=None, **more):
+    """A robot with the arm of two joints, unless told otherwise."""
+    description = {
+        "models": models or [{"urdf": "r.urdf"}],
+        "arms": {"left": {"tip": "hand"}} if arms is None else arms,
+        **more,
+    }
+    return Robot.load(written(folder, {"r.urdf": two_joints() if text is None else text}, description))
+
+
+def poses(model, q, names):
+    """Where frames are, by Pinocchio."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return [data.oMf[model.getFrameId(name)].homogeneous for name in names]
+
+
+# --- What a robot is ---
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_each_arm_is_where_its_model_and_base_put_it(seed, tmp_path):
+    """The third arm is of a second model that has its own base and prefix."""
+    path = random_arms(tmp_path, seed)
+    machine, file, rng = Robot.load(path), load_description(path), np.random.default_rng(seed)
+    base = pin.SE3(
+        pin.Quaternion(*file.models[1].base.quaternion_wxyz).matrix(),
+        np.array(file.models[1].base.position),
+    )
+    one, two = (pin.buildModelFromUrdf(str(tmp_path / name)) for name in ("one.urdf", "two.urdf"))
+    assert [arm.name for arm in machine.arms] == ["b", "a", "c"]
+    for _ in range(5):
+        q = rng.uniform(machine.lower, machine.upper)
+        joints = dict(zip(machine.joint_names, q, strict=True))
+        first = np.array([joints[name] for name in list(one.names)[1:]])
+        second = np.array([joints[f"other_{name}"] for name in list(two.names)[1:]])
+        b, a = poses(one, first, ("b_tip", "a_tip"))
+        (c,) = poses(two, second, ("a_tip",))
+        for arm, pose in zip(machine.arms, (b, a @ tool_of(file, "a"), base.homogeneous @ c), strict=True):
+            np.testing.assert_allclose(machine.tool_pose(q, arm), pose, atol=1e-12)
+
+
+def tool_of(file, name):
+    tool = file.arms[name].tool
+    return pin.SE3(pin.Quaternion(*tool.quaternion_wxyz).matrix(), np.array(tool.position)).homogeneous
+
+
+def test_columns_lead_from_base_to_tip(tmp_path):
+    machine = Robot.load(random_arms(tmp_path, 0))
+    for arm, letter, count in zip(machine.arms, ("b", "a", "other_a"), (6, 7, 8), strict=True):
+        names = [machine.joint_names[column] for column in arm.columns]
+        assert names == [f"{letter}_j{k}" for k in range(count)]
+    assert sorted(np.concatenate([arm.columns for arm in machine.arms])) == list(range(21))
+
+
+def test_bodies_stand_where_their_models_put_them(tmp_path):
+    """Collision geometry of the second model, against that of the model alone."""
+    path = random_arms(tmp_path, 0)
+    machine, base = Robot.load(path), load_description(path).models[1].base
+    placement = pin.SE3(pin.Quaternion(*base.quaternion_wxyz).matrix(), np.array(base.position))
+    alone = pin.buildModelFromUrdf(str(tmp_path / "two.urdf"))
+    shapes = pin.buildGeomFromUrdf(alone, str(tmp_path / "two.urdf"), pin.GeometryType.COLLISION)
+    q = np.random.default_rng(0).uniform(machine.lower, machine.upper)
+    joints = dict(zip(machine.joint_names, q, strict=True))
+    mine, theirs = machine.collision.createData(), shapes.createData()
+    pin.updateGeometryPlacements(machine.model, machine.model.createData(), machine.collision, mine, q)
+    own = np.array([joints[f"other_{name}"] for name in list(alone.names)[1:]])
+    pin.updateGeometryPlacements(alone, alone.createData(), shapes, theirs, own)
+    assert machine.collision.ngeoms == 7 + 6 + 8
+    for item, pose in zip(shapes.geometryObjects, theirs.oMg, strict=True):
+        number = machine.collision.getGeometryId(f"other_{item.name}")
+        np.testing.assert_allclose(mine.oMg[number].homogeneous, (placement * pose).homogeneous, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_bodies_of_all_models_are_kept_apart_from_each_other(name):
+    machine = robot(name)
+    bodies = machine.collision.geometryObjects
+    kept = {frozenset((p.first, p.second)) for p in machine.collision.collisionPairs}
+    for pair in kept:
+        assert len({bodies[k].parentJoint for k in pair}) == 2
+    if name == "baxter":
+        assert len(kept) == 509
+    else:  # every body of one model against every body of the other
+        first = [k for k, b in enumerate(bodies) if b.name.startswith(machine.description.models[0].prefix)]
+        others = set(range(len(bodies))) - set(first)
+        moves = [(i, j) for i in first for j in others if bodies[i].parentJoint or bodies[j].parentJoint]
+        assert all(frozenset(pair) in kept for pair in moves)
+
+
+def test_pairs_are_all_but_neighbours_and_what_the_srdf_leaves_out_whatever_the_prefix(tmp_path):
+    more = link("far") + joint("wrist", "hand", "far") + link("end") + joint("last", "far", "end")
+    (tmp_path / "r.srdf").write_text(
+        '<robot name="r"><disable_collisions link1 = "upper"\n link2=\'far\' reason="Never"/></robot>',
+        encoding="utf-8",
+    )
+    found = []
+    for srdf in (None, "r.srdf"):
+        model = {"urdf": "r.urdf", "prefix": "p_"} | ({} if srdf is None else {"srdf": srdf})
+        machine = load(tmp_path, two_joints(more=more), {"left": {"tip": "p_end"}}, [model])
+        names = [item.name for item in machine.collision.geometryObjects]
+        found.append(
+            {tuple(sorted((names[p.first], names[p.second]))) for p in machine.collision.collisionPairs}
+        )
+    assert found[0] == {("p_far_0", "p_upper_0"), ("p_end_0", "p_upper_0"), ("p_end_0", "p_hand_0")}
+    assert found[1] == found[0] - {("p_far_0", "p_upper_0")}
+
+
+def test_limits_are_the_urdfs_unless_the_description_gives_others(tmp_path):
+    given = {"elbow": {"upper": 0.5, "velocity": 1.5, "acceleration": 7}}
+    machine = load(tmp_path, limits=given, acceleration=2.0)
+    np.testing.assert_array_equal(machine.lower, [-1, -1])
+    np.testing.assert_array_equal(machine.upper, [2, 0.5])
+    np.testing.assert_array_equal(machine.velocity, [4, 1.5])
+    np.testing.assert_array_equal(machine.effort, [3, 3])
+    np.testing.assert_array_equal(machine.acceleration, [2, 7])
+
+
+def test_a_joint_that_turns_without_end_may_be_given_limits(tmp_path):
+    text = two_joints(ENDLESS, "continuous")
+    machine = load(tmp_path, text, limits={"shoulder": {"lower": -6, "upper": 6}})
+    assert (machine.lower[0], machine.upper[0], machine.velocity[0]) == (-6, 6, 4)
+
+
+def test_home_is_in_the_middle_unless_given(tmp_path):
+    np.testing.assert_array_equal(load(tmp_path).home, [0.5, 0.5])
+    given = {"left": {"tip": "hand", "home": [-1, 0.25]}}
+    np.testing.assert_array_equal(load(tmp_path, arms=given).home, [-1, 0.25])
+
+
+def test_springs_and_fingers_are_the_descriptions(tmp_path):
+    more = link("finger") + joint("grip", "hand", "finger", "prismatic")
+    arms = {"left": {"tip": "hand", "fingers": ["grip"]}}
+    machine = load(tmp_path, two_joints(more=more), arms, springs={"elbow": 0.25})
+    np.testing.assert_array_equal(machine.relief, [0, 0.25])
+    assert machine.arm("left").fingers == ("grip",)
+    assert machine.joint_names == ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
+def test_joints_of_the_posture_stay_where_it_says(kind, tmp_path):
+    """The torso that two arms share stays, and its bodies with it."""
+    inside = ENDLESS if kind == "continuous" else LIMIT
+    text = urdf(
+        link("torso")
+        + joint("lift", "base", "torso", kind, inside)
+        + "".join(
+            link(f"{side}_arm") + joint(f"{side}_joint", "torso", f"{side}_arm", axis="0 1 0", xyz=f"0 {y} 0.5")
+            for side, y in (("left", 0.2), ("right", -0.2))
+        )
+    )  # fmt: skip
+    arms = {side: {"tip": f"{side}_arm"} for side in ("left", "right")}
+    machine = load(tmp_path, text, arms, posture={"lift": 0.7})
+    assert machine.joint_names == ("left_joint", "right_joint")
+    whole = pin.buildModelFromUrdf(str(tmp_path / "r.urdf"))
+    q = np.array([0.3, -0.4])
+    lift = [np.cos(0.7), np.sin(0.7)] if kind == "continuous" else [0.7]
+    wanted = poses(whole, np.array([*lift, *q]), ("left_arm", "right_arm"))
+    for arm, pose in zip(machine.arms, wanted, strict=True):
+        np.testing.assert_allclose(machine.tool_pose(q, arm), pose, atol=1e-12)
+    torso = machine.collision.geometryObjects[machine.collision.getGeometryId("torso_0")]
+    assert torso.parentJoint == 0
+    (pose,) = poses(whole, np.array([*lift, *q]), ("torso",))
+    np.testing.assert_allclose(torso.placement.homogeneous, pose, atol=1e-12)
+
+
+def test_a_joint_that_mimics_another_goes_along_with_the_posture(tmp_path):
+    mimic = LIMIT + '<mimic joint="grip" multiplier="-2" offset="0.1"/>'
+    more = (
+        link("one") + joint("grip", "hand", "one") + link("two") + joint("other", "hand", "two", inside=mimic)
+    )
+    machine = load(tmp_path, two_joints(more=more), posture={"grip": 0.3})
+    assert machine.description.posture["other"] == pytest.approx(-0.5)
+    whole = pin.buildModelFromUrdf(str(tmp_path / "r.urdf"))
+    named = {"shoulder": 0.2, "elbow": 0.1, "grip": 0.3, "other": -0.5}
+    (wanted,) = poses(whole, np.array([named[name] for name in list(whole.names)[1:]]), ("two",))
+    (found,) = poses(machine.model, np.array([0.2, 0.1]), ("two",))
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    said = load(tmp_path, two_joints(more=more), posture={"grip": 0.3, "other": 0.0})
+    assert said.description.posture["other"] == 0.0
+
+
+def test_packages_are_found_from_inside_beside_the_description_and_in_ros_path(tmp_path, monkeypatch):
+    text = two_joints(body=MASS + shape('<mesh filename="package://my_arm/meshes/a.obj"/>'))
+    package = tmp_path / "my_arm"
+    for folder in ("urdf", "meshes", "config"):
+        (package / folder).mkdir(parents=True)
+    (package / "urdf" / "r.urdf").write_text(text, encoding="utf-8")
+    (package / "meshes" / "a.obj").write_text(TETRAHEDRON, encoding="utf-8")
+    arms = {"left": {"tip": "hand"}}
+    inside = {"models": [{"urdf": "../urdf/r.urdf"}], "arms": arms}
+    beside = {"models": [{"urdf": "package://my_arm/urdf/r.urdf"}], "arms": arms}
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    robots = [Robot.load(written(package / "config", {}, inside)), Robot.load(written(tmp_path, {}, beside))]
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path}")
+    robots.append(Robot.load(written(elsewhere, {}, beside)))
+    for machine in robots:
+        assert any(isinstance(b.geometry, coal.BVHModelBase) for b in machine.collision.geometryObjects)
+    assert robots[1].sha256 == robots[2].sha256
+    with pytest.raises(RobotError, match="there is no file 'package://other/a"):
+        resolve("package://other/a.stl", tmp_path / "r.urdf")
+
+
+def shape(text):
+    return f"<collision><geometry>{text}</geometry></collision>"
+
+
+def test_the_checksum_tells_robots_apart_by_description_model_srdf_and_meshes(tmp_path):
+    text = two_joints(body=MASS + shape('<mesh filename="a.obj"/>'))
+    srdf = '<robot name="r"><disable_collisions link1="upper" link2="base"/></robot>'
+    model = [{"urdf": "r.urdf", "srdf": "r.srdf"}]
+
+    def digest(mesh=TETRAHEDRON, srdf=srdf, text=text, **more):
+        (tmp_path / "a.obj").write_text(mesh, encoding="utf-8")
+        (tmp_path / "r.srdf").write_text(srdf, encoding="utf-8")
+        return load(tmp_path, text, models=model, **more).sha256
+
+    others = [
+        digest(mesh=TETRAHEDRON.replace("v 1", "v 2")),
+        digest(srdf=srdf.replace("base", "hand")),
+        digest(text=text.replace('mass value="1"', 'mass value="2"')),
+        digest(acceleration=4.0),
+        digest(),
+    ]
+    assert len(set(others)) == len(others)
+    assert digest() == others[-1]
+
+
+@pytest.mark.parametrize(
+    ("body", "told"), [("", ("collision body", "mass")), (shape('<sphere radius="1"/>'), ("mass",))]
+)
+def test_what_a_model_leaves_out_is_said(body, told, tmp_path):
+    text = two_joints(body=body).replace(MASS, body)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load(tmp_path, text)
+    assert len(caught) == len(told)
+    for warning, word in zip(caught, told, strict=True):
+        assert warning.category is ComoveWarning
+        assert word in str(warning.message)
+        assert "'left'" in str(warning.message)
+
+
+# --- What no robot is ---
+
+ARM = {"left": {"tip": "hand"}}
+MIMIC = LIMIT + '<mimic joint="elbow"/>'
+DEEP = "<a>" * 3000 + "</a>" * 3000
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("hello", ["r.urdf", "it is not XML", "line 1"]),
+        ("", ["it is not XML", "no element found"]),
+        ("<sdf/>", ["it is a <sdf>, not a <robot>"]),
+        ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>', ["xacro FILE"]),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="r">&b;</robot>', ["document type", "leave it out"]),
+        (two_joints(more=DEEP), ["nesting is deeper than 64 levels"]),
+        ("<robot/>", ["No name given for the robot"]),
+        (two_joints(more=link("lonely")), ["Two root links found"]),
+        (two_joints(more=link("hand")), ["link 'hand' is not unique"]),
+        (two_joints().replace('<child link="upper"/>', ""), ["[shoulder] is missing a parent and/or child"]),
+        (two_joints().replace('<parent link="upper"/>', '<parent link="x"/>'), ["parent link [x] of joint [elbow]"]),
+        (two_joints(kind="wobbly"), ["Joint [shoulder] has no known type [wobbly]"]),
+        (two_joints(""), ["joint 'shoulder'", "velocity is missing, effort is missing", "limits: {shoulder: {"]),
+        (two_joints('<limit lower="-1" upper="1" velocity="1"/>'), ["joint 'shoulder', effort is missing"]),
+        (two_joints(LIMIT.replace('"-1"', '"-1,5"')), ["lower is '-1,5'", "limits: {shoulder: {lower: NUMBER}}"]),
+        (two_joints(LIMIT.replace('"4"', '"nan"')), ["velocity is 'nan'"]),
+        (two_joints(LIMIT.replace('"3"', '"-3"')), ["effort is '-3'"]),
+        (two_joints(LIMIT.replace('"3"', '"0"')), ["joint 'shoulder' has the effort limit 0"]),
+        (two_joints(LIMIT.replace('"4"', '"0"')), ["joint 'shoulder' has the velocity limit 0"]),
+        (two_joints(LIMIT.replace('"2"', '"-1"')), ["joint 'shoulder' has the limits -1 to -1"]),
+        (two_joints(ENDLESS, "continuous"), ["turns without end", "limits: {shoulder:"]),
+        (two_joints("", "floating"), ["joint 'shoulder' has 6 degrees of freedom"]),
+        (two_joints("", "planar"), ["joint 'shoulder' has 3 degrees of freedom"]),
+        (two_joints(MIMIC), ["'shoulder' goes along with 'elbow'", "posture: {shoulder: 0}"]),
+        (two_joints().replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), ["axis of the joint 'shoulder'"]),
+        (two_joints().replace('mass value="1"', 'mass value="-1"'), ["'shoulder' moves has the mass -1 kg"]),
+        (two_joints().replace('mass value="1"', 'mass value="x"'), ["mass [x] is not a float"]),
+        (two_joints(body=shape("")), ["Geometry tag contains no child element"]),
+        (two_joints(body=shape("<torus/>")), ["Unknown geometry type 'torus'"]),
+        (two_joints(body=shape('<sphere radius="0"/>')), ["<sphere> has the radius '0'"]),
+        (two_joints(body=shape('<box size="1 -1 1"/>')), ["<box> has the size '1 -1 1'"]),
+        (two_joints(body=shape('<box size="900 1 1"/>')), ["'upper_0' is 900 m wide", "millimetres"]),
+        (two_joints(body=shape('<mesh filename="a.stl"/>')), ["r.urdf", "there is no file 'a.stl'"]),
+        (two_joints(body=shape('<mesh filename="a.fbx"/>')), ["'a.fbx' has an unknown format", ".obj"]),
+        (two_joints(body=shape("<mesh/>")), ["the mesh '' has an unknown format"]),
+        (two_joints(body=shape('<mesh filename="ok.obj" scale="0 0 0"/>')), ["<mesh> has the scale '0 0 0'"]),
+        (two_joints(body=shape('<mesh filename="ok.obj" scale="1000 1000 1000"/>')), ["m wide", "millimetres"]),
+        (two_joints(body=shape('<mesh filename="bad.obj"/>')), ["bad.obj", "correct the URDF, or its mesh"]),
+        (two_joints(body=shape('<mesh filename="claims.stl"/>')), ["Could not load resource", "claims.stl"]),
+    ],
+)  # fmt: skip
+def test_a_urdf_that_cannot_be_used_is_told_in_one_sentence(text, told, tmp_path, capfd):
+    (tmp_path / "ok.obj").write_text(TETRAHEDRON, encoding="utf-8")
+    (tmp_path / "bad.obj").write_text("<nothing", encoding="utf-8")
+    claims = b"\0" * 80 + (10**9).to_bytes(4, "little") + b"\0" * 50  # a thousand million faces, and one
+    (tmp_path / "claims.stl").write_bytes(claims)
+    refused(tmp_path, told, text)
+    assert capfd.readouterr().err == ""
+
+
+def refused(folder, told, *arguments, **more):
+    """Loading says what is wrong."""
+    with pytest.raises(RobotError) as caught:
+        load(folder, *arguments, **more)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(folder) in message
+    for part in told:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"models": [{"urdf": "x.urdf"}]}, ["robot.yaml", "there is no file 'x.urdf'", "looked in"]),
+        ({"models": [{"urdf": "."}]}, ["there is no file '.'"]),
+        ({"models": [{"urdf": "r" * 5000}]}, ["there is no file 'rrr", "..."]),
+        ({"models": [{"urdf": "package://none/x.urdf"}]}, ["there is no file 'package://none/x.urdf'"]),
+        ({"models": [{"urdf": "r.urdf", "srdf": "x.srdf"}]}, ["there is no file 'x.srdf'"]),
+        ({"models": [{"urdf": "r.urdf", "srdf": "robot.yaml"}]}, ["robot.yaml", "it is not XML"]),
+        ({"models": [{"urdf": "r.urdf"}, {"urdf": "r.urdf"}]}, ["two models have a link or joint 'base'", "prefix"]),
+        ({"arms": {}}, ["arms", "no arm is named"]),
+        ({"arms": {"left": {"tip": "hnad"}}}, ["arms.left.tip", "did you mean 'hand'?", "base, upper, hand"]),
+        ({"arms": {"left": {"tip": "base"}}}, ["arms.left.tip", "no joint moves the frame 'base'"]),
+        ({"arms": ARM | {"right": {"tip": "upper"}}}, ["'left' and 'right' share the joint 'shoulder'", "posture"]),
+        ({"arms": {"left": {"tip": "hand", "home": [0]}}}, ["arms.left.home", "1 values, the arm 2 joints"]),
+        ({"arms": {"left": {"tip": "hand", "home": [0, 3]}}}, ["joint 2 is at 3", "between -1 and 2"]),
+        ({"arms": {"left": {"tip": "hand", "fingers": ["grip"]}}}, ["arms.left.fingers", "no joint 'grip'"]),
+        ({"arms": {"left": {"tip": "hand", "fingers": ["elbow"]}}}, ["'elbow' is between the base and the tip"]),
+        ({"posture": {"sholder": 0}}, ["posture", "no joint 'sholder'", "did you mean 'shoulder'?"]),
+        ({"posture": {"shoulder": 2.5}}, ["posture", "'shoulder' stays at 2.5", "between -1 and 2"]),
+        ({"limits": {"elbwo": {"lower": 0}}}, ["limits", "no joint 'elbwo'", "did you mean 'elbow'?"]),
+        ({"limits": {"elbow": {"lower": 5}}}, ["limits", "'elbow' has the limits 5 to 2"]),
+        ({"springs": {"neck": 0.5}}, ["springs", "no joint 'neck'", "known: shoulder, elbow"]),
+    ],
+)  # fmt: skip
+def test_a_description_that_does_not_fit_its_model_is_told_in_one_sentence(more, told, tmp_path):
+    refused(tmp_path, told, **more)
+
+
+def test_a_posture_of_a_joint_without_a_single_value_is_told(tmp_path):
+    refused(tmp_path, ["posture", "3 degrees of freedom"], two_joints("", "planar"), posture={"shoulder": 1})
+
+
+def test_a_link_and_a_joint_of_one_name_are_told(tmp_path):
+    more = link("end") + joint("hand", "hand", "end", "fixed", "")
+    refused(tmp_path, ["arms.left.tip", "a link and a joint are both called 'hand'"], two_joints(more=more))
+
+
+def test_joints_that_a_moving_joint_takes_along_are_told(tmp_path):
+    mimic = LIMIT + '<mimic joint="elbow"/>'
+    more = link("rod") + joint("lever", "base", "rod", inside=mimic)
+    refused(tmp_path, ["'lever' goes along with 'elbow'", "posture: {lever: 0}"], two_joints(more=more))
+
+
+def test_a_model_that_is_too_large_is_not_read(tmp_path):
+    (tmp_path / "large.urdf").write_bytes(b" " * 20_000_001)
+    refused(tmp_path, ["large.urdf", "larger than 20 MB"], models=[{"urdf": "large.urdf"}])
+
+
+def test_a_chain_of_three_thousand_links_is_a_robot_like_another(tmp_path):
+    parents = ["hand", *(f"l{k}" for k in range(2999))]
+    more = "".join(link(f"l{k}", "") + joint(f"f{k}", parents[k], f"l{k}", "fixed", "") for k in range(3000))
+    assert load(tmp_path, two_joints(more=more), {"left": {"tip": "l2999"}}).joint_names == (
+        "shoulder",
+        "elbow",
+    )
+
+
+def test_names_that_are_many_are_not_all_told(tmp_path):
+    text = find_description("baxter").read_text(encoding="utf-8")
+    path = tmp_path / "robot.yaml"
+    path.write_text(text.replace("left_gripper\n", "left_griper\n"), encoding="utf-8")
+    with pytest.raises(RobotError, match=r"did you mean 'left_gripper'\? \d+ are known$"):
+        Robot.load(path)
+
+
+# --- Without the extra ---
+
+
+def run(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+
+
+def test_without_pinocchio_the_way_to_install_it_is_told():
+    done = run(
+        "import sys; sys.modules['pinocchio'] = None\n"
+        "from comove.errors import ExtraError\n"
+        "try:\n    import comove.robots\n"
+        "except ExtraError as error:\n    print(error)"
+    )
+    assert done.stdout.strip() == "a robot needs more than the core: python -m pip install 'comove[robot]'"
+    assert done.stderr == ""
+
+
+def test_the_command_line_tells_it_too(tmp_path):
+    scene = EXAMPLES / "baxter" / "gap_30.yaml"
+    done = run(
+        "import sys; sys.modules['pinocchio'] = None\n"
+        f"sys.argv = ['comove', 'robot', 'solve', {str(scene)!r}, '--out', {str(tmp_path / 'out')!r}]\n"
+        "from comove.cli import main\nmain()"
+    )
+    assert done.returncode == 2
+    assert done.stderr.endswith(
+        "error: a robot needs more than the core: python -m pip install 'comove[robot]'\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "code", ["import comove", "import sys; sys.argv = ['comove', '--help']\nfrom comove.cli import main\nmain()"]
+)  # fmt: skip
+def test_nothing_but_robots_loads_pinocchio(code):
+    done = run(f"import sys, atexit\natexit.register(lambda: print('pinocchio' in sys.modules))\n{code}")
+    assert done.returncode == 0
+    assert done.stdout.strip().endswith("False")
