@@ -1,13 +1,22 @@
 """Descriptions of robots: which are found, what they say, and how mistakes in them are told."""
 
 import re
+from pathlib import Path
 
 import pytest
 import yaml
 
 from comove.errors import RobotError
 from comove.robots import bundled_robots, description, find_description
-from comove.robots.description import RobotFile, load_description
+from comove.robots.description import (
+    ArmDescription,
+    JointLimits,
+    ModelSource,
+    RobotFile,
+    Servo,
+    Uncertainty,
+    load_description,
+)
 
 GOOD = "name: r\nmodels: [{urdf: r.urdf}]\narms: {left: {tip: hand}}\n"
 
@@ -68,6 +77,16 @@ def test_the_example_of_the_module_is_a_description():
     assert set(file.arms) == {"left", "right"}
 
 
+def test_the_page_for_users_shows_a_description_and_every_key():
+    page = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    assert RobotFile.model_validate(yaml.safe_load(text)).name == "two_pandas"
+    keys = set(re.findall(r"^\| (?:· )?`(\w+)`", page, re.MULTILINE))
+    for part in (RobotFile, ModelSource, ArmDescription):
+        assert set(part.model_fields) <= keys
+    assert all(key in page for part in (JointLimits, Servo, Uncertainty) for key in part.model_fields)
+
+
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
@@ -102,6 +121,7 @@ def test_the_example_of_the_module_is_a_description():
         (GOOD + "limits: {j: {velocity: -1}}\n", ["limits.j.velocity", "-1 is out of range"]),
         (GOOD + "springs: {j: 1.5}\n", ["springs.j", "1.5 is out of range", "not greater than 1"]),
         (GOOD + "posture: {j: true}\n", ["posture.j", "true is not a number"]),
+        (GOOD + "servo: {stiffness: [100, 0]}\n", ["servo.stiffness[1]", "greater than 0"]),
         (GOOD + "uncertainty: {position: -1}\n", ["uncertainty.position", "not less than 0"]),
     ],
 )  # fmt: skip

@@ -40,6 +40,7 @@ from comove.scenes.keys import (
     Part,
     Positive,
     Quaternion,
+    Sizes,
     Vector,
     Wrong,
     as_tuple,
@@ -104,9 +105,9 @@ class JointLimits(Part):
 
 
 class Servo(Part):
-    """Position servos of a simulator: `stiffness` by joint of an arm [N m/rad]."""
+    """Position servos of a simulator: `stiffness` by joint, the same for every arm [N m/rad, N/m]."""
 
-    stiffness: Vector
+    stiffness: Sizes
 
 
 class Uncertainty(Part):
