@@ -19,6 +19,8 @@ from comove.scenes import Scene
 
 BUNDLED = ("baxter", "two_pandas", "ur5_and_panda")
 RANDOM = ("random 0", "random 1", "random 2")
+FOOT = """<link name="base"><collision><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>
+<geometry><box size="0.1 0.2 0.3"/></geometry></collision></link>"""
 AXES = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 2, -2], [-3, 0, 4], [0.2, 0.1, 0.7]])
 
 
@@ -48,18 +50,24 @@ def written(folder: Path, urdfs: dict[str, str], description: dict) -> Path:
 
 
 def random_arms(folder: Path, seed: int) -> Path:
-    """Two random arms on one base, and a third on a model of its own that stands elsewhere and has a prefix."""
+    """Two random arms on one base, a third on a model of its own that has a prefix; both stand somewhere."""
     rng = np.random.default_rng(seed)
     one = urdf(random_arm(rng, "a", 7) + random_arm(rng, "b", 6))
     two = urdf(random_arm(rng, "a", 8))
-    quaternion = rng.normal(size=4)
-    quaternion /= np.linalg.norm(quaternion)
-    base = {"position": [0.3, -0.4, 0.2], "quaternion_wxyz": quaternion.tolist()}
+    one, two = (text.replace('<link name="base"/>', FOOT) for text in (one, two))
+    bases = [
+        {"position": place, "quaternion_wxyz": (turn / np.linalg.norm(turn)).tolist()}
+        for place, turn in zip(([-0.1, 0.2, 0.3], [0.3, -0.4, 0.2]), rng.normal(size=(2, 4)), strict=True)
+    ]
+    joints = [*(f"a_j{k}" for k in range(7)), *(f"other_a_j{k}" for k in range(8)), "b_j0"]
     tool = {"position": [0.01, 0.05, -0.02], "quaternion_wxyz": [0.5, -0.5, 0.5, 0.5]}
     description = {
-        "models": [{"urdf": "one.urdf"}, {"urdf": "two.urdf", "base": base, "prefix": "other_"}],
+        "models": [
+            {"urdf": "one.urdf", "base": bases[0]},
+            {"urdf": "two.urdf", "base": bases[1], "prefix": "other_"},
+        ],
         "arms": {"b": {"tip": "b_tip"}, "a": {"tip": "a_tip", "tool": tool}, "c": {"tip": "other_a_tip"}},
-        "springs": {"a_j1": 0.4, "b_j0": 1.0, "other_a_j2": 0.7},
+        "springs": {name: float(rng.uniform(0, 1)) for name in joints} | {"b_j0": 1.0},
     }
     return written(folder, {"one.urdf": one, "two.urdf": two}, description)
 

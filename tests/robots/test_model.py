@@ -66,15 +66,18 @@ def poses(model, q, names):
 # --- What a robot is ---
 
 
+def bases_of(path):
+    """Where the models of a description stand."""
+    bases = [model.base for model in load_description(path).models]
+    return [pin.SE3(pin.Quaternion(*b.quaternion_wxyz).matrix(), np.array(b.position)) for b in bases]
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_each_arm_is_where_its_model_and_base_put_it(seed, tmp_path):
     """The third arm is of a second model that has its own base and prefix."""
     path = random_arms(tmp_path, seed)
     machine, file, rng = Robot.load(path), load_description(path), np.random.default_rng(seed)
-    base = pin.SE3(
-        pin.Quaternion(*file.models[1].base.quaternion_wxyz).matrix(),
-        np.array(file.models[1].base.position),
-    )
+    here, there = (base.homogeneous for base in bases_of(path))
     one, two = (pin.buildModelFromUrdf(str(tmp_path / name)) for name in ("one.urdf", "two.urdf"))
     assert [arm.name for arm in machine.arms] == ["b", "a", "c"]
     for _ in range(5):
@@ -84,8 +87,11 @@ def test_each_arm_is_where_its_model_and_base_put_it(seed, tmp_path):
         second = np.array([joints[f"other_{name}"] for name in list(two.names)[1:]])
         b, a = poses(one, first, ("b_tip", "a_tip"))
         (c,) = poses(two, second, ("a_tip",))
-        for arm, pose in zip(machine.arms, (b, a @ tool_of(file, "a"), base.homogeneous @ c), strict=True):
+        wanted = here @ b, here @ a @ tool_of(file, "a"), there @ c
+        for arm, pose in zip(machine.arms, wanted, strict=True):
             np.testing.assert_allclose(machine.tool_pose(q, arm), pose, atol=1e-12)
+        feet = poses(machine.model, q, ("base", "other_base"))
+        np.testing.assert_allclose(feet, [here, there], atol=1e-12)
 
 
 def tool_of(file, name):
@@ -102,22 +108,23 @@ def test_columns_lead_from_base_to_tip(tmp_path):
 
 
 def test_bodies_stand_where_their_models_put_them(tmp_path):
-    """Collision geometry of the second model, against that of the model alone."""
+    """Collision geometry against that of each model alone."""
     path = random_arms(tmp_path, 0)
-    machine, base = Robot.load(path), load_description(path).models[1].base
-    placement = pin.SE3(pin.Quaternion(*base.quaternion_wxyz).matrix(), np.array(base.position))
-    alone = pin.buildModelFromUrdf(str(tmp_path / "two.urdf"))
-    shapes = pin.buildGeomFromUrdf(alone, str(tmp_path / "two.urdf"), pin.GeometryType.COLLISION)
+    machine = Robot.load(path)
     q = np.random.default_rng(0).uniform(machine.lower, machine.upper)
-    joints = dict(zip(machine.joint_names, q, strict=True))
-    mine, theirs = machine.collision.createData(), shapes.createData()
+    joints, mine = dict(zip(machine.joint_names, q, strict=True)), machine.collision.createData()
     pin.updateGeometryPlacements(machine.model, machine.model.createData(), machine.collision, mine, q)
-    own = np.array([joints[f"other_{name}"] for name in list(alone.names)[1:]])
-    pin.updateGeometryPlacements(alone, alone.createData(), shapes, theirs, own)
-    assert machine.collision.ngeoms == 7 + 6 + 8
-    for item, pose in zip(shapes.geometryObjects, theirs.oMg, strict=True):
-        number = machine.collision.getGeometryId(f"other_{item.name}")
-        np.testing.assert_allclose(mine.oMg[number].homogeneous, (placement * pose).homogeneous, atol=1e-12)
+    assert machine.collision.ngeoms == (1 + 7 + 6) + (1 + 8)
+    parts = zip(bases_of(path), ("one.urdf", "two.urdf"), ("", "other_"), strict=True)
+    for base, name, prefix in parts:
+        alone = pin.buildModelFromUrdf(str(tmp_path / name))
+        shapes = pin.buildGeomFromUrdf(alone, str(tmp_path / name), pin.GeometryType.COLLISION)
+        theirs = shapes.createData()
+        own = np.array([joints[f"{prefix}{name}"] for name in list(alone.names)[1:]])
+        pin.updateGeometryPlacements(alone, alone.createData(), shapes, theirs, own)
+        for item, pose in zip(shapes.geometryObjects, theirs.oMg, strict=True):
+            number = machine.collision.getGeometryId(f"{prefix}{item.name}")
+            np.testing.assert_allclose(mine.oMg[number].homogeneous, (base * pose).homogeneous, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", BUNDLED)
