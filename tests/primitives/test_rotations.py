@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -41,6 +41,8 @@ def test_the_logarithm_is_continuous_whatever_the_signs(seed, most):
 
 @settings(max_examples=40)
 @given(seeds, st.floats(-9.0, 9.0))
+@example(0, 1e-180)
+@example(0, 1e-13)
 def test_whole_turns_about_a_fixed_axis(seed, turns):
     rng = np.random.default_rng(seed)
     axis = rng.standard_normal(3)

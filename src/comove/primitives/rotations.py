@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+TINY = 1e-150
 SMALL = 1e-3  # rad, below which the limit replaces what would cancel
 
 
@@ -90,7 +91,7 @@ def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array
     """
     q = same_hemisphere(np.where(quaternions[-1:, :1] < 0.0, -1.0, 1.0) * quaternions)
     sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
-    axis = q[:, 1:] / np.maximum(sine, 1e-300)
+    axis = q[:, 1:] / np.where(sine > TINY, sine, np.inf)  # what squares to nothing is no turn
     turned = np.flatnonzero(sine[:, 0] > 1e-12)
     if turned.size:  # where nothing is turned, the axis is that of the next sample that is
         axis = axis[turned[np.minimum(np.searchsorted(turned, np.arange(len(q))), turned.size - 1)]]

@@ -10,7 +10,7 @@ only on the straight part hands may be near it. What is not judged is how finger
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +29,7 @@ from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
 from comove.robots.verify import VerifiedJointMotion
 from comove.scenes.scene import Scene
+from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ DAMPING = 1e-8
 _JUDGED = object()
 
 
-class Transfers:
+class Transfers(Sealed):
     """Approach and release of a carry that passed every check. Only `plan_transfers` makes it.
 
     Attributes
@@ -57,6 +58,8 @@ class Transfers:
     """
 
     __slots__ = ("approach", "carry", "clearance_min", "grip_time", "release")
+    MAKER = "comove.robots.plan_transfers"
+    INSTEAD = "plan them anew"
 
     def __init__(
         self,
@@ -68,26 +71,14 @@ class Transfers:
         *,
         seal: object = None,
     ):
-        if seal is not _JUDGED:
-            raise TypeError("Transfers come from comove.robots.plan_transfers, not from their constructor")
-        given = {"carry": carry, "approach": approach, "release": release}
-        for name, value in {**given, "grip_time": grip_time, "clearance_min": clearance_min}.items():
-            object.__setattr__(self, name, value)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError("Transfers do not change")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError("Transfers do not change")
-
-    def __copy__(self) -> Transfers:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, object]) -> Transfers:
-        return self
-
-    def __reduce__(self) -> NoReturn:
-        raise TypeError("Transfers are not pickled: plan them anew")
+        self._fill(
+            seal is _JUDGED,
+            carry=carry,
+            approach=approach,
+            release=release,
+            grip_time=grip_time,
+            clearance_min=clearance_min,
+        )
 
 
 def plan_transfers(

@@ -39,7 +39,7 @@ CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
 SCENE, LOAD, SELF = range(3)
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # what is on no base
 
-_SHAPES: dict[str, Callable[[Any], Any]] = {
+OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
     "box": lambda o: coal.Box(*o.size),
     "sphere": lambda o: coal.Sphere(o.radius),
     "capsule": lambda o: coal.Capsule(o.radius, o.length),
@@ -171,7 +171,7 @@ def _parent(geometry: Any, item: int) -> int:
 def _obstacle(obstacle: Any, name: str) -> Any:
     turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
     placement = pin.SE3(turn, np.array(obstacle.center))
-    return pin.GeometryObject(name, 0, placement, _SHAPES[obstacle.shape](obstacle))
+    return pin.GeometryObject(name, 0, placement, OBSTACLE_SHAPES[obstacle.shape](obstacle))
 
 
 def _holders(scene: Scene) -> list[int]:

@@ -225,8 +225,8 @@ def _pace_of_torques(
 def _too_weak(robot: Robot, weight: Extreme, share: float) -> RobotError:
     name, effort = robot.joint_names[weight.joint], robot.effort[weight.joint]
     return RobotError(
-        f"{name} needs {weight.value * effort:.4g} N m only to hold still what is {weight.time:.2f} s along the path, "
-        f"and {share * effort:.4g} N m may be used",
+        f"{name} needs {weight.value * effort:.4g} N m only to hold still what is {weight.time:.2f} s along the "
+        f"path, and {share * effort:.4g} N m may be used",
         key="carried",
         way_out="carry less, or find a path nearer to the robot",
     )

@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import NoReturn
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from comove.robots.holding import holding_errors
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
+from comove.verification.sealed import Sealed
 from comove.verification.verify import VerifiedMotion, verify
 
 _SEAL = object()
@@ -85,7 +85,7 @@ class JointReport:
         return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
 
 
-class VerifiedJointMotion:
+class VerifiedJointMotion(Sealed):
     """A robot's motion that passed every check. Only `verify_joints` makes it.
 
     Attributes
@@ -97,6 +97,8 @@ class VerifiedJointMotion:
     """
 
     __slots__ = ("joints", "motion", "report", "robot")
+    MAKER = "comove.robots.verify_joints"
+    INSTEAD = "send its `joints` and verify them anew"
 
     def __init__(
         self,
@@ -107,27 +109,7 @@ class VerifiedJointMotion:
         *,
         seal: object = None,
     ):
-        if seal is not _SEAL:
-            raise TypeError(
-                "a VerifiedJointMotion comes from comove.robots.verify_joints, not from its constructor"
-            )
-        for name, value in (("robot", robot), ("motion", motion), ("joints", joints), ("report", report)):
-            object.__setattr__(self, name, value)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError("a VerifiedJointMotion does not change")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError("a VerifiedJointMotion does not change")
-
-    def __copy__(self) -> VerifiedJointMotion:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, object]) -> VerifiedJointMotion:
-        return self
-
-    def __reduce__(self) -> NoReturn:
-        raise TypeError("a VerifiedJointMotion is not pickled: send its `joints` and verify them anew")
+        self._fill(seal is _SEAL, robot=robot, motion=motion, joints=joints, report=report)
 
     @property
     def scene(self) -> Scene:

@@ -6,7 +6,6 @@ those of inverse dynamics; nothing lags, slips or gives way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
@@ -16,6 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.primitives.rotations import matrices
+from comove.robots.bodies import OBSTACLE_SHAPES
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
@@ -28,14 +28,6 @@ Array = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s^2
 DEFAULT = Settings()
-
-_SHAPES: dict[str, Callable[[Any], Any]] = {
-    "box": lambda o: coal.Box(*o.size),
-    "sphere": lambda o: coal.Sphere(o.radius),
-    "capsule": lambda o: coal.Capsule(o.radius, o.length),
-    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
-    "ellipsoid": lambda o: coal.Ellipsoid(*o.radii),
-}
 
 
 def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings = DEFAULT) -> Execution:
@@ -140,7 +132,7 @@ def _geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[
     for i, obstacle in enumerate(scene.file.obstacles):
         turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
         names.append(f"obstacles[{i}] ({obstacle.shape})")
-        shape, pose = _SHAPES[obstacle.shape](obstacle), _pose(obstacle.center, turn)
+        shape, pose = OBSTACLE_SHAPES[obstacle.shape](obstacle), _pose(obstacle.center, turn)
         obstacles.append(geometry.addGeometryObject(pin.GeometryObject(names[-1], 0, pose, shape)))
     hands = _hand_joints(robot, scene, load)
     parts = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import NoReturn, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
 from comove.verification.constraints import Finding, examine
+from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class Report:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
-class VerifiedMotion:
+class VerifiedMotion(Sealed):
     """A motion that passed every check. Only `verify` makes it.
 
     Attributes
@@ -77,29 +78,11 @@ class VerifiedMotion:
     """
 
     __slots__ = ("motion", "report")
+    MAKER = "comove.verification.verify"
+    INSTEAD = "send its `motion` and verify that anew"
 
     def __init__(self, motion: CoordinatedMotion, report: Report, *, seal: object = None):
-        if seal is not _SEAL:
-            raise TypeError(
-                "a VerifiedMotion comes from comove.verification.verify, not from its constructor"
-            )
-        object.__setattr__(self, "motion", motion)
-        object.__setattr__(self, "report", report)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError("a VerifiedMotion does not change")
-
-    def __copy__(self) -> VerifiedMotion:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, object]) -> VerifiedMotion:
-        return self
-
-    def __reduce__(self) -> NoReturn:
-        raise TypeError("a VerifiedMotion is not pickled: send its `motion` and verify that anew")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError("a VerifiedMotion does not change")
+        self._fill(seal is _SEAL, motion=motion, report=report)
 
     @property
     def clearance_min(self) -> float:
