@@ -1,5 +1,7 @@
 """Robots as their models tell it, against Pinocchio's reading of each model alone; and models that cannot be used."""
 
+import copy
+import math
 import subprocess
 import sys
 import warnings
@@ -8,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from comove.errors import ComoveWarning, RobotError
 from comove.robots import Robot
@@ -395,6 +398,46 @@ def refused(folder, told, *arguments, **more):
 )  # fmt: skip
 def test_a_description_that_does_not_fit_its_model_is_told_in_one_sentence(more, told, tmp_path):
     refused(tmp_path, told, **more)
+
+
+FULL = {
+    "name": "full",
+    "models": [{"urdf": "r.urdf", "prefix": "", "base": {"position": [0, 0, 1], "quaternion_wxyz": [1, 0, 0, 0]}}],
+    "arms": {"left": {"tip": "hand", "tool": {"position": [0, 0, 0.1]}, "home": [0, 0], "fingers": ["grip"]}},
+    "posture": {"grip": 0.1},
+    "limits": {"elbow": {"lower": -1, "upper": 1, "velocity": 2, "acceleration": 3, "effort": 4}},
+    "acceleration": 5,
+    "springs": {"elbow": 0.5},
+    "servo": {"stiffness": [100, 100]},
+    "uncertainty": {"position": 0.001, "rotation_deg": 0.1},
+}  # fmt: skip
+JUNK = [None, {}, [], "junk", "", -1, 1e300, math.nan, True, [[1]], {"junk": 1}, "../../x", "a" * 300]
+
+
+def places(part, path=()):
+    """All places of nested data."""
+    yield path
+    items = part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ()
+    for key, value in items:
+        yield from places(value, (*path, key))
+
+
+@pytest.mark.parametrize("path", list(places(FULL))[1:], ids=lambda path: ".".join(map(str, path)))
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+def test_every_place_of_a_description_may_hold_junk(path, tmp_path):
+    text = two_joints(more=link("finger") + joint("grip", "hand", "finger"))
+    (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
+    for value in JUNK:
+        data = copy.deepcopy(FULL)
+        inner = data
+        for key in path[:-1]:
+            inner = inner[key]
+        inner[path[-1]] = value
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+        try:
+            Robot.load(tmp_path / "robot.yaml")
+        except RobotError as error:
+            assert str(tmp_path) in str(error)
 
 
 def test_a_posture_of_a_joint_without_a_single_value_is_told(tmp_path):
