@@ -222,6 +222,17 @@ def test_joints_of_the_posture_stay_where_it_says(kind, tmp_path):
     np.testing.assert_allclose(torso.placement.homogeneous, pose, atol=1e-12)
 
 
+def test_joints_that_nobody_names_stay_as_near_to_zero_as_their_limits_allow(tmp_path):
+    more = link("third") + joint("low", "base", "third", inside=LIMIT.replace('"2"', '"-0.5"'))
+    machine = load(tmp_path, two_joints(more=more))
+    assert machine.description.posture == {"low": -0.5}
+    whole = pin.buildModelFromUrdf(str(tmp_path / "r.urdf"))
+    named = {"shoulder": 0.2, "elbow": 0.1, "low": -0.5}
+    (wanted,) = poses(whole, np.array([named[name] for name in list(whole.names)[1:]]), ("third",))
+    (found,) = poses(machine.model, np.array([0.2, 0.1]), ("third",))
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
 def test_a_joint_that_mimics_another_goes_along_with_the_posture(tmp_path):
     mimic = LIMIT + '<mimic joint="grip" multiplier="-2" offset="0.1"/>'
     more = (

@@ -8,7 +8,7 @@ models:                        # one or several, each on its own base; prefix: b
 arms:                          # by the name of the manipulator in a scene
   left: {tip: left_hand, tool: {position: [0, 0, 0.1]}, home: [0, -0.8, 0, -2.4, 0, 1.6, 0.8]}
   right: {tip: right_hand, fingers: [right_finger]}
-posture: {right_finger: 0.02}  # rad or m, of joints that do not move; 0 where not named
+posture: {right_finger: 0.02}  # rad or m, of joints that do not move; nearest to 0 where not named
 limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, effort: 50}}
 acceleration: 5.0              # rad/s^2, of joints that `limits` does not name
 springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
@@ -124,7 +124,7 @@ class RobotFile(Part):
     models: Annotated[tuple[ModelSource, ...], BeforeValidator(as_tuple), at_least(1, "model")]
     arms: dict[Name, ArmDescription]
     posture: dict[str, Number] = Field(default={})
-    """Values of joints that do not move [rad or m]; 0 where not named."""
+    """Values of joints that do not move [rad or m]; those nearest to 0 where not named."""
     acceleration: Positive = 5.0
     limits: dict[str, JointLimits] = Field(default={})
     springs: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(default={})

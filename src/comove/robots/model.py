@@ -62,7 +62,7 @@ class Robot:
 
     Attributes
     ----------
-    description : what it was made from; its posture names the joints that mimic others, too
+    description : what it was made from; its posture names all joints that do not move
     model : pinocchio.Model of the moving joints; all others are locked
     collision : pinocchio.GeometryModel with the pairs that can collide
     arms : in the description's order
@@ -151,7 +151,7 @@ def _assemble(description: RobotFile, file: Path) -> Robot:
         _require_known(getattr(description, key), list(model.names)[1:], key, file)
     chains = _chains(description, model, file)
     mimics = {name: mimic for source in sources for name, mimic in source.mimics.items()}
-    description = _with_mimics(description, mimics, chains, file)
+    description = _with_posture(description, model, mimics, chains, file)
     robot = _reduced(description, model, collision, chains, sources, digest.hexdigest(), file)
     _warn_of_gaps(robot, file)
     return robot
@@ -323,12 +323,15 @@ def _frame(model: Any, name: str, key: str, file: Path) -> Any:
     raise RobotError(f"there is no frame '{name}'", file=file, key=key, way_out=_near(name, links))
 
 
-def _with_mimics(
-    description: RobotFile, mimics: dict[str, Mimic], chains: dict[str, list[str]], file: Path
+def _with_posture(
+    description: RobotFile, model: Any, mimics: dict[str, Mimic], chains: dict[str, list[str]], file: Path
 ) -> RobotFile:
-    """The description with the values of joints that go along with others, where it does not give them."""
+    """The description with the values of joints that it does not name: as they mimic others, or nearest to 0."""
     moving = {joint for chain in chains.values() for joint in chain}
     posture = dict(description.posture)
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        if name not in moving and joint.nq == 1:
+            posture.setdefault(name, float(np.clip(0.0, *_range(model, joint))))
     for name, mimic in mimics.items():
         if name in description.posture:
             continue
@@ -358,7 +361,7 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
         if joint.nq == 2:  # turns without end
             q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
             continue
-        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+        lower, upper = _range(model, joint)
         if not lower - ROUNDING <= value <= upper + ROUNDING:
             raise RobotError(
                 f"the joint '{name}' stays at {value:g}, outside its limits",
@@ -368,6 +371,11 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
             )
         q[joint.idx_q] = value
     return q
+
+
+def _range(model: Any, joint: Any) -> list[float]:
+    """Limits of a joint that does not move; nothing else depends on them, so their order does not matter."""
+    return sorted((model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]))
 
 
 def _reduced(
