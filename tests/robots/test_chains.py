@@ -22,6 +22,12 @@ def columns(robot):
     return np.concatenate([arm.columns for arm in robot.arms])
 
 
+def within(chains, share):
+    """Joints at given shares of their ranges."""
+    q = chains.lower + share[: len(chains.lower)] * (chains.upper - chains.lower)
+    return np.minimum(q, chains.upper)
+
+
 def placed(chains, arm, q):
     """Frames of an arm by the kernel under test."""
     n = chains.first[arm + 1] - chains.first[arm]
@@ -117,8 +123,7 @@ def test_a_spring_that_holds_all_of_the_weight_leaves_nothing_for_the_motor():
 def test_the_residual_is_position_and_angle_to_the_target(one, other):
     machine = robot("random 1")
     chains = chains_of(machine, machine.arms)
-    n = len(chains.lower)
-    q, target = (chains.lower + share[:n] * (chains.upper - chains.lower) for share in (one, other))
+    q, target = within(chains, one), within(chains, other)
     rotations, points = placed(chains, 0, q)
     goal = grasp(machine, 0, target)
     error = np.empty(6)
@@ -144,9 +149,8 @@ def test_half_a_turn_has_a_way_out():
 def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     machine = robot(name)
     chains, arm = chains_of(machine, machine.arms), arm % len(machine.arms)
-    n = len(chains.lower)
-    goal = chains.lower + goal[:n] * (chains.upper - chains.lower)
-    q = np.clip(goal + 0.05 * away[:n], chains.lower, chains.upper)
+    goal = within(chains, goal)
+    q = np.clip(goal + 0.05 * away[: len(goal)], chains.lower, chains.upper)
     pose = grasp(machine, arm, goal)
     left = reach_pose(
         chains, arm, pose[:3, :3].copy(), pose[:3, 3].copy(), q.copy(), 0.0, 0.0, 1e-9, 1e-6, 100, q
@@ -170,9 +174,8 @@ def test_limits_are_never_left_and_the_residual_is_true_whatever_is_asked_for(
 ):
     machine = robot(name)
     chains = chains_of(machine, machine.arms)
-    n, width = len(chains.lower), chains.upper - chains.lower
-    q, pull = (chains.lower + share[:n] * width for share in (seed, pull))
-    before = q.copy()
+    q, pull = within(chains, seed), within(chains, pull)
+    before, width = q.copy(), chains.upper - chains.lower
     rotation, point = pin.exp3(3.0 * np.array(rotation)), 3.0 * np.array(point)
     left = reach_pose(chains, 1, rotation, point, pull, 0.5, keep, 1e-9, 1e-6, most, q)
     mine = slice(chains.first[1], chains.first[2])

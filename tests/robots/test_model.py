@@ -488,6 +488,21 @@ def test_names_that_are_many_are_not_all_told(tmp_path):
         Robot.load(path)
 
 
+def test_a_process_without_stderr_reads_models_as_carefully(tmp_path):
+    path = written(
+        tmp_path, {"r.urdf": two_joints(body=shape(""))}, {"models": [{"urdf": "r.urdf"}], "arms": ARM}
+    )
+    done = run(
+        "import os, sys; os.close(2); sys.stderr = None\n"
+        "from comove.errors import RobotError\n"
+        "from comove.robots import Robot\n"
+        "Robot.load('two_pandas')\n"
+        f"try:\n    Robot.load({str(path)!r})\n"
+        "except RobotError as error:\n    print(error)"
+    )
+    assert "Geometry tag contains no child element" in done.stdout
+
+
 # --- Without the extra ---
 
 

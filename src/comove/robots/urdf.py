@@ -140,8 +140,12 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
 def errors_of_reader() -> Iterator[list[str]]:
     """Collect the errors that Pinocchio's reader, which is no Python, prints on the process's stderr."""
     errors: list[str] = []
-    sys.stderr.flush()
-    kept = os.dup(2)
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # a process without stderr
+        kept = os.open(os.devnull, os.O_WRONLY)
     with tempfile.TemporaryFile() as file:
         os.dup2(file.fileno(), 2)
         try:
