@@ -14,7 +14,11 @@ scene = comove.Scene.from_dict(
         "obstacles": [{"shape": "cylinder", "center": [0.5, 0.5, 0.25], "radius": 0.05, "height": 0.5}],
         "load": {"shape": "frame", "edges": [["front", "left"], ["left", "right"], ["right", "front"]]},
         "manipulators": [
-            {"name": name, "start": (corner + [0.2, 0.5, 0.3]).tolist(), "goal": (corner + [0.8, 0.5, 0.3]).tolist()}
+            {
+                "name": name,
+                "start": (corner + [0.2, 0.5, 0.3]).tolist(),
+                "goal": (corner + [0.8, 0.5, 0.3]).tolist(),
+            }
             for name, corner in zip(names, corners, strict=True)
         ],
         "limits": {"speed": 1.0, "clearance": 0.02},
