@@ -31,7 +31,7 @@ def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
     curve : cubics, positions by time [s]
     lower, upper : arrays, shape (n_joints,)
     """
-    time, position = _places(curve)
+    time, position = places(curve)
     margin = np.minimum(position - lower, upper - position)
     return _worst(-margin, time)._replace(value=float(margin.min()))
 
@@ -60,7 +60,7 @@ def fastest(curve: PPoly) -> tuple[Array, Array]:
     return np.take_along_axis(speed, at, axis=0)[0], when
 
 
-def _places(curve: PPoly) -> tuple[Array, Array]:
+def places(curve: PPoly) -> tuple[Array, Array]:
     """Times and positions at samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
     cubic, square, slope, start = curve.c
     width = np.diff(curve.x)[:, None]

@@ -7,7 +7,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline
+
+from comove.robots.extremes import fastest, places
 
 Array = NDArray[np.float64]
 
@@ -62,41 +64,9 @@ class JointMotion:
 
     def largest(self) -> tuple[Array, Array]:
         """Largest velocity and acceleration of each joint at any instant; arrays, shape (n_joints,)."""
-        velocity = self.curve.derivative()
-        return _largest(velocity), np.abs(self.acceleration).max(axis=0)
+        return fastest(self.curve)[0].max(axis=0), np.abs(self.acceleration).max(axis=0)
 
     def extremes(self) -> tuple[Array, Array]:
         """Least and largest position of each joint at any instant; arrays, shape (n_joints,)."""
-        low, high = _extremes(self.curve)
-        return low, high
-
-
-def _largest(curve: PPoly) -> Array:
-    low, high = _extremes(curve)
-    return np.maximum(np.abs(low), np.abs(high))
-
-
-def _extremes(curve: PPoly) -> tuple[Array, Array]:
-    """Exact extremes of a piecewise polynomial of degree 2 or 3; arrays, shape (n_joints,)."""
-    ends = curve(curve.x)
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    width = np.diff(curve.x)[:, None]
-    slope = curve.derivative().c  # of degree 1 or 2
-    if len(slope) == 2:
-        roots = [-slope[1] / _nonzero(slope[0])]
-    else:
-        a, b, c = slope
-        discriminant = b * b - 4 * a * c
-        q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), b))
-        roots = [np.where(discriminant >= 0, root, np.nan) for root in (q / _nonzero(a), c / _nonzero(q))]
-    for root in roots:
-        inside = np.clip(np.nan_to_num(root), 0.0, width)
-        value = np.zeros_like(inside)
-        for coefficient in curve.c:
-            value = value * inside + coefficient
-        low, high = np.minimum(low, value.min(axis=0)), np.maximum(high, value.max(axis=0))
-    return low, high
-
-
-def _nonzero(array: Array) -> Array:
-    return np.where(array == 0.0, np.finfo(float).tiny, array)
+        _, position = places(self.curve)
+        return position.min(axis=0), position.max(axis=0)

@@ -21,9 +21,8 @@ def robot_named(name: str | None, scene, file: Path):
             key="robot",
             way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
         )
-    folder = None if name is not None else file.parent
-    path = find_description(named, folder)
-    return Robot.load(named, folder), named if named in bundled_robots() else path
+    path = find_description(named, None if name is not None else file.parent)
+    return Robot.load(path), named if named in bundled_robots() else path
 
 
 def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
@@ -99,18 +98,10 @@ def stored_motion(folder: Path):
     return verdict.verified
 
 
-def transfers_of(motion):
-    """Approach and release of a carry."""
-    from comove.robots import plan_transfers
-
-    return plan_transfers(motion)
-
-
 def simulation_text(summary: dict, folder: Path) -> str:
     """A simulation's measures for people."""
     verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
-    grasp, measures = summary["grasp"]["kind"], summary
-    lines = [f"{summary['scene']}, {summary['robot']}, {grasp}: {verdict}"]
+    lines = [f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"]
     lines += [f"  - {reason}" for reason in summary["reasons"]]
     rows = [
         ("end error", "end_error", 1e3, "mm"),
@@ -121,7 +112,7 @@ def simulation_text(summary: dict, folder: Path) -> str:
         ("share of torque", "torque_share_max", 1.0, "at most"),
     ]
     for words, key, factor, unit in rows:
-        if measures.get(key) is not None:
-            lines.append(f"  {words:24s}{factor * measures[key]:.3g} {unit}")
+        if summary.get(key) is not None:
+            lines.append(f"  {words:24s}{factor * summary[key]:.3g} {unit}")
     lines.append(f"  {'series':24s}{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
     return "\n".join(lines)

@@ -26,15 +26,16 @@ def send(
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
 ) -> int:
     """Judge the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
-    from comove.cli.robot.report import stored_motion, transfers_of
+    from comove.cli.robot.report import stored_motion
     from comove.errors import OptionError, near_name
     from comove.export import Ros1Client, SendError, Tolerances, send
+    from comove.robots import plan_transfers
 
     if part not in PARTS:
         raise OptionError(f"unknown part '{part}'", key="--part", way_out=near_name(part, PARTS))
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = stored_motion(folder)
-    transfers = None if part == "carry" else transfers_of(motion)
+    transfers = None if part == "carry" else plan_transfers(motion)
     try:
         with Ros1Client() as client:
             outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)
