@@ -206,3 +206,10 @@ def test_approach_and_release_are_sent_too(verified, transfers):
         assert send(fake, verified, part=part, transfers=transfers, clock=fake.clock).deviation < 1e-9
     with pytest.raises(OptionError, match="no part 'aproach'; did you mean 'approach'"):
         send(fake, verified, part="aproach", transfers=transfers, clock=fake.clock)
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ["start", "path", "connect"])
+def test_a_tolerance_that_would_never_stop_an_arm_is_refused(name, value):
+    with pytest.raises(OptionError, match=name):
+        Tolerances(**{name: value})

@@ -140,6 +140,11 @@ class Tolerances:
     silence: float = 0.5
     clock: float = 0.1
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
+                raise OptionError(f"{name} = {value}", key="tolerances", way_out="give a positive number")
+
 
 @dataclass(frozen=True)
 class Outcome:
