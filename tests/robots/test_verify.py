@@ -112,6 +112,13 @@ def test_limits_clearance_replaces_what_links_keep():
     assert "0.045 m is to be kept" in reason
 
 
+def test_on_a_robot_the_load_keeps_5_mm_where_the_scene_does_not_say():
+    narrower = (TABLE, *posts(0.215))  # the stick passes these posts with 4 mm
+    (reason,) = judged(obstacles=narrower).reasons
+    assert "clearance 0.005 m asked for" in reason
+    assert judged(obstacles=narrower, limits={"clearance": 0.003}).verified is not None
+
+
 @pytest.mark.parametrize("duration", [3.0])
 def test_a_motion_that_is_too_fast_says_which_joint_and_how_much_longer_to_take(duration):
     motion, joints = known_carry(duration)

@@ -17,7 +17,7 @@ def some_poses(shape, seed=0):
     return poses
 
 
-def scene_with(load, hands):
+def scene_with(load, hands, **more):
     return Scene.from_dict(
         {
             "name": "loads",
@@ -28,6 +28,7 @@ def scene_with(load, hands):
                 {"name": f"hand{i}", "start": hand, "goal": [hand[0], hand[1], hand[2] + 1.0]}
                 for i, hand in enumerate(hands)
             ],
+            **more,
         }
     )
 
@@ -65,6 +66,30 @@ def test_fingers_hold_a_bar_by_its_sides():
     assert bar.kind == "box" and bar.size == pytest.approx((0.3, 0.006, 0.012))
     assert np.allclose(load.pose[:3, 0], [0, 1, 0]) and np.allclose(load.pose[:3, 2], [0, 0, 1])
     assert load.mass == 1.5
+
+
+def test_fingers_hold_a_box_by_lugs_where_hands_stand_off_it():
+    hands = [[1.0, 0.9, 0.5], [1.0, 0.5, 0.5]]
+    box = {"shape": "box", "size": [0.3, 0.14, 0.06], "grasps": {"hand0": [0.2, 0, 0], "hand1": [-0.2, 0, 0]}}
+    level = [{"type": "upright"}]
+    scene = scene_with(box, hands, constraints=level)
+    assert len(load_of(scene, at(hands)).parts) == 1
+    _, *lugs = load_of(scene, at(hands), lambda radius: (radius, 2 * radius)).parts
+    middles = points_of(load_of(scene, at(hands)).pose, np.array([lug.position for lug in lugs]))
+    assert np.allclose(
+        middles, [[1.0, 0.8825, 0.5], [1.0, 0.5175, 0.5]]
+    )  # from the box to 15 mm past the hand
+    assert all(lug.size == pytest.approx((0.0325, 0.006, 0.012)) for lug in lugs)
+    box["grasps"] = {"hand0": [0.15, 0, 0], "hand1": [-0.15, 0, 0]}
+    hands = [[1.0, 0.85, 0.5], [1.0, 0.55, 0.5]]
+    assert (
+        len(
+            load_of(
+                scene_with(box, hands, constraints=level), at(hands), lambda radius: (radius, radius)
+            ).parts
+        )
+        == 1
+    )
 
 
 def test_a_frame_has_a_rod_for_every_edge():

@@ -8,9 +8,9 @@ kind     pairs                                                            keep
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm where that is not given. Where the robot's bases may stand elsewhere
-(`uncertainty`), what that can take from a distance is taken from it: links and obstacles, and bodies on different
-bases.
+The scene's clearance is `limits.clearance`, 5 mm where that is not given; so much the load keeps from obstacles as
+well. Where the robot's bases may stand elsewhere (`uncertainty`), what that can take from a distance is taken from
+it: links and obstacles, and bodies on different bases.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from comove.robots.bases import Bases
 from comove.robots.carried import Carried
 from comove.robots.load_shapes import leverage, load_shapes
 from comove.robots.model import Arm, Robot
+from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-LINK_CLEARANCE = 0.005  # m, that links keep where the scene does not say
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
 SCENE, LOAD, SELF = range(3)
@@ -104,7 +104,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     for first, second, _ in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     kind = np.array([p[2] for p in pairs], dtype=np.int64)
-    keep = scene.clearance or LINK_CLEARANCE
+    keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
     reach, pull, base = _links_of(geometry, bases, names)
     pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
     for rod, *_ in rods:  # a load between two bases is on neither
@@ -117,7 +117,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
         geometry=geometry,
         names=tuple(names),
         kind=kind,
-        required=np.array([keep, keep, min(keep, LINK_CLEARANCE)]),
+        required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
         reach=_changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3)),
         exact=exact,

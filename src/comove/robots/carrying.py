@@ -25,7 +25,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-DEFAULT_CLEARANCE = 0.005  # m, of links, where the scene states none
 SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
 COARSER = 3  # samples of which one is looked at to tell branches apart
 EASE = 2.0  # cost of jolts: of joints that all use their whole acceleration all the time
@@ -99,7 +98,7 @@ class Carrying:
             edges=np.concatenate([scene.body.edges, lattice]),
             radii=np.concatenate([scene.body.radii, np.zeros(len(lattice))]),
             carried=carried,
-            clearance=scene.clearance or DEFAULT_CLEARANCE,
+            clearance=scene.clearance,
             spare=SPARE * (1 + self.caution),
             share=NEAR_LIMIT * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),

@@ -53,6 +53,8 @@ CHOICES = ("episode", "topic")
 """Keys that say which recording of a file is meant."""
 MAX_DURATION = 3600.0
 """[s]"""
+ROBOT_CLEARANCE = 0.005
+"""[m], kept on robots where the file does not say."""
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -242,11 +244,14 @@ class Manipulator(Part):
 
 
 class Limits(Part):
-    """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], and the load's `clearance` [m]."""
+    """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], and the load's `clearance` [m].
+
+    Where a file does not say: neither speed nor acceleration is bound, and the clearance is 5 mm on robots, else 0.
+    """
 
     speed: Positive | None = None
     acceleration: Positive | None = None
-    clearance: NotNegative = 0.0
+    clearance: NotNegative | None = None
 
 
 class DistanceConstraint(Part):
@@ -396,6 +401,18 @@ class SceneFile(Part):
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
     grasp: GraspPart | None = None
+
+    @model_validator(mode="after")
+    def _fill_clearance(self) -> SceneFile:
+        if self.limits.clearance is None:
+            limits = self.limits.model_copy(update={"clearance": ROBOT_CLEARANCE if self.on_robot else 0.0})
+            object.__setattr__(self, "limits", limits)
+        return self
+
+    @property
+    def on_robot(self) -> bool:
+        """Whether the hands are those of a robot."""
+        return self.robot is not None or self.grasp is not None
 
     @property
     def dimension(self) -> int:

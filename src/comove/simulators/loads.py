@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 DEFAULT_MASS = 0.25  # kg, of a load that states none
 NEAR = 0.01  # m, that a motion may begin from the scene's start
 THINNEST = 0.004  # m, radius of rods that state none
+LUG, LUG_BEYOND = (
+    0.012,
+    0.015,
+)  # m, radius of a bar as thick as a box's lugs, and how far these reach past the hands
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,8 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
     Parameters
     ----------
     hands : array, shape (n_manipulators, 4, 4), grasp frames at the start
-    section : width and height [m] of a bar by its radius, None where it is round
+    section : width and height [m] of a bar by its radius, None where it is round; with one, boxes have lugs where
+        hands stand off them
     """
     load = scene.file.load
     if load is None:
@@ -121,7 +126,26 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[Part]:
         first, *along, last = (nodes[corners[i]] for i in (0, 1, 2, 4, 7))
         edges = np.array(along) - first
         size = np.linalg.norm(edges, axis=1)
-        yield Part("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
+        box = Part("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
+        yield box
+        if sides := section(LUG):
+            grasps = nodes[list(holders_of(scene))]
+            yield from (lug for grasp in grasps if (lug := _lug(box, grasp, sides)))
+
+
+def _lug(box: Part, grasp: Array, sides: tuple[float, float]) -> Part | None:
+    """What fingers hold a box by where its hand stands off it; None where the hand is at the box itself."""
+    inside = (grasp - box.position) @ box.rotation
+    nearest = np.clip(inside, -np.array(box.size), box.size)
+    off = float(np.linalg.norm(inside - nearest))
+    if off < LUG_BEYOND:
+        return None
+    x = (grasp - box.position - box.rotation @ nearest) / off
+    y = np.cross([0.0, 0.0, 1.0], x) if abs(x[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
+    y /= np.linalg.norm(y)
+    half = (off + LUG_BEYOND) / 2
+    middle = box.position + box.rotation @ nearest + half * x
+    return Part("box", middle, np.stack([x, y, np.cross(x, y)], axis=1), (half, sides[0] / 2, sides[1] / 2))
 
 
 def _rod(a: Array, b: Array, radius: float) -> Part:
