@@ -88,6 +88,13 @@ def test_the_judge_knows_no_maker():
             assert not rooms_entered(tree) & {"optimisers", "planning"}, inside
 
 
+def test_the_judge_of_robots_knows_no_search():
+    for inside, _, tree in modules():
+        for judge, maker in (("robots/judge", "robots.search"), ("robots/search", "robots.judge")):
+            if str(inside).startswith(judge):
+                assert not [name for name in imported(tree) if f"comove.{maker}" in name], inside
+
+
 def test_optimisers_know_no_robot():
     for inside, room, tree in modules():
         if room == "optimisers":
@@ -96,7 +103,7 @@ def test_optimisers_know_no_robot():
 
 def test_only_the_judges_make_verified_motions():
     """`VerifiedMotion(...)` and `VerifiedJointMotion(...)` are called nowhere else, their seals nobody's business."""
-    judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/verify.py"}
+    judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/judge"}
     for inside, _, tree in modules():
         names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
         names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}

@@ -13,8 +13,8 @@ from comove.coordination.coordinates import load_coordinates
 from comove.errors import ComoveWarning
 from comove.primitives.basis import motion_basis
 from comove.robots import Arm, Robot
-from comove.robots.carrying import Carrying
-from comove.robots.chains import TURN
+from comove.robots.search.carrying import Carrying
+from comove.robots.search.chains import TURN
 from comove.scenes import Scene
 
 BUNDLED = ("baxter", "two_pandas", "ur5_and_panda")

@@ -7,8 +7,8 @@ import pytest
 from comove.errors import SceneError
 from comove.planning import solve
 from comove.robots import VerifiedJointMotion
-from comove.robots.carrying import Carrying, robot_method
 from comove.robots.check import RobotCheck
+from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.robots.known_carry import TABLE, known_carry, on_scene, scene_data

@@ -21,7 +21,7 @@ from comove.export.parts import (
 )
 from comove.export.tables import write_csv, write_npz
 from comove.robots.approach import Transfers
-from comove.robots.verify import VerifiedJointMotion
+from comove.robots.judge.verify import VerifiedJointMotion
 
 
 def _nothing(part: Part) -> None:

@@ -17,8 +17,8 @@ from comove._version import __version__
 from comove.errors import RobotError
 from comove.results.folder import checksum, motion_arrays
 from comove.robots.approach import Transfers
+from comove.robots.judge.verify import VerifiedJointMotion
 from comove.robots.motion import JointMotion
-from comove.robots.verify import VerifiedJointMotion
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ def require_verified(motion: Any) -> None:
         raise ExportError(
             f"the motion is a {type(motion).__name__}, which nobody has verified",
             key="motion",
-            way_out="give the VerifiedJointMotion that comove.robots.verify makes",
+            way_out="give the VerifiedJointMotion that comove.robots.judge.verify makes",
         )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, RobotError, near_name
 from comove.export.parts import CARRY, SAMPLE_RATE, Part, Samples, parts_of, require_rate
 from comove.robots.approach import Transfers
-from comove.robots.verify import VerifiedJointMotion
+from comove.robots.judge.verify import VerifiedJointMotion
 
 Clock = Callable[[], float]
 

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from comove.errors import OptionError, RobotError
-from comove.robots import findings as check
-from comove.robots.bases import Bases
-from comove.robots.bodies import LOAD, Bodies, bodies_of
-from comove.robots.carried import Carried
 from comove.robots.extremes import Ranges
 from comove.robots.free_space import SPARES, Room, way
-from comove.robots.load_shapes import placements
+from comove.robots.judge import findings as check
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import LOAD, Bodies, bodies_of
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.load_shapes import placements
+from comove.robots.judge.verify import VerifiedJointMotion
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
-from comove.robots.verify import VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.sealed import Sealed
 

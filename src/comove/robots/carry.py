@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
-from comove.robots.carrying import Carrying, robot_method
 from comove.robots.check import RobotCheck
+from comove.robots.judge.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verify import JointReport, JointVerdict, VerifiedJointMotion
+from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes.scene import Scene
 
 

@@ -10,10 +10,10 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import configuration_space
 from comove.primitives.basis import motion_basis
-from comove.robots.carrying import Carrying
+from comove.robots.judge.verify import JointReport, JointVerdict, verify_joints
 from comove.robots.motion import JointMotion
-from comove.robots.tracking import Miss, track
-from comove.robots.verify import JointReport, JointVerdict, verify_joints
+from comove.robots.search.carrying import Carrying
+from comove.robots.search.tracking import Miss, track
 
 
 @dataclass(frozen=True, eq=False)

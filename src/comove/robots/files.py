@@ -33,10 +33,10 @@ from comove.results.folder import (
     verify_result,
 )
 from comove.robots.description import Uncertainty, bundled_robots
-from comove.robots.findings import unfit_joints
+from comove.robots.judge.findings import unfit_joints
+from comove.robots.judge.verify import JointReport, JointVerdict, verify_joints
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verify import JointReport, JointVerdict, verify_joints
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.primitives.rotations import matrices
-from comove.robots.bodies import OBSTACLE_SHAPES
+from comove.robots.judge.bodies import OBSTACLE_SHAPES
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.robots import JointMotion
-from comove.robots.bases import Bases
-from comove.robots.bodies import COAL_ERROR, bodies_of
-from comove.robots.carried import Carried
 from comove.robots.description import Uncertainty
-from comove.robots.nearing import Nearing, support_function
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import COAL_ERROR, bodies_of
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.nearing import Nearing, support_function
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 

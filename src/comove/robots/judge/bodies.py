@@ -25,9 +25,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.primitives.rotations import matrices
-from comove.robots.bases import Bases
-from comove.robots.carried import Carried
-from comove.robots.load_shapes import leverage, load_shapes
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.load_shapes import leverage, load_shapes
 from comove.robots.model import Arm, Robot
 from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from comove.robots.chains import TURN, chains_of, jacobian, place_arm, pose_error, reach_pose, torques
 from comove.robots.effort import loaded_model
+from comove.robots.search.chains import TURN, chains_of, jacobian, place_arm, pose_error, reach_pose, torques
 from tests.robots.small_robots import BUNDLED, RANDOM, robot
 
 ALL = (*BUNDLED, *RANDOM, "gantry")

@@ -23,12 +23,12 @@ import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
-from comove.robots import findings as check
-from comove.robots.bases import Bases
-from comove.robots.bodies import bodies_of
-from comove.robots.carried import Carried
 from comove.robots.description import Uncertainty
-from comove.robots.holding import holding_errors
+from comove.robots.judge import findings as check
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import bodies_of
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.holding import holding_errors
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene

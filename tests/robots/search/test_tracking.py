@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from comove.robots import tracking
-from comove.robots.tracking import EXACT, track
+from comove.robots.search import tracking
+from comove.robots.search.tracking import EXACT, track
 from tests.robots.known_carry import known_carry
 from tests.robots.small_robots import grasp_errors, movement, task, wanted_grasps
 

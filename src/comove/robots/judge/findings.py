@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import OptionError, RobotError
-from comove.robots.bases import Bases
-from comove.robots.bodies import LOAD, SCENE, SELF, Bodies
-from comove.robots.carried import Carried
-from comove.robots.certificate import certify
 from comove.robots.effort import DEFAULT_MASS, largest_torque
 from comove.robots.extremes import Extreme, largest_acceleration, largest_velocity, least_margin
-from comove.robots.holding import Errors
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import LOAD, SCENE, SELF, Bodies
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.certificate import certify
+from comove.robots.judge.holding import Errors
+from comove.robots.judge.reach import joint_axes
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
-from comove.robots.reach import joint_axes
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion
 

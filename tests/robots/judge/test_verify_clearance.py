@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.robots import JointMotion, bodies
-from comove.robots.bases import Bases
-from comove.robots.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
-from comove.robots.carried import Carried
-from comove.robots.certificate import TIGHT, certify
+from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
-from comove.robots.reach import Reaches
+from comove.robots.judge import bodies
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.certificate import TIGHT, certify
+from comove.robots.judge.reach import Reaches
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
@@ -238,7 +239,8 @@ def test_a_rough_hull_is_never_further_away_than_its_mesh(monkeypatch):
 
 
 def test_what_cannot_be_computed_within_the_limit_is_not_certified(monkeypatch):
-    from comove.robots import certificate, verify_joints
+    from comove.robots import verify_joints
+    from comove.robots.judge import certificate
 
     monkeypatch.setattr(certificate, "MOST", 100)
     verdict = verify_joints(baxter(), *known_carry())
@@ -257,7 +259,8 @@ def test_joints_that_jump_are_given_up_soon():
 @pytest.mark.parametrize("room", [0.01, 0.0053])
 def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(room, monkeypatch):
     """Their distance stays what it is for the whole motion, which bounds by speeds alone can hardly prove."""
-    from comove.robots import certificate, verify_joints
+    from comove.robots import verify_joints
+    from comove.robots.judge import certificate
 
     monkeypatch.setattr(certificate, "MOST", 20_000)
     motion, joints = known_carry()

@@ -25,10 +25,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.carried import Carried
 from comove.robots.extremes import fastest, subdivided
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.reach import Reaches
 from comove.robots.model import Arm, Robot
-from comove.robots.reach import Reaches
 
 Array = NDArray[np.float64]
 

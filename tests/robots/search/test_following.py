@@ -5,10 +5,10 @@ import pinocchio as pin
 import pytest
 
 from comove.robots import verify_joints
-from comove.robots.carrying import Carrying
-from comove.robots.chains import TURN
-from comove.robots.following import KEEP, MET, follow, follow_one, hand_rotation, solutions
-from comove.robots.tracking import _nodes, track
+from comove.robots.search.carrying import Carrying
+from comove.robots.search.chains import TURN
+from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_rotation, solutions
+from comove.robots.search.tracking import _nodes, track
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, known_carry, scene_data
 from tests.robots.small_robots import gantry_scene, grasp_errors, movement, robot, task, wanted_grasps

@@ -15,12 +15,12 @@ from comove.errors import SceneError
 from comove.planning.configurations import Space
 from comove.planning.methods import Comove
 from comove.planning.search import Schedule
-from comove.robots.chains import chains_of, place_arm, pose_error
 from comove.robots.effort import DEFAULT_MASS
-from comove.robots.following import MET, Arms, Strain, Surroundings, follow, solutions
-from comove.robots.links import ENOUGH, Links, links_clearance, links_of, place_links
 from comove.robots.model import Arm, Robot
-from comove.robots.planner import plan_with_arms
+from comove.robots.search.chains import chains_of, place_arm, pose_error
+from comove.robots.search.following import MET, Arms, Strain, Surroundings, follow, solutions
+from comove.robots.search.links import ENOUGH, Links, links_clearance, links_of, place_links
+from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

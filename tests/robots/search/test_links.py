@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from comove.errors import ComoveWarning
 from comove.robots import Robot
-from comove.robots.chains import chains_of
-from comove.robots.links import (
+from comove.robots.search.chains import chains_of
+from comove.robots.search.links import (
     CELL,
     ENOUGH,
     FINE,

@@ -19,11 +19,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.bodies import Bodies
-from comove.robots.carried import Carried
 from comove.robots.extremes import Ranges, fastest
-from comove.robots.load_shapes import placements
-from comove.robots.nearing import Nearing
+from comove.robots.judge.bodies import Bodies
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.load_shapes import placements
+from comove.robots.judge.nearing import Nearing
 
 Array = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from comove.planning.configurations import (
     span,
 )
 from comove.planning.planner import STEP, continuous, joined, nearest, towards
-from comove.robots.chains import reach_pose
-from comove.robots.following import KEEP, LOOSE, PULL, Arms, hand_rotation
-from comove.robots.links import links_clearance, place_links
+from comove.robots.search.chains import reach_pose
+from comove.robots.search.following import KEEP, LOOSE, PULL, Arms, hand_rotation
+from comove.robots.search.links import links_clearance, place_links
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.robots.carried import Carried
+from comove.robots.judge.carried import Carried
 
 Array = NDArray[np.float64]
 

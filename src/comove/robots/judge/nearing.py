@@ -26,8 +26,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.bodies import Bodies
 from comove.robots.extremes import Ranges, fastest
+from comove.robots.judge.bodies import Bodies
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.robots.chains import Chains, inside, reach_pose, torques
-from comove.robots.links import Links, clearance_around, clearance_between, place_links
+from comove.robots.search.chains import Chains, inside, reach_pose, torques
+from comove.robots.search.links import Links, clearance_around, clearance_between, place_links
 
 Array = NDArray[np.float64]
 

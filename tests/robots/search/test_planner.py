@@ -10,10 +10,10 @@ import pytest
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
-from comove.robots.carrying import Carrying
-from comove.robots.planner import JUMP, REACHED, SPACING, _dense, _followed, follow_edge
+from comove.robots.search.carrying import Carrying
+from comove.robots.search.planner import JUMP, REACHED, SPACING, _dense, _followed, follow_edge
+from tests.robots.search.test_links import CORNERS, between, obstacle, solid
 from tests.robots.small_robots import POST, gantry_scene, grasp_errors, robot, task
-from tests.robots.test_links import CORNERS, between, obstacle, solid
 
 MARGIN = 0.01  # m
 EXAMPLES = [

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from comove.errors import RobotError, SceneError
-from comove.robots.carrying import BRANCHES, SAME_BRANCH, Carrying
-from comove.robots.following import MET
-from comove.robots.tracking import _nodes
+from comove.robots.search.carrying import BRANCHES, SAME_BRANCH, Carrying
+from comove.robots.search.following import MET
+from comove.robots.search.tracking import _nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, known_carry, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, gantry_scene, movement, robot, task

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.robots.description import Uncertainty
+from comove.robots.judge.reach import Reaches
 from comove.robots.model import Arm, Robot
-from comove.robots.reach import Reaches
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from comove.errors import OptionError
 from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
-from comove.robots.findings import unfit_scene
-from comove.robots.verify import JointReport, VerifiedJointMotion
+from comove.robots.judge.findings import unfit_scene
+from comove.robots.judge.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.robots.known_carry import (

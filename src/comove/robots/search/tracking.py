@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.robots.carrying import Carrying
-from comove.robots.chains import inside, reach_pose
-from comove.robots.following import follow_one, hand_rotation
 from comove.robots.motion import SAMPLE_RATE, JointMotion
+from comove.robots.search.carrying import Carrying
+from comove.robots.search.chains import inside, reach_pose
+from comove.robots.search.following import follow_one, hand_rotation
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ from comove.coordination import CoordinatedDMP
 from comove.coordination.coordinates import load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.robots import JointMotion, Robot, verify_joints
-from comove.robots.bases import Bases
-from comove.robots.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
-from comove.robots.carried import Carried
 from comove.robots.description import Uncertainty
-from comove.robots.load_shapes import placements
+from comove.robots.judge.bases import Bases
+from comove.robots.judge.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.load_shapes import placements
 from comove.scenes import Scene
 from tests.robots.known_carry import followed, grasp_frames
 

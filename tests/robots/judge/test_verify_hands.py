@@ -7,8 +7,8 @@ import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.robots.carried import Carried
-from comove.robots.holding import holding_errors
+from comove.robots.judge.carried import Carried
+from comove.robots.judge.holding import holding_errors
 from tests.robots.known_carry import baxter, grasp_frames, known_carry
 
 

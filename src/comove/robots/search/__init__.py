@@ -1,0 +1,1 @@
+"""How a search sees a robot: numba kernels of chains and links, which `comove.robots.judge` shares nothing with."""
