@@ -78,7 +78,7 @@ def solve(
             way_out="add a demonstration to the scene",
         )
     spent = since_process_start()
-    load_kernels(loaded.n_dims)
+    load_kernels(loaded.n_dims, bool(loaded.moving.any()))
     with progress_bar(budget) as progress:
         solution = solve(
             loaded,

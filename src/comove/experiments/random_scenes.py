@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 SPARE = 0.006  # m, that the kept scenes leave
 BAR = 0.2  # m
 TRIANGLE = 0.16  # m, its sides
+DURATION, SPEED, ACCELERATION = 5.0, 0.5, 2.0  # s, m/s, m/s^2, of scenes with obstacles that move
 TRIES = 12  # plans before a scene is given up
 
 
@@ -37,6 +38,74 @@ def spatial_bar_scene(seed: int) -> Scene:
 def spatial_triangle_scene(seed: int) -> Scene:
     """A triangle held by three through one or two walls with a window, past up to four bodies."""
     return _first_passable(np.random.default_rng([seed, 4]), lambda rng: _spatial(rng, seed, 3))
+
+
+def moving_scene(seed: int) -> Scene:
+    """One to four obstacles that move as fast as the hands at most, past up to two that stand.
+
+    Planar and spatial scenes alternate, and every other pair of them has three hands instead of two. Whether a load
+    can pass is not known: `comove.planning` tells.
+    """
+    rng = np.random.default_rng([seed, 5])
+    n_dims, n_hands = 2 + seed % 2, 2 + seed // 2 % 2
+    while True:
+        try:
+            scene = Scene.from_dict(_moving(rng, seed, n_dims, n_hands))
+        except SceneError:  # an end in an obstacle: draw again
+            continue
+        if scene.clearance_at(scene.nodes_at("start"))[0] > 2 * SPARE:
+            return scene
+
+
+def _moving(rng: np.random.Generator, seed: int, n_dims: int, n_hands: int) -> dict[str, Any]:
+    still = [_ball(rng, n_dims, 0.25, 0.75) for _ in range(int(rng.integers(0, 3)))]
+    moving = [_ball(rng, n_dims, 0.1, 0.9) for _ in range(int(rng.integers(1, 5)))]
+    for obstacle in moving:
+        obstacle["motion"] = _motion(rng, np.array(obstacle["center"]))
+    side = BAR if n_hands == 2 else TRIANGLE
+    angles = np.pi / n_hands + 2 * np.pi / n_hands * np.arange(n_hands)
+    held = (
+        side / (2 * np.sin(np.pi / n_hands)) * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    )
+    ends = []
+    for x in (0.16, 0.84):
+        if n_dims == 3:
+            ends.append(_spatial_hands(rng, held, x))
+        else:
+            turn = rng.uniform(-np.pi, np.pi)
+            c, s = np.cos(turn), np.sin(turn)
+            ends.append(np.array([x, rng.uniform(0.2, 0.8)]) + held[:, :2] @ np.array([[c, s], [-s, c]]))
+    edges = [["a", "b"], ["b", "c"], ["c", "a"]]
+    load: dict[str, Any] = {"shape": "frame", "edges": edges, "radius": 0.005}
+    if n_hands == 2:
+        load = {"shape": "bar", "length": BAR, "radius": 0.005}
+    data = _scene(f"moving-{seed}", [0] * n_dims, [1] * n_dims, still + moving, ends, load)
+    return {**data, "duration": DURATION, "limits": {"speed": SPEED, "acceleration": ACCELERATION}}
+
+
+def _ball(rng: np.random.Generator, n_dims: int, low: float, high: float) -> dict[str, Any]:
+    """A sphere, a box, or a capsule."""
+    center = rng.uniform(low, high, n_dims).tolist()
+    shape, size = rng.choice(["sphere", "box", "capsule"]), rng.uniform(0.03, 0.09)
+    if shape == "sphere":
+        return {"shape": "sphere", "center": center, "radius": size}
+    if shape == "box":
+        return {"shape": "box", "center": center, "size": rng.uniform(0.06, 0.18, n_dims).tolist()}
+    return {"shape": "capsule", "center": center, "radius": size / 2, "length": 2 * size}
+
+
+def _motion(rng: np.random.Generator, center: Array) -> dict[str, Any]:
+    """A constant velocity, a way there and back, or a circle, at the speed of the hands or slower."""
+    speed, kind = SPEED * rng.uniform(0.2, 1.0), rng.integers(3)
+    if kind == 0:
+        direction = rng.standard_normal(len(center))
+        return {"velocity": (speed * direction / np.linalg.norm(direction)).tolist()}
+    if kind == 1:
+        points = [center, *rng.uniform(0.1, 0.9, (int(rng.integers(1, 5)), len(center)))]
+        times = np.cumsum([0.0, *(np.linalg.norm(np.diff(points, axis=0), axis=1) / speed)])
+        return {"waypoints": [p.tolist() for p in points], "times": times.tolist()}
+    radius = rng.uniform(0.08, 0.25)
+    return {"circle": {"radius": radius, "period_s": 2 * np.pi * radius / speed}}
 
 
 def _first_passable(rng: np.random.Generator, draw) -> Scene:

@@ -112,7 +112,7 @@ def combine(
     if not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     suited = suitable(movements, scene, plane)
-    load_kernels(scene.n_dims)
+    load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
     coordinates = load_coordinates(scene)
     search = Search(

@@ -10,15 +10,21 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import Objective
 from comove.planning.planner import plan
-from comove.planning.seeds import fit_path
+from comove.planning.seeds import fit, targets_along
+from comove.planning.spacetime import plan_in_time, spacetime, targets_in_time
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 
 
-@lru_cache(maxsize=2)
-def load_kernels(n_dims: int) -> None:
-    """Compile, or load from the cache, every kernel that solving a scene of `n_dims` dimensions needs."""
+@lru_cache(maxsize=4)
+def load_kernels(n_dims: int, moving: bool = False) -> None:
+    """Compile, or load from the cache, every kernel that solving a scene of `n_dims` dimensions needs.
+
+    Parameters
+    ----------
+    moving : whether obstacles move
+    """
 
     def at(*values: float) -> list[float]:
         return [*values, *[0.5] * (n_dims - len(values))]
@@ -43,6 +49,10 @@ def load_kernels(n_dims: int) -> None:
     coordinates, basis = load_coordinates(scene), motion_basis(30, "velocity")
     space, ends = configuration_space(scene, coordinates), coordinates.boundary()
     path = plan(space, ends[0], ends[2], 0.01, np.random.default_rng(0))
-    motion = fit_path(space, path, coordinates, basis, scene)[0].rollout()
+    motion = fit(targets_along(space, path), path[-1], coordinates, basis, scene)[0].rollout()
+    if moving:
+        world, rng = spacetime(scene, space), np.random.default_rng(0)
+        found = plan_in_time(world, ends[0], ends[2], 10.0, 0.01, rng, max_nodes=10)
+        targets_in_time(space, *found, 11)
     Objective(scene, coordinates).cost(motion)
     verify(motion)

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
-from comove.planning.configurations import Space, configuration_space
+from comove.planning.configurations import Space, configuration_space, span
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
-from comove.planning.seeds import bumps, fit_path
+from comove.planning.seeds import bumps, fit, targets_along
+from comove.planning.spacetime import MARGINS, SHARES, UNLIMITED, plan_in_time, spacetime, targets_in_time
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
 
@@ -77,27 +78,21 @@ class Comove:
         planning = load_coordinates(scene)
         space, ends = configuration_space(scene, planning), planning.boundary()
         basis = motion_basis(self.n_basis, "velocity")
-        margins = PLANE_MARGINS if scene.n_dims == 2 else SPACE_MARGINS
+        planned = _planner_in_time if scene.moving.any() else _planner
+        plans_are_dear = search.carrier is None and not scene.moving.any()  # beside mending
+        targets_of = planned(search, space, ends[0], ends[2])
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, pace = 0, 0.0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
             begun, nodes = search.time_left(), self._nodes(search.time_left(), failures, pace)
-            path = (plan if search.carrier is None else search.carrier.plan)(
-                space,
-                ends[0],
-                ends[2],
-                margins[failures % len(margins)],
-                search.rng,
-                required=scene.clearance,
-                max_nodes=nodes,
-            )
+            found = targets_of(failures, nodes)
             pace = max(pace, (begun - search.time_left()) / nodes**2)
             start = None
-            if path is not None:  # plans are cheap beside mending with a carrier
-                mend = search.best is None and (search.carrier is None or failures >= FAILURES_TO_MEND)
-                start = self._certified_fit(search, space, path, basis, mend)
+            if found is not None:
+                mend = search.best is None and (plans_are_dear or failures >= FAILURES_TO_MEND)
+                start = self._certified_fit(search, *found, basis, mend)
             if start is not None:
                 starts.append(start)
             elif starts:
@@ -117,23 +112,29 @@ class Comove:
         return max(FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // 2), affordable))
 
     def _certified_fit(
-        self, search: Search, space: Space, path: Array, basis: MotionBasis, mend: bool
+        self, search: Search, targets: Array, goal: Array, basis: MotionBasis, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
-        """The cheapest fit of a path that is verified, and its cost; None where none of the first is.
+        """The cheapest fit of a plan that is verified, and its cost; None where none of the first is.
 
         Where `mend` says so, the best that touches nothing is mended instead.
         """
-        dmp, weights = fit_path(space, path, search.objective.coordinates, basis, search.scene)
+        dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
         value = search.evaluate(search.objective, dmp, weights)
-        rank = search.objective.search_value(value) + np.where(search.objective.feasible(value), 0.0, 100.0)
-        for i in np.argsort(rank, kind="stable")[:N_CERTIFIED]:
+        feasible = search.objective.feasible(value)
+        rank = search.objective.search_value(value) + np.where(feasible, 0.0, 100.0)
+        gentlest = np.argmin(
+            np.maximum(*search.objective.limit_ratios(value)) + np.where(feasible, 0.0, 100.0)
+        )
+        for i in (*np.argsort(rank, kind="stable")[:N_CERTIFIED], gentlest):
             if not np.all(value.possible) and not value.possible[i]:
                 search.attempt = search.attempt or dmp.rollout(weights[i])
                 break  # what moves the hands cannot: those that follow neither
             if search.judge(dmp.rollout(weights[i])).verified:
                 return float(value.cost[i]), replace(dmp, weights=weights[i])
-        free = value.clearance > search.scene.clearance
-        if mend and free.any():  # only too fast or too sudden: that can be mended
+        # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
+        spoilt = HOPELESS if search.scene.moving.any() else 0.0
+        free = value.clearance > search.scene.clearance - spoilt
+        if mend and free.any():
             nearest = np.where(free, rank, np.inf).argmin()
             return self._mended(search, replace(dmp, weights=weights[nearest]))
         return None
@@ -194,6 +195,37 @@ class Comove:
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
         weights = np.linalg.lstsq(phi, q - base @ dmp.boundary, rcond=None)[0].T
         return replace(dmp, basis=basis, weights=weights)
+
+
+Targets = Callable[[int, int], tuple[Array, Array] | None]
+"""What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+
+
+def _planner(search: Search, space: Space, start: Array, goal: Array) -> Targets:
+    """Plans in space, run under several time profiles."""
+    margins = PLANE_MARGINS if search.scene.n_dims == 2 else SPACE_MARGINS
+    grow = plan if search.carrier is None else search.carrier.plan
+
+    def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
+        margin, required = margins[failures % len(margins)], search.scene.clearance
+        path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
+        return None if path is None else (targets_along(space, path), path[-1])
+
+    return targets
+
+
+def _planner_in_time(search: Search, space: Space, start: Array, goal: Array) -> Targets:
+    """Plans in space and time, smoothed over several widths."""
+    scene = search.scene
+    world = spacetime(scene, space)
+    limit = min(scene.speed_limit * scene.duration, UNLIMITED * (span(space, start, goal) + space.cap))
+
+    def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
+        speed, margin = limit * SHARES[failures % len(SHARES)], MARGINS[failures % len(MARGINS)]
+        found = plan_in_time(world, start, goal, speed, margin, search.rng, max_nodes=max_nodes)
+        return None if found is None else (targets_in_time(space, *found, N_STEPS), found[0][-1])
+
+    return targets
 
 
 @dataclass(frozen=True)

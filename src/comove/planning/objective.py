@@ -153,6 +153,7 @@ class Objective:
         """
         scene, w, p = self.scene, self.weights, self.penalty
         nodes = self.coordinates.nodes(q, size)
+        offsets = scene.offsets_along(nodes.shape[1])
         n_hands = len(scene.manipulators)
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
@@ -165,6 +166,7 @@ class Objective:
                 scene.body.radii,
                 scene.body.solids,
                 scene.obstacles,
+                offsets,
                 *scene.workspace,
                 *scene.kept_apart,
                 taught,
@@ -211,6 +213,7 @@ def _evaluate(
     radii,
     solids,
     obstacles,
+    offsets,
     lower,
     upper,
     pairs,
@@ -250,16 +253,30 @@ def _evaluate(
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
         penalty[k], clearance[k], hits[k] = _obstacle_penalty(
-            x, edges, radii, solids, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
+            x,
+            edges,
+            radii,
+            solids,
+            obstacles,
+            offsets,
+            lower,
+            upper,
+            pairs,
+            separations,
+            penalty_weights,
+            along_path,
         )
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _obstacle_penalty(
-    x, edges, radii, solids, obstacles, lower, upper, pairs, separations, penalty_weights, along_path
+    x, edges, radii, solids, obstacles, offsets, lower, upper, pairs, separations, penalty_weights, along_path
 ):
-    """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout."""
+    """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout.
+
+    `offsets` of the obstacles' centres have the shape (n_steps, n_obstacles, 3), or no steps where all stand.
+    """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
@@ -284,8 +301,11 @@ def _obstacle_penalty(
             if not moved < 1e12:  # not finite, or as good as
                 return np.inf, -np.inf, float(n_obstacles)
         longest = sqrt(longest)
-        parts = min(1 + int(longest / SUB_STEP), MAX_SUB_STEPS)
-        n_near, at_border = _near_obstacles(x, t, cap + thickest + longest, obstacles, lower, upper, near)
+        relative = longest + _farthest(offsets, t, after)
+        parts = min(1 + int(relative / SUB_STEP), MAX_SUB_STEPS)
+        n_near, at_border = _near_obstacles(
+            x, t, cap + thickest + relative, obstacles, offsets, lower, upper, near
+        )
         apart = cap
         for i in range(separations.shape[0]):
             spare = chord_distance(x, t, after, pairs[i, 0], pairs[i, 1]) - separations[i]
@@ -309,8 +329,21 @@ def _obstacle_penalty(
                     high = min(upper[0] - max(px, qx), upper[1] - max(py, qy), upper[2] - max(pz, qz))
                     d = min(d, low - r, high - r)
                 for i in range(n_near):
+                    ox, oy, oz = _offset(offsets, t, after, f, near[i])
                     distance = (
-                        segment_distance(obstacles, near[i], px, py, pz, qx, qy, qz, cap + r, TOLERANCE) - r
+                        segment_distance(
+                            obstacles,
+                            near[i],
+                            px - ox,
+                            py - oy,
+                            pz - oz,
+                            qx - ox,
+                            qy - oy,
+                            qz - oz,
+                            cap + r,
+                            TOLERANCE,
+                        )
+                        - r
                     )
                     d = min(d, distance)
                     if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
@@ -326,7 +359,18 @@ def _obstacle_penalty(
                 if at_border:
                     d = min(d, border_distance(solid, lower, upper))
                 for i in range(n_near):
+                    ox, oy, oz = _offset(offsets, t, after, f, near[i])
+                    solid[0, 0], solid[0, 1], solid[0, 2] = (
+                        solid[0, 0] - ox,
+                        solid[0, 1] - oy,
+                        solid[0, 2] - oz,
+                    )
                     distance = solid_distance(obstacles, near[i], solid, cap, normals[s, near[i]])[0]
+                    solid[0, 0], solid[0, 1], solid[0, 2] = (
+                        solid[0, 0] + ox,
+                        solid[0, 1] + oy,
+                        solid[0, 2] + oz,
+                    )
                     d = min(d, distance)
                     if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
                         touched[near[i]] = t + 1
@@ -356,7 +400,32 @@ def chord_distance(x, t, after, i, j):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near_obstacles(x, t, cutoff, obstacles, lower, upper, near):
+def _offset(offsets, t, after, f, j):
+    """Where an obstacle's centre is between two samples, from where it began [m]."""
+    if offsets.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    here, there = offsets[t, j], offsets[after, j]
+    return (
+        here[0] + f * (there[0] - here[0]),
+        here[1] + f * (there[1] - here[1]),
+        here[2] + f * (there[2] - here[2]),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _farthest(offsets, t, after):
+    """How far an obstacle moves at most between two samples [m]."""
+    farthest = 0.0
+    for j in range(offsets.shape[1] if offsets.shape[0] > 0 else 0):
+        moved = 0.0
+        for axis in range(3):
+            moved += (offsets[after, j, axis] - offsets[t, j, axis]) ** 2
+        farthest = max(farthest, moved)
+    return sqrt(farthest)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _near_obstacles(x, t, cutoff, obstacles, offsets, lower, upper, near):
     """List in `near` the obstacles within `cutoff` of the body's bounding ball; is the border that near too?"""
     n_nodes = x.shape[1]
     cx, cy, cz = 0.0, 0.0, 0.0
@@ -370,9 +439,11 @@ def _near_obstacles(x, t, cutoff, obstacles, lower, upper, near):
     reach = sqrt(reach) + cutoff
     count = 0
     for j in range(obstacles.shape[0]):
-        dx, dy, dz = cx - obstacles[j, 1], cy - obstacles[j, 2], cz - obstacles[j, 3]
+        ox, oy, oz = _offset(offsets, t, t, 0.0, j)
+        px, py, pz = cx - ox, cy - oy, cz - oz
+        dx, dy, dz = px - obstacles[j, 1], py - obstacles[j, 2], pz - obstacles[j, 3]
         far = obstacles[j, REACH] + reach
-        if dx * dx + dy * dy + dz * dz < far * far and point_distance(obstacles, j, cx, cy, cz) < reach:
+        if dx * dx + dy * dy + dz * dz < far * far and point_distance(obstacles, j, px, py, pz) < reach:
             near[count] = j
             count += 1
     border = min(cx - lower[0], upper[0] - cx, cy - lower[1], upper[1] - cy)

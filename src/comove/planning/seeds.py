@@ -37,29 +37,43 @@ def profiles(n_steps: int) -> Array:
     return np.stack([minimum_jerk(1.0 - (1.0 - np.minimum(t / f, 1.0)) ** p) for p, f in PROFILES])
 
 
-def fit_path(
-    space: Space, path: Array, coordinates: Coordinates, basis: MotionBasis, scene: Scene
-) -> tuple[CoordinatedDMP, Array]:
-    """Fit the primitive to a planned path under every profile and ridge.
+def targets_along(space: Space, path: Array) -> Array:
+    """A path under every time profile.
 
     Parameters
     ----------
     path : array, shape (n_configurations, n_columns), in load coordinates, continuous
+
+    Returns
+    -------
+    array, shape (n_profiles, N_STEPS, n_columns)
+    """
+    return along(space, path, profiles(N_STEPS))
+
+
+def fit(
+    target: Array, goal: Array, coordinates: Coordinates, basis: MotionBasis, scene: Scene
+) -> tuple[CoordinatedDMP, Array]:
+    """Fit the primitive to movements with every ridge.
+
+    Parameters
+    ----------
+    target : array, shape (n_targets, N_STEPS, n_columns), in load coordinates, continuous
+    goal : array, shape (n_columns,), where all end
     coordinates : those of the primitive
 
     Returns
     -------
-    dmp : with the ends of the path
-    weights : array, shape (n_profiles * n_ridges, n_columns, n_basis)
+    dmp : with the ends of the movements
+    weights : array, shape (n_targets * n_ridges, n_columns, n_basis)
     """
-    target = along(space, path, profiles(N_STEPS))
     boundary = coordinates.boundary()
     if coordinates.kind == "load":
-        boundary[2] = path[-1]  # the same goal, but by the path's number of turns
+        boundary[2] = goal  # the same, but by the movements' number of turns
     else:
         target = coordinates.from_load(target, load_coordinates(scene))
     misses = target - basis.sampled(N_STEPS)[basis.n_basis :].T @ boundary
-    weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_profiles, n_ridges, n_basis, n_columns)
+    weights = _ridge_solvers(basis)[None] @ misses[:, None]  # (n_targets, n_ridges, n_basis, n_columns)
     weights = np.ascontiguousarray(weights.reshape(-1, *weights.shape[2:]).transpose(0, 2, 1))
     return CoordinatedDMP(scene, coordinates, basis, boundary, weights[0]), weights
 

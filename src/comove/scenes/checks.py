@@ -33,6 +33,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
     return [
         *_workspace_flaws(scene),
         *_rotation_flaws(scene),
+        *_motion_flaws(scene),
         *_holder_flaws(scene),
         *_grasp_flaws(scene),
         *_constraint_flaws(scene),
@@ -47,6 +48,8 @@ def _vectors(scene: SceneFile) -> Iterator[tuple[KeyPath, tuple[float, ...]]]:
         for key in ("center", "size", "radii"):
             if hasattr(obstacle, key):
                 yield ("obstacles", i, key), getattr(obstacle, key)
+        for path, vector in () if obstacle.motion is None else obstacle.motion.vectors:
+            yield ("obstacles", i, "motion", *path), vector
     for i, manipulator in enumerate(scene.manipulators):
         yield ("manipulators", i, "start"), manipulator.start
         yield ("manipulators", i, "goal"), manipulator.goal
@@ -129,6 +132,16 @@ def _rotation_flaws(scene: SceneFile) -> Iterator[Flaw]:
     plane = scene.demonstration.plane if scene.demonstration else None
     if scene.dimension == 2 and plane not in (None, "xy"):
         yield Flaw(("demonstration", "plane"), f"{plane!r} needs a spatial scene", "leave it out")
+
+
+def _motion_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    for i, obstacle in enumerate(scene.obstacles):
+        first = (obstacle.motion.waypoints or [None])[0] if obstacle.motion else None
+        if first is not None and math.dist(first, obstacle.center) > ROUNDING:
+            message = (
+                f"the motion begins at {show(first)}, and the obstacle stands at {show(obstacle.center)}"
+            )
+            yield Flaw(("obstacles", i, "motion", "waypoints", 0), message, "begin at its center")
 
 
 def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:

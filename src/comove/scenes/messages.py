@@ -154,7 +154,7 @@ def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
     """List the keys that the contract knows for the mapping at `path`, and whether each is required."""
     if path and (family := contract.families.get(path[0])):
         part = data[path[0]] if family.depth == 1 else data[path[0]][path[1]]
-        model = family.models[part[family.tag]]
+        model = _model_at(family.models[part[family.tag]], path[family.depth :])
     else:
         model = _model_at(contract.root, path)
     return {name: field.is_required() for name, field in model.model_fields.items()}
@@ -180,8 +180,6 @@ def _unknown_keys(unknown: _Keys, data: Any, contract: Contract) -> Iterator[Fla
 
 
 def _unknown_key(key: str, path: KeyPath, data: Any, contract: Contract) -> tuple[str, str]:
-    if key == "motion" and path[:1] == ("obstacles",):
-        return "moving obstacles are not supported by this version", "leave out motion"
     if key.isdigit():
         return f"unknown key {show(key)}", "write decimals with a point, and lists in brackets"
     return f"unknown key {show(key)}", near_name(key, _keys(path, data, contract))

@@ -47,6 +47,7 @@ from comove.scenes.keys import (
     safe_name,
 )
 from comove.scenes.messages import Contract, Family, counted, explained, scene_error, show
+from comove.scenes.moving import Motion
 from comove.scenes.yaml_reader import Lines, read_yaml
 
 CHOICES = ("episode", "topic")
@@ -103,7 +104,17 @@ class Workspace(Part):
     upper: Vector
 
 
-class _Turned(Part):
+class _Obstacle(Part):
+    """What is in the way; it moves if it has a `motion`. Obstacles without one keep their checksum."""
+
+    motion: Motion | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_no_motion(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in write(self).items() if key != "motion" or value is not None}
+
+
+class _Turned(_Obstacle):
     """What stands at `center` [m], turned by one of the two (`UNTURNED` and 0 where not given)."""
 
     center: Vector
@@ -120,7 +131,7 @@ class BoxObstacle(_Turned):
     size: Sizes
 
 
-class SphereObstacle(Part):
+class SphereObstacle(_Obstacle):
     """A circle in the plane, a sphere in space [m]."""
 
     shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
@@ -136,7 +147,7 @@ class CapsuleObstacle(_Turned):
     length: Positive
 
 
-class CylinderObstacle(Part):
+class CylinderObstacle(_Obstacle):
     """A cylinder along local z [m]; spatial scenes only."""
 
     shape: Literal["cylinder"]

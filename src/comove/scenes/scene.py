@@ -33,6 +33,7 @@ from comove.scenes.constraints import (
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import RigidGroup, rotation_in_plane
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
+from comove.scenes.moving import Motion
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
 from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.taught import read_demonstration, read_movement
@@ -148,6 +149,50 @@ class Scene:
         """Distance that the body must keep from everything [m]."""
         return self.file.limits.clearance
 
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which obstacles move; array, shape (n_obstacles,)."""
+        return np.array([o.motion is not None for o in self.file.obstacles], dtype=bool)
+
+    def offsets(self, time: Array) -> Array:
+        """Of the obstacles' centres from where they are at 0 s; array, shape (n_times, n_obstacles, 3) [m].
+
+        Parameters
+        ----------
+        time : array, shape (n_times,) [s]
+        """
+        return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
+
+    def offsets_along(self, n_steps: int) -> Array:
+        """The same at even times of the movement, as kernels take them: without any times where nothing moves."""
+        times = np.linspace(0.0, self.duration, n_steps if self.moving.any() else 0)
+        return self.offsets(times)
+
+    def obstacle_velocities(self, time: Array) -> Array:
+        """Of the obstacles' centres, from these instants on; array, shape (n_times, n_obstacles, 3) [m/s]."""
+        return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
+
+    def obstacle_sags(self, time: Array) -> Array:
+        """How far centres stray from their chords between the times; array, shape (n_times - 1, n_obstacles) [m]."""
+        return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
+
+    @cached_property
+    def obstacle_kinks(self) -> Array:
+        """When the velocity of an obstacle may jump during the movement; array, shape (n_kinks,), in order [s]."""
+        kinks = {t for o in self.file.obstacles if o.motion is not None for t in o.motion.kinks}
+        return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
+
+    def _of_motions(self, of: Callable[[Motion], Array], shape: tuple[int, ...]) -> Array:
+        still = np.zeros(shape)
+        of_each = [still if o.motion is None else of(o.motion) for o in self.file.obstacles]
+        return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
+
+    def obstacles_at(self, time: float) -> Array:
+        """The table of the obstacles where they are at an instant [s]."""
+        table = self.obstacles.copy()
+        table[:, sd.CENTER : sd.CENTER + 3] += self.offsets(np.array([time]))[0]
+        return table
+
     @property
     def speed_limit(self) -> float:
         """Speed limit of every manipulator [m/s], infinite where there is none."""
@@ -221,27 +266,35 @@ class Scene:
         """Workspace as the kernels take it: two arrays, shape (3,), endless along the missing axis."""
         return _spatial(self.lower, -FAR), _spatial(self.upper, FAR)
 
-    def clearance_at(self, nodes: Array) -> tuple[float, str]:
-        """Clearance [m] of one configuration and the name of what is nearest.
+    def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
+        """Clearance [m] of one configuration at an instant and the name of what is nearest.
 
         Parameters
         ----------
         nodes : array, shape (n_nodes, 3), [m]
+        time : at which obstacles are where they are then [s]
         """
-        clearance, nearest = sd.configuration_distance(
-            nodes, self.body.edges, self.body.radii, self.obstacles, *self.workspace
-        )
-        if len(self.body.solids):
-            solid = solids_clearance(nodes, self.body.solids, self.obstacles, *self.workspace)
-            clearance, nearest = min((clearance, nearest), solid)
-        if self.body.filled:
-            first, second = self.body.edges.T
+        clearance, nearest = self._nearest(nodes, self.obstacles_at(time))
+        return clearance, self.name_of(nearest)
+
+    def name_of(self, obstacle: int) -> str:
+        """An obstacle in words, the border of the workspace where it is -1."""
+        if obstacle < 0:
+            return "the border of the workspace"
+        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
+
+    def _nearest(self, nodes: Array, table: Array) -> tuple[float, int]:
+        """Clearance [m] of one configuration among the obstacles of a table, and the row that is nearest, or -1."""
+        body = self.body
+        found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
+        if len(body.solids):
+            found = min(found, solids_clearance(nodes, body.solids, table, *self.workspace))
+        if body.filled:
+            first, second = body.edges.T
             border = nodes[first[first != second]]  # without the hands, which are points
-            for j in np.flatnonzero(_inside_polygon(border, self.obstacles[:, 1:4])):
-                clearance, nearest = min(clearance, -float(self.obstacles[j, sd.REACH])), int(j)
-        if nearest < 0:
-            return clearance, "the border of the workspace"
-        return clearance, f"obstacles[{nearest}] ({self.file.obstacles[nearest].shape})"
+            for j in np.flatnonzero(_inside_polygon(border, table[:, 1:4])):
+                found = min(found, (-float(table[j, sd.REACH]), int(j)))
+        return found
 
     def nodes_at(self, end: str) -> Array:
         """Nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
@@ -419,7 +472,10 @@ def _require_heading(scene: Scene, path: object) -> None:
 
 def _require_free_ends(scene: Scene, path: object) -> None:
     for end in ("start", "goal"):
-        clearance, nearest = scene.clearance_at(scene.nodes_at(end))
+        # What moves may have left the goal, or not come there yet, when the load does.
+        there = np.flatnonzero(~scene.moving) if end == "goal" else np.arange(len(scene.obstacles))
+        clearance, row = scene._nearest(scene.nodes_at(end), scene.obstacles_at(0.0)[there])
+        nearest = scene.name_of(-1 if row < 0 else int(there[row]))
         if clearance < scene.clearance:
             need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""
             where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is {clearance:.3g} m from"

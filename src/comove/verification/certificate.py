@@ -12,6 +12,9 @@ beyond the middle the distance stays above the line through the middle and the o
 clear enough are halved along their larger term. The least bound over all cells, less the bulge and the radius of
 the load, is a lower bound of the clearance at every instant.
 
+An obstacle that moves is seen from itself: the load moves by what the two do relative to each other. Its centre
+strays from the chord of its own path between two knots by a known *sag*, which counts as the bulge does.
+
 A solid box between two knots stays within the largest bulge of its corners of the box of their chords, whose centre b
 and half edges e_k are linear in time. The gap along a fixed direction n between this box and an obstacle,
 ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
@@ -29,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.forcing import INTERVAL
+from comove.primitives.forcing import INTERVAL, N_INTERVALS
 from comove.scenes.distances import point_distance
 from comove.scenes.solids import gap, solid_at, solid_distance
 from comove.verification.bounds import NodeBounds, node_bounds
@@ -59,6 +62,19 @@ class Clearance(NamedTuple):
     nearest: int
 
 
+class Paths(NamedTuple):
+    """How obstacles move, as the kernels take it; without knots where all stand.
+
+    Attributes
+    ----------
+    offset : array, shape (n_knots, n_obstacles, 3), of centres from where they began [m]
+    sag : array, shape (n_knots - 1, n_obstacles), how far centres stray from chords between knots [m]
+    """
+
+    offset: Array
+    sag: Array
+
+
 def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clearance:
     """Bound the clearance of the whole load and all hands over continuous time.
 
@@ -66,15 +82,22 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clea
     ----------
     bounds : those of `motion`, where the caller has them already
     """
-    scene, coordinates = motion.scene, motion.coordinates
-    knots = motion.knots
+    scene, q, s = motion.scene, motion.knots[0], np.arange(N_INTERVALS + 1) * INTERVAL
     bulge = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
-    nodes = coordinates.nodes(np.ascontiguousarray(knots[0].T[None]))[0]
+    if len(
+        scene.obstacle_kinks
+    ):  # further knots there: between knots obstacles then go straight, or on circles
+        s = np.union1d(s, scene.obstacle_kinks / scene.duration)
+        q = motion.at(s)[0]
+        bulge = bulge[np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)]
+    nodes = motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
     if not (np.isfinite(nodes).all() and np.isfinite(bulge).all()):
         return Clearance(-np.inf, -np.inf, 0.0, -1)
-    body = scene.body
+    body, moving = scene.body, scene.moving.any()
+    at_knots = s * scene.duration if moving else np.zeros(0)
+    paths = Paths(scene.offsets(at_knots), scene.obstacle_sags(at_knots) if moving else np.zeros((0, 0)))
     lower, upper, k, nearest = certified_clearance(
-        nodes, bulge, body.edges, body.radii, scene.obstacles, *scene.workspace, scene.clearance
+        nodes, bulge, body.edges, body.radii, scene.obstacles, paths, *scene.workspace, scene.clearance
     )
     if len(body.solids):
         lower, upper, k, nearest = certified_solids(
@@ -82,6 +105,7 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clea
             bulge,
             body.solids,
             scene.obstacles,
+            paths,
             *scene.workspace,
             scene.clearance,
             lower,
@@ -92,11 +116,11 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clea
     if body.filled:  # an obstacle inside the plate at the start need not touch its border
         at_start, _ = scene.clearance_at(nodes[0])
         lower, upper = min(lower, at_start), min(upper, at_start)
-    return Clearance(lower, upper, k * INTERVAL, nearest)
+    return Clearance(lower, upper, float(s[k]), nearest)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, required):
+def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upper, required):
     """Certified lower bound, least clearance met, its knot, its obstacle.
 
     Parameters
@@ -105,6 +129,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
     bulge : array, shape (n_knots - 1, n_nodes), [m]
     edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
     obstacles : array, shape (n_obstacles, N_COLUMNS), their table
+    paths : how they move
     lower, upper : arrays, shape (3,), the workspace [m]
     required : clearance asked for [m]; the bound is tightened where it is close to it
     """
@@ -130,21 +155,22 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
         for e in range(n_edges):
             p, q = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
             for j in range(n_obstacles):
+                x, y, z = _offset(paths, k, j)
                 for i in range(3):
                     s = 0.5 * i
                     distance = (
                         point_distance(
                             obstacles,
                             j,
-                            p[0] + s * (q[0] - p[0]),
-                            p[1] + s * (q[1] - p[1]),
-                            p[2] + s * (q[2] - p[2]),
+                            p[0] + s * (q[0] - p[0]) - x,
+                            p[1] + s * (q[1] - p[1]) - y,
+                            p[2] + s * (q[2] - p[2]) - z,
                         )
                         - radii[e]
                     )
                     if distance < met:
                         met, knot, nearest = distance, k, j
-    stack = np.empty((STACK, 4))
+    stack, seen = np.empty((STACK, 4)), np.empty((4, 3))
     cells = 0
     for k in range(n_intervals):
         for e in range(n_edges):
@@ -154,6 +180,14 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
             move_a, move_b = _apart(a0, a1), _apart(b0, b1)
             swell = max(bulge[k, m], bulge[k, n]) + ROUNDING
             for j in range(n_obstacles):
+                if paths.offset.shape[0] > 0:  # as seen from the obstacle
+                    _seen_from(paths, k, j, nodes[k, m], seen[0])
+                    _seen_from(paths, k, j, nodes[k, n], seen[1])
+                    _seen_from(paths, k + 1, j, nodes[k + 1, m], seen[2])
+                    _seen_from(paths, k + 1, j, nodes[k + 1, n], seen[3])
+                    a0, b0, a1, b1 = seen[0], seen[1], seen[2], seen[3]
+                    move_a, move_b = _apart(a0, a1), _apart(b0, b1)
+                    swell = max(bulge[k, m], bulge[k, n]) + paths.sag[k, j] + ROUNDING
                 x, y, z = _on_surface(a0, b0, a1, b1, 0.5, 0.5)
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
                 if distance - 0.5 * max(move_a, move_b) - 0.5 * length - swell > met:
@@ -195,7 +229,9 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, lower, upper, req
 
 
 @numba.njit(cache=True, error_model="numpy")
-def certified_solids(nodes, bulge, solids, obstacles, lower, upper, required, bound, met, knot, nearest):
+def certified_solids(
+    nodes, bulge, solids, obstacles, paths, lower, upper, required, bound, met, knot, nearest
+):
     """As `certified_clearance`, for solids; the last four arguments are what it found for the rest of the body.
 
     Parameters
@@ -217,20 +253,22 @@ def certified_solids(nodes, bulge, solids, obstacles, lower, upper, required, bo
                         met, knot, nearest = border, k, -1
                     bound = min(bound, border - worst)
         for k in range(0, n_intervals + 1, 4):
-            solid_at(nodes[k], corners, solid)
             for j in range(n_obstacles):
+                _solid_seen_from(paths, k, j, nodes[k], corners, solid)
                 distance = solid_distance(obstacles, j, solid, met, normal)[1]
                 if distance < met:
                     met, knot, nearest = distance, k, j
         for j in range(n_obstacles):
-            solid_at(nodes[0], corners, end)
+            _solid_seen_from(paths, 0, j, nodes[0], corners, end)
             solid_distance(obstacles, j, end, np.inf, normal)
             for k in range(n_intervals):
                 begin, end = end, begin
-                solid_at(nodes[k + 1], corners, end)
+                _solid_seen_from(paths, k + 1, j, nodes[k + 1], corners, end)
                 swell = ROUNDING
                 for n in corners:
                     swell = max(swell, bulge[k, n] + ROUNDING)
+                if paths.offset.shape[0] > 0:
+                    swell += paths.sag[k, j]
                 stack[0, 0], stack[0, 1] = 0.0, 1.0
                 top = 1
                 while top > 0:
@@ -259,6 +297,29 @@ def certified_solids(nodes, bulge, solids, obstacles, lower, upper, required, bo
                             continue
                     bound = min(bound, clear - swell)
     return bound, met, knot, nearest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _offset(paths, k, j):
+    """Of the centre of obstacle j at knot k [m]."""
+    if paths.offset.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    return paths.offset[k, j, 0], paths.offset[k, j, 1], paths.offset[k, j, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _seen_from(paths, k, j, point, out):
+    """A point at knot k as seen from obstacle j, which has moved."""
+    for axis in range(3):
+        out[axis] = point[axis] - paths.offset[k, j, axis]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solid_seen_from(paths, k, j, nodes, corners, solid):
+    """The solid at knot k as seen from obstacle j."""
+    solid_at(nodes, corners, solid)
+    x, y, z = _offset(paths, k, j)
+    solid[0, 0], solid[0, 1], solid[0, 2] = solid[0, 0] - x, solid[0, 1] - y, solid[0, 2] - z
 
 
 @numba.njit(cache=True, error_model="numpy")

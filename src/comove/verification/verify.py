@@ -192,10 +192,7 @@ def _worst(findings: list[Finding], kind: type, worst: Callable[..., float]) -> 
 
 def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:
     scene = motion.scene
-    if clearance.nearest < 0:
-        what = "the border of the workspace"
-    else:
-        what = f"obstacles[{clearance.nearest}] ({scene.file.obstacles[clearance.nearest].shape})"
+    what = scene.name_of(clearance.nearest)
     when = f"at {clearance.time * scene.duration:.2f} s"
     if clearance.upper < 0:
         return f"the load or a hand reaches {-clearance.upper:.3g} m or more into {what} {when}"

@@ -20,6 +20,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
+N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
 N_STATES = 26  # drawn along a motion
 VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
 
@@ -154,16 +155,22 @@ def _frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Obstacles as filled outlines: in the plane themselves, in space their shadow along the view."""
-    for row in scene.obstacles:
-        outline = _outline(row, view)
-        axes.fill(
-            *outline.T,
-            facecolor="0.62",
-            edgecolor="0.25",
-            linewidth=0.6,
-            alpha=1.0 if scene.n_dims == 2 else 0.35,
-        )
+    """Obstacles as filled outlines: in the plane themselves, in space their shadow along the view.
+
+    What moves is drawn darker the later it is, with the path of its centre.
+    """
+    solid = 1.0 if scene.n_dims == 2 else 0.35
+    for row in scene.obstacles[~scene.moving]:
+        axes.fill(*_outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
+    if not scene.moving.any():
+        return
+    for share in np.linspace(0.0, 1.0, N_GHOSTS):
+        for row in scene.obstacles_at(share * scene.duration)[scene.moving]:
+            look = {"facecolor": MOVING, "edgecolor": MOVING, "linewidth": 0.6}
+            axes.fill(*_outline(row, view).T, alpha=solid * (0.08 + 0.3 * share), **look)
+    paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
+    for start, path in zip(scene.obstacles[scene.moving], paths.swapaxes(0, 1), strict=True):
+        axes.plot(*(start[sd.CENTER : sd.CENTER + 3] + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
 
 
 def _outline(row: Array, view: tuple[int, int]) -> Array:

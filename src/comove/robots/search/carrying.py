@@ -59,6 +59,9 @@ class Carrying:
             raise _unfit(
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
+        if scene.moving.any():
+            way_out = "leave out motion, and stop the robot where something comes near"
+            raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
         if scene.grasp is None:

@@ -1,0 +1,140 @@
+"""How obstacles move: `motion` of a scene file, and where that puts them.
+
+Obstacles keep their orientation. What moves is seen by kernels as an *offset* of its centre from where the file puts
+it: a body beside a moving obstacle is as far from it as a body moved back by the offset is from one that stands.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator, model_validator
+
+from comove.scenes.keys import NotNegative, Part, Positive, Vector, Wrong, as_tuple
+from comove.scenes.messages import counted, show
+
+Array = NDArray[np.float64]
+
+HOW = ("velocity", "waypoints", "circle")
+
+
+class Circle(Part):
+    """A circle of `radius` [m] in the xy plane, counter-clockwise, once in `period_s` [s]."""
+
+    radius: Positive
+    period_s: Positive
+
+
+class Motion(Part):
+    """One of three: a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; a
+    `circle`, whose own centre lies at the obstacle's in the direction of -x.
+
+    Before its first and after its last waypoint an obstacle stands.
+    """
+
+    velocity: Vector | None = None
+    waypoints: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple)] | None = None
+    times: Annotated[tuple[NotNegative, ...], BeforeValidator(as_tuple)] | None = None
+    circle: Circle | None = None
+
+    @model_validator(mode="after")
+    def _one_of_three(self) -> Motion:
+        given = [key for key in HOW if getattr(self, key) is not None]
+        if len(given) != 1:
+            said = f"{' and '.join(given)} are given" if given else "it does not say how"
+            raise Wrong(said, f"give one of {', '.join(HOW)}")
+        if (self.waypoints is None) != (self.times is None):
+            lone, other = ("waypoints", "times") if self.times is None else ("times", "waypoints")
+            raise Wrong(f"{lone} are given without {other}", "give both, or neither")
+        if self.times is not None:
+            self._require_order()
+        return self
+
+    def _require_order(self) -> None:
+        if len(self.times) != len(self.waypoints):
+            raise Wrong(
+                f"there are {counted(self.waypoints, 'waypoint')} and {counted(self.times, 'time')}",
+                "give one time to each waypoint",
+            )
+        if not self.times:
+            raise Wrong("there are no waypoints", "give the first at the obstacle's center")
+        for i, (before, after) in enumerate(zip(self.times[:-1], self.times[1:], strict=True)):
+            if not after > before:
+                raise Wrong(
+                    f"times[{i + 1}] = {show(after)} does not come after times[{i}] = {show(before)}",
+                    "sort the waypoints by time",
+                )
+
+    @property
+    def vectors(self) -> tuple[tuple[tuple[str | int, ...], tuple[float, ...]], ...]:
+        """What must have the scene's dimension, with the keys below `motion`."""
+        if self.velocity is not None:
+            return ((("velocity",), self.velocity),)
+        return tuple((("waypoints", i), point) for i, point in enumerate(self.waypoints or ()))
+
+    def offsets(self, time: ArrayLike) -> Array:
+        """Of the centre from where it began; array, shape (n_times, 3) [m]."""
+        time = np.maximum(np.asarray(time, dtype=float), 0.0)
+        result = np.zeros((len(time), 3))
+        if self.velocity is not None:
+            result[:, : len(self.velocity)] = time[:, None] * np.array(self.velocity)
+        elif self.circle is not None:
+            angle = 2 * np.pi / self.circle.period_s * time
+            result[:, 0] = self.circle.radius * (np.cos(angle) - 1.0)
+            result[:, 1] = self.circle.radius * np.sin(angle)
+        else:
+            points = np.array(self.waypoints)
+            for axis, column in enumerate(points.T):
+                result[:, axis] = np.interp(time, self.times, column) - column[0]
+        return result
+
+    def velocities(self, time: ArrayLike) -> Array:
+        """Of the centre, from that instant on; array, shape (n_times, 3) [m/s]."""
+        time = np.asarray(time, dtype=float)
+        result = np.zeros((len(time), 3))
+        if self.velocity is not None:
+            result[:, : len(self.velocity)] = self.velocity
+        elif self.circle is not None:
+            rate = 2 * np.pi / self.circle.period_s
+            result[:, 0] = -self.circle.radius * rate * np.sin(rate * time)
+            result[:, 1] = self.circle.radius * rate * np.cos(rate * time)
+        elif len(self.times) > 1:
+            points, times = np.array(self.waypoints), np.array(self.times)
+            piece = np.searchsorted(times, time, side="right") - 1
+            goes = (piece >= 0) & (piece < len(times) - 1)
+            slopes = np.diff(points, axis=0) / np.diff(times)[:, None]
+            result[goes, : points.shape[1]] = slopes[piece[goes]]
+        return result
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """When the velocity may jump [s]."""
+        return self.times or ()
+
+    @property
+    def speed(self) -> float:
+        """Largest [m/s]."""
+        if self.velocity is not None:
+            return float(np.linalg.norm(self.velocity))
+        if self.circle is not None:
+            return 2 * np.pi / self.circle.period_s * self.circle.radius
+        return float(np.linalg.norm(self.velocities(self.times), axis=1).max(initial=0.0))
+
+    def sags(self, time: ArrayLike) -> Array:
+        """How far the centre strays at most from its chords between the times; array, shape (n_times - 1,) [m]."""
+        time = np.asarray(time, dtype=float)
+        steps = np.diff(time)
+        if self.circle is not None:  # chord of a curve with a bound second derivative
+            rate = 2 * np.pi / self.circle.period_s
+            return self.circle.radius * (rate * steps) ** 2 / 8
+        sags = np.zeros(len(steps))
+        if self.times is not None:  # the distance to a chord is convex between kinks: it is largest at one
+            kinks = np.array([t for t in self.times if time[0] < t < time[-1]])
+            if len(kinks):
+                piece = np.clip(np.searchsorted(time, kinks, side="right") - 1, 0, len(steps) - 1)
+                ends, share = self.offsets(time), (kinks - time[piece]) / steps[piece]
+                chord = ends[piece] + share[:, None] * (ends[piece + 1] - ends[piece])
+                np.maximum.at(sags, piece, np.linalg.norm(self.offsets(kinks) - chord, axis=1))
+        return sags
