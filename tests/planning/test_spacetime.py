@@ -22,7 +22,7 @@ def corridor(**disc):
             "name": "corridor",
             "duration": 6.0,
             "workspace": {"lower": [0, 0], "upper": [1, 1]},
-            "obstacles": [*walls, {"shape": "circle", "radius": 0.08, **disc}],
+            "obstacles": [*walls, {"shape": "circle", "radius": 0.195, **disc}],
             "load": {"shape": "bar", "length": 0.2},
             "manipulators": hands,
             "limits": {"speed": 0.6, "acceleration": 2.0},
@@ -73,7 +73,7 @@ def test_the_load_waits_until_the_way_is_free():
 
 
 def test_a_goal_that_is_taken_when_the_load_comes_is_told_at_once():
-    visitor = {"center": [0.9, 0.1], "motion": {"waypoints": [[0.9, 0.1], [0.9, 0.5]], "times": [0, 5]}}
+    visitor = {"center": [0.9, 0.0], "motion": {"waypoints": [[0.9, 0.0], [0.9, 0.5]], "times": [0, 5]}}
     found = solve(corridor(**visitor), seed=0, budget=30.0)
     assert not found.verified
     assert found.solve_time_s < 3.0
