@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,9 @@ from typer.testing import CliRunner
 from comove.cli import app as _  # noqa: F401
 from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
-from comove.robots import Robot
+from comove.cli.robot import export, report
+from comove.export import FORMATS
+from comove.robots import Robot, read_joints
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
@@ -107,6 +110,32 @@ def test_export_writes_what_it_says_and_nothing_twice(copy):
     assert (copy / "baxter.csv").is_file()
 
 
+def test_the_formats_that_the_help_names_are_those_there_are():
+    assert tuple(FORMATS) == export.FORMATS
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [(["--rate", "5"], "20 Hz or more"), (["--format", "npz"], "motion_release.npz: it is there already")],
+)
+def test_what_cannot_be_exported_is_told_before_ways_are_planned(copy, monkeypatch, arguments, word):
+    monkeypatch.setattr("comove.robots.plan_transfers", lambda *args: pytest.fail("it was planned"))
+    (copy / "motion_release.npz").write_text("of somebody else")
+    result = run("robot", "export", copy, *arguments)
+    assert result.exit_code == 2 and word in text_of(result)
+
+
+def test_a_duration_is_offered_that_the_hands_can_keep_as_well(solved):
+    """Limits of hands bind as those of joints do; the motion itself keeps both, and is offered nothing."""
+    stored = read_joints(solved)
+    baxter, scene = Robot.load("baxter"), stored.scene
+    fast = SimpleNamespace(speed_max=0.1, acceleration_max=4 * scene.file.limits.acceleration)
+    offer = report.duration_offer(baxter, scene, stored.joints, fast)
+    assert "the hands 20.00 s" in offer and "set duration: 26 " in offer
+    slow = SimpleNamespace(speed_max=0.1, acceleration_max=0.1)
+    assert report.duration_offer(baxter, scene, stored.joints, slow) is None
+
+
 def test_simulate_delivers(copy):
     result = run("robot", "simulate", copy, "--no-pictures")
     assert result.exit_code == 0, text_of(result)
@@ -131,6 +160,13 @@ def test_an_edited_folder_is_refused_everywhere(copy, name):
     assert run("verify", SCENE, copy).exit_code == 1
 
 
+def test_what_to_do_is_told_once(copy):
+    with np.load(copy / "joints.npz") as arrays:
+        data = dict(arrays)
+    np.savez(copy / "joints.npz", **data | {"position": data["position"][:, :13]})
+    assert run("robot", "export", copy).stderr.count("solve the scene again") == 1
+
+
 def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
     result = run("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
@@ -143,6 +179,8 @@ def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
 
 FAR = [{"name": "left", "start": [1.6, 0.5, 0.05], "goal": [0.772, -0.108, 0.05]},
        {"name": "right", "start": [1.6, -0.1, 0.05], "goal": [0.348, -0.532, 0.05]}]  # fmt: skip
+THIRD = [{"name": "left", "start": [0.772, 0.552, 0.05], "goal": [0.772, -0.108, 0.05]},
+         {"name": "third", "start": [0.348, 0.128, 0.05], "goal": [0.348, -0.532, 0.05]}]  # fmt: skip
 WIDE = {"lower": [0.0, -1.5, -0.1], "upper": [2.0, 1.5, 0.12]}
 LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
         {"name": "right", "start": [0.6, -0.9, 0.05], "goal": [0.6, -1.0, 0.05]}]  # fmt: skip
@@ -151,7 +189,8 @@ LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"robot": "baxxter"}, ["robot", "baxxter", "baxter"]),
+        ({"robot": "baxxter"}, ["scene.yaml: robot:", "baxxter", "baxter"]),
+        ({"manipulators": THIRD}, ["scene.yaml: manipulators:", "no arm 'third'", "known: left, right"]),
         ({"robot": None}, ["robot", "baxter", "two_pandas"]),
         ({"grasp": None}, ["grasp", "orientation: down"]),
         ({"manipulators": FAR, "workspace": WIDE, "obstacles": []}, ["left", "start", "missing"]),
@@ -177,6 +216,10 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
         (["export", ".", "--format", "rosbag"], "rosbag1"),
         (["simulate", ".", "--grasp", "weldd"], "weld"),
         (["send", ".", "--part", "cary"], "carry"),
+        (["send", ".", "--timeout", "0"], "--timeout: 0.0 is not possible"),
+        (["send", ".", "--start-tolerance", "-1"], "--start-tolerance: -1.0 is not possible"),
+        (["send", ".", "--path-tolerance", "nan"], "--path-tolerance: nan is not possible"),
+        (["solve", SCENE, "--out", "never", "--robot", "baxxter"], "--robot: there is no robot 'baxxter'"),
     ],
 )
 def test_wrong_words_on_the_command_line(arguments, word):

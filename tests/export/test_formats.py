@@ -1,5 +1,7 @@
 """What all formats have in common: whole or not at all, nothing unverified, nothing overwritten, not too coarse."""
 
+import os
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveError
-from comove.export import FORMATS, ExportError, export, parts_of
+from comove.export import FORMATS, ExportError, check_export, export, parts_of
 from comove.export.parts import sampling_errors
 from comove.robots import verify_joints, write_joints
 
@@ -31,6 +33,71 @@ def test_nothing_is_left_half_written(verified, tmp_path, name):
     with pytest.raises(ComoveError, match="cannot be written: No space left on device"):
         export(verified, tmp_path, replace(FORMATS[name], write=full))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_when_the_last_file_fails_none_stays(verified, transfers, tmp_path, monkeypatch, name):
+    """Files get their names one by one when the disk holds them; one of them it does not hold."""
+    folder, held, (sync, rename) = tmp_path / "new" / "files", [], (os.fsync, os.replace)
+
+    def hold(what):
+        held.append(what)
+        if len(held) > 2:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", lambda number: (hold(number), sync(number)))
+
+    def named(draft, path):
+        if Path(path).parent == folder:
+            hold(path)
+        rename(draft, path)
+
+    if name == "rosbag2":  # folders get their names without that
+        monkeypatch.setattr(os, "replace", named)
+    with pytest.raises(ComoveError, match="No space left on device"):
+        export(verified, folder, FORMATS[name], transfers=transfers)
+    assert len(held) > 2
+    assert not folder.exists()
+
+
+def test_a_file_that_somebody_else_made_meanwhile_stays(verified, tmp_path):
+    theirs = tmp_path / "motion.npz"
+
+    def late(path: Path, part, rate):
+        FORMATS["npz"].write(path, part, rate)
+        theirs.write_text("theirs")
+
+    with pytest.raises(ExportError, match="there already"):
+        export(verified, tmp_path, replace(FORMATS["npz"], write=late))
+    assert theirs.read_text() == "theirs"
+
+
+def test_a_full_disk_is_told_whatever_tells_of_it(verified, tmp_path, monkeypatch):
+    """SQLite has errors of its own."""
+    from comove.export import bags
+
+    def full(*_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(bags, "_write", full)
+    with pytest.raises(ComoveError, match="cannot be written: database or disk is full"):
+        export(verified, tmp_path, FORMATS["rosbag2"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_would_be_refused_is_told_before_transfers_are_planned(verified, tmp_path):
+    check_export(verified, tmp_path / "new", rate=20, transfers=True)
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(ExportError, match="20 Hz or more"):
+        check_export(verified, tmp_path, rate=5)
+    (tmp_path / "release.csv").write_text("theirs")
+    check_export(verified, tmp_path)
+    with pytest.raises(ExportError, match=r"release.csv: it is there already"):
+        check_export(verified, tmp_path, transfers=True)
+
+
+def test_numbers_of_numpy_are_rates(verified, tmp_path):
+    export(verified, tmp_path, FORMATS["npz"], rate=np.int64(50))
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -1,101 +1,37 @@
 """Sending over the real ROS 1, on loopback: a master, an action server each arm, and faults of all kinds."""
 
-import json
 import os
-import queue
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from comove.export import SendError, Tolerances, send
 from comove.export.ros1 import BRIDGE, Ros1Client
+from tests.export.ros1_robot import INSTALL, PYTHON, Process, arm_server, has_ros, ros_master
 
-PYTHON = "/usr/bin/python3"
-SERVER = Path(__file__).with_name("ros1_server.py")
 BRIEF = Tolerances(connect=3.0, late=1.0, silence=2.0)  # other work on this machine is no fault of the arms
 SOON = 0.1  # s, until all arms must have stopped
 TRIES = 3  # of a measurement of time, of which the best counts
 
 
-def has_ros():
-    modules = "import rospy, actionlib, trajectory_msgs.msg, sensor_msgs.msg, rosmaster"
-    return (
-        Path(PYTHON).exists() and not subprocess.run([PYTHON, "-c", modules], capture_output=True).returncode
-    )
-
-
 pytestmark = pytest.mark.skipif(
     not has_ros(),
-    reason="ROS 1 is not installed: apt-get install python3-rospy python3-actionlib python3-roslaunch",
+    reason=f"ROS 1 is not installed: {INSTALL}",
 )
-
-
-class Process:
-    """A process whose lines are events."""
-
-    def __init__(self, arguments, environment):
-        self.process = subprocess.Popen(
-            arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
-        self.events = queue.Queue()
-        threading.Thread(target=self.listen, daemon=True).start()
-
-    def listen(self):
-        for line in self.process.stdout:
-            if line.startswith("{"):
-                self.events.put(json.loads(line))
-
-    def wait_for(self, name, timeout=10.0):
-        until = time.monotonic() + timeout
-        while True:
-            event = self.events.get(timeout=max(0.01, until - time.monotonic()))
-            if event["event"] == name:
-                return event
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.send_signal(signal.SIGCONT)
-        self.process.kill()
-        self.process.wait()
 
 
 @pytest.fixture(scope="module")
 def master():
-    """A ROS master on a free port of loopback; the environment that leads there."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    environment = {
-        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
-        "ROS_IP": "127.0.0.1",
-        "ROS_LOG_DIR": "/tmp/roslog",
-    }
-    process = subprocess.Popen(
-        ["roscore", "-p", str(port)],
-        env={**os.environ, **environment},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    until = time.monotonic() + 15.0
-    while time.monotonic() < until:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.05)
-    yield environment
-    process.send_signal(signal.SIGINT)  # as Ctrl-C: it ends what it has started
-    process.wait(10.0)
+    """A ROS master; the environment that leads there."""
+    with ros_master() as environment:
+        yield environment
 
 
 @pytest.fixture
@@ -109,15 +45,13 @@ def robot(master, brief, monkeypatch):
             at = at or dict(zip(brief.robot.joint_names, brief.joints.position[0], strict=True))
             servers = {}
             for arm in arms:
-                names = [name for name in brief.robot.joint_names if name.startswith(arm)]
-                settings = {
-                    "arm": arm,
-                    "position": {name: at[name] + (off or {}).get(name, 0.0) for name in names},
-                    "fault": faults.get(arm),
-                    "states": states,
+                position = {
+                    name: value + (off or {}).get(name, 0.0)
+                    for name, value in at.items()
+                    if name.startswith(arm)
                 }
-                arguments = [PYTHON, str(SERVER), json.dumps(settings)]
-                servers[arm] = running.enter_context(Process(arguments, {**os.environ, **master}))
+                server = arm_server(arm, position, master, fault=faults.get(arm), states=states)
+                servers[arm] = running.enter_context(server)
             for server in servers.values():
                 server.wait_for("ready")
             return servers, running.enter_context(Ros1Client())
@@ -278,6 +212,46 @@ def test_when_the_bridge_ends_another_one_stops_all_arms(robot, brief):
     thread.join()
     for server in servers.values():
         server.wait_for("stopped")
+
+
+@pytest.mark.slow
+def test_when_the_bridge_hangs_another_one_stops_all_arms(robot, brief):
+    servers, client = robot(left="endless", right="endless")
+
+    def hang():
+        for server in servers.values():
+            server.wait_for("goal")
+        client._process.send_signal(signal.SIGSTOP)
+
+    thread = threading.Thread(target=hang)
+    thread.start()
+    error = fails(client, brief, "joints have said nothing for", silence=0.5)
+    thread.join()
+    for server in servers.values():
+        server.wait_for("stopped", 5.0)
+    assert "did not answer" in error.outcome.arms["left"].text
+
+
+def test_what_breaks_the_bridge_is_told():
+    done = subprocess.run([PYTHON, str(BRIDGE)], input="rubbish\n", capture_output=True, text=True)
+    assert "Error" in done.stderr.splitlines()[-1]
+
+
+def test_no_file_stays_open(brief, monkeypatch):
+    monkeypatch.setenv("COMOVE_ROS_PYTHON", "/no/such/python")
+    with Ros1Client() as client:
+        fails(client, brief, "no Python here has ROS 1")
+        client.close()
+        assert client._errors is None
+
+
+def test_no_room_for_temporary_files_is_told(brief, monkeypatch):
+    def none(*_, **__):
+        raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr("comove.export.ros1.tempfile.TemporaryFile", none)
+    with Ros1Client() as client:
+        fails(client, brief, "No usable temporary directory")
 
 
 @pytest.mark.slow

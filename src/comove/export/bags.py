@@ -13,10 +13,13 @@ a robot listens to: what is played back moves nothing. Stamps begin at `START`, 
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
+import sqlite3
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +84,7 @@ def _write_ros2(path: Path, part: Part, rate: float, storage: str) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(path, version=8, storage_plugin=StoragePlugin[storage]) as writer:
+    with _telling(), Writer(path, version=8, storage_plugin=StoragePlugin[storage]) as writer:
         for key, value in part.provenance.asdict().items():
             writer.set_custom_data(f"comove.{key}", value)
 
@@ -90,6 +93,15 @@ def _write_ros2(path: Path, part: Part, rate: float, storage: str) -> None:
             return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
 
         _write(writer, connect, store.serialize_cdr, _messages(store, part, part.samples(rate)))
+
+
+@contextlib.contextmanager
+def _telling() -> Iterator[None]:
+    """Tell what the database cannot write as the system tells it: a full disk, for example."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(errno.EIO, str(error)) from error
 
 
 def _quality(latched: bool) -> Any:

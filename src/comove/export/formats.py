@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write
 from comove.export.baxter import require_baxter, write_baxter
 from comove.export.parts import (
     CARRY,
+    PARTS,
     SAMPLE_RATE,
     ExportError,
     Part,
@@ -105,31 +108,89 @@ def export(
         already. Nothing is written then.
     """
     parts = parts_of(motion, transfers)
-    require_rate(motion, rate)
+    check_export(motion, folder, format, rate=rate, transfers=transfers is not None)
     for part in parts.values():
         format.require(part)
-    folder = _ready(Path(folder))
-    targets = {name: format.path(folder, name) for name in parts}
-    sidecars = {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
-    _require_new([*targets.values(), *sidecars.values()])
-    with contextlib.ExitStack() as drafts:
+    folder = Path(folder)
+    targets, sidecars = _paths(folder, format, parts)
+    with _ready(folder), _all_or_none() as (drafts, made):
         for name, part in parts.items():
             draft = drafts.enter_context(_draft(targets[name], format))
             format.write(draft, part, rate)
+            made[targets[name]] = draft.stat().st_ino
             if name in sidecars:
                 file = drafts.enter_context(whole_file(sidecars[name], ExportError, replace=False))
                 file.write((json.dumps(_told(part, rate), indent=2) + "\n").encode())
+                made[sidecars[name]] = os.fstat(file.fileno()).st_ino
     return [*targets.values(), *sidecars.values()]
 
 
-def _ready(folder: Path) -> Path:
+def check_export(
+    motion: VerifiedJointMotion,
+    folder: str | Path,
+    format: Format = BAXTER_CSV,
+    *,
+    rate: float = SAMPLE_RATE,
+    transfers: bool = False,
+) -> None:
+    """Refuse what `export` would refuse, before approach and release are planned.
+
+    Parameters
+    ----------
+    motion, folder, format, rate : as for `export`
+    transfers : whether there will be approach and release
+
+    Raises
+    ------
+    ExportError
+        As `export`.
+    """
+    (carry,) = parts_of(motion).values()
+    require_rate(motion, rate)
+    format.require(carry)
+    targets, sidecars = _paths(Path(folder), format, PARTS if transfers else (CARRY,))
+    _require_new([*targets.values(), *sidecars.values()])
+
+
+def _paths(folder: Path, format: Format, parts: Iterable[str]) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Where parts are written, and their provenance where it stands beside them; by the parts' names."""
+    targets = {name: format.path(folder, name) for name in parts}
+    return targets, {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
+
+
+@contextlib.contextmanager
+def _ready(folder: Path) -> Iterator[None]:
+    """Make the folder where it is missing, and take it away again where nothing comes into it."""
+    missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ExportError(
             f"it cannot be made: {error.strerror}", file=folder, way_out="name a folder that you may write"
         ) from error
-    return folder
+    try:
+        yield
+    except BaseException:
+        if missing:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+@contextlib.contextmanager
+def _all_or_none() -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
+    """Lend a stack of drafts, and a table of their inodes by what they become; what has got its name when another
+    one fails is taken away. By its inode, since somebody else may have made a file of that name meanwhile."""
+    made: dict[Path, int] = {}
+    try:
+        with contextlib.ExitStack() as drafts:
+            yield drafts, made
+    except BaseException:
+        for path, inode in made.items():
+            with contextlib.suppress(OSError):
+                if path.lstat().st_ino == inode:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+        raise
 
 
 def _require_new(paths: list[Path]) -> None:

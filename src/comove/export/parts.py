@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9
 OPEN, CLOSED = 100.0, 0.0  # per cent
-CARRY, APPROACH, RELEASE = "carry", "approach", "release"
+PARTS = CARRY, APPROACH, RELEASE = "carry", "approach", "release"
 
 
 class ExportError(RobotError):
@@ -162,7 +163,7 @@ def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
     ExportError
         If `rate` [Hz] is too low or no rate; says what a low one would do.
     """
-    if not isinstance(rate, (int, float)) or not 0.0 < rate <= LARGEST_RATE:
+    if not isinstance(rate, Real) or not 0.0 < rate <= LARGEST_RATE:
         raise ExportError(
             f"the rate is {rate!r} Hz",
             key="rate",

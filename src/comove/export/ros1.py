@@ -24,6 +24,7 @@ from comove.export.send import ArmState, Goal, RobotState, SendError, Status
 
 BRIDGE = Path(__file__).with_name("ros1_bridge.py")
 PYTHON = "COMOVE_ROS_PYTHON"
+ANSWER = 0.5  # s, in which a bridge says that it has cancelled
 STARTING = 15.0  # s, for a Python to load ROS beyond what the robot is given
 
 
@@ -105,11 +106,27 @@ class Ros1Client:
         """Stop all arms."""
         if self._process is not None and self._process.poll() is None:
             self._tell({"do": "cancel"})
-        elif self._again is not None:  # the bridge is gone, and the arms may move: another one stops them
+            if self._has_cancelled():
+                return
+            self._process.kill()
+        if self._again is not None:  # the bridge is gone, and the arms may move: another one stops them
             (python, command), self._again = self._again, None
             self.close()
             if self._begin(python, command)["event"] == "connected":
                 self._tell({"do": "cancel_all"})
+
+    def _has_cancelled(self) -> bool:
+        """Whether the bridge says so; it may hang, or end meanwhile."""
+        until = time.monotonic() + ANSWER
+        while (left := until - time.monotonic()) > 0:
+            for event in self._news(left):
+                if event["event"] == "cancelled":
+                    return True
+                self._take(event)
+                if event["event"] == "ended":
+                    return False
+        self._lose("did not answer")
+        return False
 
     def state(self, wait: float) -> RobotState:
         """What is known; waits for news for at most `wait` [s]."""
@@ -123,6 +140,7 @@ class Ros1Client:
         """End the bridge, which stops what still moves."""
         process, self._process = self._process, None
         if process is None:
+            self._forget_errors()
             return
         try:
             process.stdin.close()
@@ -131,12 +149,18 @@ class Ros1Client:
             process.kill()
             process.wait()
         process.stdout.close()
-        self._errors.close()
+        self._forget_errors()
+
+    def _forget_errors(self) -> None:
+        if self._errors is not None:
+            self._errors.close()
+            self._errors = None
 
     def _begin(self, python: str, command: dict[str, Any]) -> dict[str, Any]:
         """Start a bridge and connect it; its answer."""
-        self._events, self._errors = queue.Queue(), tempfile.TemporaryFile()  # noqa: SIM115
+        self._events = queue.Queue()
         try:
+            self._errors = tempfile.TemporaryFile()  # noqa: SIM115
             self._process = subprocess.Popen(
                 [python, str(BRIDGE)],
                 stdin=subprocess.PIPE,
@@ -191,8 +215,12 @@ class Ros1Client:
             arm = ArmState(Status[event["status"]], event["text"], event["time"])
             self._state = replace(state, arms={**state.arms, event["arm"]: arm})
         elif event["event"] in ("ended", "refused"):
-            lost = ArmState(Status.LOST, f"the bridge to ROS ended: {self._last_words()}")
-            self._state = replace(state, arms=dict.fromkeys(state.arms, lost))
+            self._lose(f"ended: {self._last_words()}")
+
+    def _lose(self, why: str) -> None:
+        """Note that nothing is known of the arms any more."""
+        lost = ArmState(Status.LOST, f"the bridge to ROS {why}")
+        self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
 
     def _last_words(self) -> str:
         self._errors.seek(0)

@@ -11,7 +11,7 @@ It reads commands and tells events, one JSON object a line. Commands:
 Events:
 
     {"event": "refused", "reason": "ros" | "master" | "clock" | "server", "what": TEXT}
-    {"event": "connected"}, {"event": "sent"}
+    {"event": "connected"}, {"event": "sent"}, {"event": "cancelled"}
     {"event": "joints", "time": s since the common start, "age": s, "position": {NAME: rad}}
     {"event": "arm", "arm": ARM, "status": STATUS, "text": TEXT, "time": s since the common start}
 
@@ -26,6 +26,7 @@ import socket
 import sys
 import threading
 import time
+import traceback
 
 HEARTBEAT = 1.0  # s; action servers tell their status five times a second
 FLUSH = 0.3  # s, that a last cancel has to reach the servers
@@ -185,6 +186,7 @@ class Bridge(object):
         for arm, goal in self.goals.items():
             number = goal.comm_state_machine.action_goal.goal_id.id
             self.clients[arm].pub_cancel.publish(GoalID(id=number))
+        self.tell("cancelled")
 
     def cancel_all(self):
         for client in self.clients.values():
@@ -312,6 +314,8 @@ def main():
     except Refused as refusal:
         reason, what = refusal.args
         tell("refused", reason=reason, what=what)
+    except Exception:  # its last line is told
+        traceback.print_exc()
     finally:
         bridge.cancel()
         if set(bridge.goals) - bridge.closed:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError, near_name
-from comove.export.parts import CARRY, SAMPLE_RATE, Part, Samples, parts_of, require_rate
+from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, Part, Samples, parts_of, require_rate
 from comove.robots.approach import Transfers
 from comove.robots.judge.verify import VerifiedJointMotion
 
@@ -143,7 +143,9 @@ class Tolerances:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, bool) or not 0 < value < float("inf"):  # NaN would never stop an arm
-                raise OptionError(f"{name} = {value}", key="tolerances", way_out="give a positive number")
+                raise OptionError(
+                    f"{value} is not possible", key=f"tolerances.{name}", way_out="give a positive number"
+                )
 
 
 @dataclass(frozen=True)
@@ -204,7 +206,8 @@ def send(
     """
     parts = parts_of(motion, transfers)
     if part not in parts:
-        raise OptionError(f"there is no part '{part}'", key="part", way_out=near_name(part, parts))
+        way_out = "give transfers, which have it" if part in PARTS else near_name(part, PARTS)
+        raise OptionError(f"there is no part '{part}'", key="part", way_out=way_out)
     chosen = parts[part]
     require_rate(motion, rate)
     client.connect(chosen.arms, tolerances.connect)

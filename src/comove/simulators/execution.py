@@ -104,6 +104,8 @@ class Execution:
     @cached_property
     def load_planned(self) -> Array:
         """Where the load should be; array, shape (n_steps, 4, 4)."""
+        if not np.isfinite(self.held[0]).all():  # it broke down before the motion began
+            return np.full_like(self.load_pose, np.nan)
         return carried(self.hands_planned[:, self.holders], self.held[0])
 
     @cached_property

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
-from comove.demonstrations.files import whole_file
+from comove.demonstrations.files import telling, whole_file
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, ResultError
 from comove.results.folder import checksum
 from comove.simulators.execution import Execution
 
 SUMMARY, SERIES = "simulation.json", "simulation.npz"
-SHEET, FILM = "simulation.png", "simulation.mp4"  # .gif where nothing encodes films
-FILES = {SUMMARY, SERIES, SHEET, FILM, "simulation.gif"}
+SHEET, FILM = "simulation.png", "simulation.mp4"
+PICTURES = (SHEET, FILM, "simulation.gif")  # the latter where nothing encodes films
 REQUIRED = ("time", "commanded", "joints", "torque", "hands", "hands_planned", "load_pose", "wrench", "lag")
 TOOLS = ("mujoco", "pin", "numpy")
 MAX_BYTES = 2**20
@@ -33,6 +33,8 @@ MAX_BYTES = 2**20
 
 def write_simulation(execution: Execution, folder: str | Path, *, seed: int | None = None) -> dict[str, Any]:
     """Write an execution into an existing folder; returns the summary.
+
+    Pictures of an earlier simulation are taken away, since they show another one.
 
     Parameters
     ----------
@@ -48,6 +50,9 @@ def write_simulation(execution: Execution, folder: str | Path, *, seed: int | No
     summary = summary_of(execution, series, seed)
     with whole_file(folder / SERIES, ResultError) as file:
         np.savez_compressed(file, **series)
+    for name in PICTURES:
+        with telling(folder / name, "replaced", ResultError):
+            (folder / name).unlink(missing_ok=True)
     with whole_file(folder / SUMMARY, ResultError) as file:
         file.write((json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
     return summary

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from comove.errors import RobotError
+from comove.errors import OptionError, RobotError
 from comove.robots.model import Arm
 from comove.simulators.engine import engine, hangs_on
 from comove.simulators.grasps import HARD
 from comove.simulators.loads import THINNEST
 from comove.simulators.servos import add_servo
-from comove.simulators.things import STIFF
+from comove.simulators.things import STIFF, THE_LOAD
 
 if TYPE_CHECKING:
     from comove.simulators.world import World
@@ -44,6 +44,14 @@ class Friction:
     size: tuple[float, float] | None = None
     touching: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        given = {"coefficient": [self.coefficient], "force": [self.force], "size": self.size or ()}
+        for name, values in given.items():
+            if any(value is not None and not 0 < value < np.inf for value in values):
+                raise OptionError(
+                    f"{getattr(self, name)} is not possible", key=name, way_out="give positive numbers"
+                )
+
     def section(self, radius: float) -> tuple[float, float] | None:
         """A box."""
         return self.size or (5 / 3 * max(radius, THINNEST), 2 * max(radius, THINNEST))
@@ -71,7 +79,7 @@ class Friction:
         still = spec.add_equality(
             type=mj.mjtEq.mjEQ_WELD, objtype=mj.mjtObj.mjOBJ_BODY, active=False, solref=STIFF, solimp=HARD
         )
-        still.name, still.name1, still.name2 = "still", "world", "load"
+        still.name, still.name1, still.name2 = "still", "world", THE_LOAD
         for finger in self.moving(arms):
             self._drive(spec, finger)
             for body in _below(spec.joint(finger).parent):

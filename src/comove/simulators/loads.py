@@ -23,10 +23,8 @@ Array = NDArray[np.float64]
 DEFAULT_MASS = 0.25  # kg, of a load that states none
 NEAR = 0.01  # m, that a motion may begin from the scene's start
 THINNEST = 0.004  # m, radius of rods that state none
-LUG, LUG_BEYOND = (
-    0.012,
-    0.015,
-)  # m, radius of a bar as thick as a box's lugs, and how far these reach past the hands
+LUG = 0.012  # m, radius of a bar as thick as a box's lugs
+LUG_BEYOND = 0.015  # m, by which these reach past the hands
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,6 +82,15 @@ class Log:
             hand[touching] = self.world.hand_of_geom[pairs].max(axis=1)[data.efc_id[touching]]
         return hand
 
+    def forget_broken(self) -> None:
+        """Keep the samples before the first in which something is not finite, but one at least."""
+        broken = ~np.isfinite(self.hands[: self.count]).all(axis=(1, 2, 3))
+        broken |= ~np.isfinite(self.joints[: self.count]).all(axis=1)
+        if self.world.load is not None:
+            broken |= ~np.isfinite(self.load_pose[: self.count]).all(axis=(1, 2))
+        if broken.any():
+            self.count = max(1, int(broken.argmax()))
+
     def series(self) -> dict[str, Array]:
         """What was written, by the names of `Execution`."""
         names = ("joints", "torque", "hands", "load_pose", "wrench", "fingers")

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from math import inf
+from numbers import Real
 from typing import Any
 
 import numpy as np
+
+from comove.errors import OptionError
 
 FRICTION, MASS, GAINS = 0.3, 0.3, 0.2  # by which share they differ at most
 START_ERROR = 0.005  # m
@@ -28,6 +32,11 @@ class Push:
     duration: float
     force: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        _require("push.at", self.at)
+        _require("push.duration", self.duration, positive=True)
+        _require("push.force", *self.force)
+
 
 @dataclass(frozen=True)
 class Perturbation:
@@ -47,6 +56,12 @@ class Perturbation:
     gains: tuple[float, ...] = (1.0,)
     start_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
     push: Push | None = None
+
+    def __post_init__(self) -> None:
+        _require("friction", self.friction, positive=True)
+        _require("mass", self.mass, positive=True)
+        _require("gains", *self.gains, positive=True)
+        _require("start_error", *self.start_error)
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, n_joints: int = 1) -> Perturbation:
@@ -71,6 +86,14 @@ class Perturbation:
     def asdict(self) -> dict[str, Any]:
         """As plain values."""
         return asdict(self)
+
+
+def _require(key: str, *values: float, positive: bool = False) -> None:
+    """Refuse what is no finite number, or not greater than 0 where it must be."""
+    for value in values:
+        if not (isinstance(value, Real) and -inf < value < inf) or (positive and value <= 0):
+            least = " greater than 0" if positive else ""
+            raise OptionError(f"{value!r} is not possible", key=key, way_out=f"give a finite number{least}")
 
 
 PLAN = Perturbation()

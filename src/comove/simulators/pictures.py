@@ -78,7 +78,7 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
     ffmpeg = encoder()
     path = Path(path).with_suffix(".gif" if ffmpeg is None else ".mp4")
     width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers
-    times = np.arange(0.0, execution.time[-1], 1 / rate)
+    times = np.arange(0.0, max(execution.time[-1], 1 / rate), 1 / rate)  # one at least
     steps = np.searchsorted(execution.time, times - 1e-9).clip(max=len(execution.time) - 1)
     with camera(execution, width, height, shadows=False) as shot:
         write_film((shot(step) for step in steps), path, rate, ffmpeg)
@@ -107,13 +107,19 @@ def camera(
     Raises
     ------
     OptionError
-        If pictures, or pictures of that size, cannot be drawn here.
+        If pictures, or pictures of that size, cannot be drawn here, or there is nothing to be seen.
     """
     if not (0 < height <= LARGEST[0] and 0 < width <= LARGEST[1]):
         raise OptionError(
             f"a picture of {width} x {height} pixels cannot be drawn",
             key="width",
             way_out=f"use at most {LARGEST[1]} x {LARGEST[0]}",
+        )
+    if not np.isfinite(execution.hands).all():
+        raise OptionError(
+            "pictures cannot be drawn: the simulation broke down before the motion began",
+            key="execution",
+            way_out="look at the robot's masses and at the stiffness of its servos",
         )
     require_pictures()
     mj, finish = engine(), partial(furnish, shadows=shadows)

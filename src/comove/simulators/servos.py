@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import OptionError, RobotError
 from comove.robots.model import Robot
 from comove.simulators.engine import engine
 
@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FULL_EFFORT = (
-    0.025,
-    0.001,
-)  # error at which a servo gives all it can where nothing is said [rad; m where it slides]
+FULL_EFFORT = (0.025, 0.001)  # error at which a servo gives all it can where nothing is said [rad; m]
 INERTIA = (0.3, 3.0)  # of what a servo is damped for [kg m^2; kg]
 
 
@@ -51,9 +48,8 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
 
 
 def _slides(robot: Robot, joint: int) -> bool:
-    return (
-        robot.model.joints[joint + 1].shortname().startswith("JointModelP")
-    )  # PX, PY, PZ, PrismaticUnaligned
+    """Whether a joint is one of Pinocchio's PX, PY, PZ, PrismaticUnaligned."""
+    return robot.model.joints[joint + 1].shortname().startswith("JointModelP")
 
 
 def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
@@ -62,8 +58,19 @@ def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
     Parameters
     ----------
     factors : on stiffness and damping, one for all joints or one each
+
+    Raises
+    ------
+    OptionError
+        If there are not as many.
     """
     stiffness, damping = servo_gains(robot)
+    if len(factors) not in (1, len(stiffness)):
+        raise OptionError(
+            f"there are {len(factors)}, and the robot '{robot.name}' has {len(stiffness)} joints",
+            key="gains",
+            way_out="give one for all joints or one each",
+        )
     for i, (name, factor) in enumerate(
         zip(robot.joint_names, np.broadcast_to(factors, stiffness.shape), strict=True)
     ):

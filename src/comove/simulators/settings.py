@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from comove.errors import OptionError
 
+LOG_RATES = (10.0, 500.0)  # Hz, the least and the largest
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -13,7 +15,7 @@ class Settings:
 
     Attributes
     ----------
-    log_rate : samples a second in an execution [Hz]
+    log_rate : samples a second in an execution [Hz], from 10 to 500; the nearest that whole steps of 2 ms allow
     settle, hold : how long the robot stands still before and after the motion [s]
     slip_limit : how far a hand may slide on the load [m]
     end_error_limit : how far from its goal the load may end [m]
@@ -32,3 +34,9 @@ class Settings:
             value = getattr(self, name)
             if not (value > 0 or (value == 0 and name in ("settle", "hold"))) or value == float("inf"):
                 raise OptionError(f"{value} is not possible", key=name, way_out="give a positive number")
+        if not LOG_RATES[0] <= self.log_rate <= LOG_RATES[1]:
+            raise OptionError(
+                f"{self.log_rate} Hz are not possible",
+                key="log_rate",
+                way_out=f"give a number from {LOG_RATES[0]:g} to {LOG_RATES[1]:g}",
+            )

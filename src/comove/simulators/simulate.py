@@ -26,6 +26,7 @@ from comove.simulators.world import TIMESTEP, World, build_world
 Array = NDArray[np.float64]
 
 DEFAULT = Settings()
+LIMITING = 5  # time steps after which what the robot's weight leaves of the efforts is found anew
 
 
 def simulate(
@@ -51,8 +52,10 @@ def simulate(
     ------
     ExtraError
         If MuJoCo is not installed.
+    OptionError
+        If the perturbation is that of a robot with another number of joints.
     RobotError, SceneError
-        If robot, scene and motion do not belong together.
+        If robot, scene and motion do not belong together, or the robot cannot hold the load so.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
     require_fit(motion, robot, scene)
@@ -125,7 +128,7 @@ def _run(
     began = perf_counter()
     for step in range(n_steps + 1):
         data.ctrl[world.servos] = control[step]
-        if pushed[step] != pushed[step - 1]:
+        if step == 0 or pushed[step] != pushed[step - 1]:
             data.xfrc_applied[world.load_body, :3] = push * pushed[step]
         logged = step % every == 0
         if logged:
@@ -135,11 +138,14 @@ def _run(
             _note_contacts(world, data, time[step], contacts)
         if logged:
             log.write_rest(data)
+        if step % LIMITING == 0:
             limit_servos(world, data)
             if _broken(data):
                 unstable = float(time[step])
                 break
     took = perf_counter() - began
+    if unstable is not None:
+        log.forget_broken()
     count = log.count
     return {
         "time": time[::every][:count],

@@ -21,6 +21,7 @@ ROBOT, OTHER = (1, 2), (2, 3)  # contype, conaffinity
 GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in 0, those that are drawn in 1
 STIFF = (0.004, 1.0)  # s, time constant and damping ratio of contacts and grasps: two time steps
 FLAT = 0.3  # a box that is lower than this share of its width is a table
+THE_LOAD = "the load"  # with a blank, as no link of a URDF is called
 POST, TABLE, LOAD, FLOOR = (0.72, 0.20, 0.14, 1), (0.70, 0.60, 0.48, 1), (0.95, 0.70, 0.10, 1), (1, 1, 1, 1)
 
 
@@ -47,16 +48,16 @@ def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None
     """Put the load into a world as a free body, with a site for each hand; `mass` in kg."""
     mj = engine()
     kinds = {"box": mj.mjtGeom.mjGEOM_BOX, "capsule": mj.mjtGeom.mjGEOM_CAPSULE}
-    body = spec.worldbody.add_body(name="load", pos=load.pose[:3, 3])
+    body = spec.worldbody.add_body(name=THE_LOAD, pos=load.pose[:3, 3])
     body.quat = quaternion_of_rotation(load.pose[:3, :3])
-    body.add_freejoint(name="load")
+    body.add_freejoint(name=THE_LOAD)
     volume = sum(part.volume for part in load.parts)
     for i, part in enumerate(load.parts):
         turn = quaternion_of_rotation(part.rotation)
         geom = body.add_geom(type=kinds[part.kind], pos=part.position, quat=turn)
         geom.size[: len(part.size)] = part.size
         geom.mass = mass * part.volume / volume
-        _finish(geom, "the load" if len(load.parts) == 1 else f"the load's part {i}", LOAD)
+        _finish(geom, THE_LOAD if len(load.parts) == 1 else f"{THE_LOAD}'s part {i}", LOAD)
     for arm, point in zip(holding, load.grasps, strict=True):
         body.add_site(name=f"held {arm.name}", pos=point, group=4)
 

@@ -27,7 +27,7 @@ COMPILER = {
     "fusestatic": "false",
     "strippath": "false",
 }
-ROOT = "scene"  # link on which the bases stand
+ROOT = "the scene"  # link on which the bases stand; with a blank, as no link of a URDF is called
 UNREAD = ("mimic", "safety_controller", "calibration")
 
 

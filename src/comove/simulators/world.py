@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from comove.simulators.grasps import Grasp
 from comove.simulators.loads import Load
 from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.servos import add_servos
-from comove.simulators.things import ROBOT, add_load, add_obstacles
+from comove.simulators.things import ROBOT, THE_LOAD, add_load, add_obstacles
 from comove.simulators.urdf import for_mujoco
 
 Array = NDArray[np.float64]
@@ -113,19 +114,27 @@ def build_world(
             _let_hands_through(spec, robot, holding)
     if finish is not None:
         finish(spec)
-    try:
+    with _telling(robot):
         model = spec.compile()
-    except ValueError as error:
-        reason = str(error).strip().splitlines()[0]
-        raise RobotError(
-            f"MuJoCo cannot build '{robot.name}': {reason}", way_out="correct its URDF"
-        ) from error
     return _indexed(model, robot, load, arms, holding, lead, moving)
 
 
+@contextmanager
+def _telling(robot: Robot) -> Iterator[None]:
+    """Tell what MuJoCo does not understand of a robot."""
+    try:
+        yield
+    except ValueError as error:
+        reason = " ".join(str(error).split()).removeprefix("Error: ")
+        raise RobotError(
+            f"MuJoCo cannot build '{robot.name}': {reason}", way_out="correct its URDF"
+        ) from error
+
+
 def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:
-    mj = engine()
-    spec = mj.MjSpec.from_string(for_mujoco(robot.sources, robot.description.posture, moving, drawn=drawn))
+    mj, text = engine(), for_mujoco(robot.sources, robot.description.posture, moving, drawn=drawn)
+    with _telling(robot):
+        spec = mj.MjSpec.from_string(text)
     for body in spec.bodies:
         body.gravcomp = 1.0
         for geom in body.geoms:
@@ -158,7 +167,7 @@ def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
     for arm in holding:
         for body in _hand_bodies(spec, robot, arm):
             if body.geoms:
-                spec.add_exclude(name=f"load {body.name}", bodyname1="load", bodyname2=body.name)
+                spec.add_exclude(name=f"load {body.name}", bodyname1=THE_LOAD, bodyname2=body.name)
 
 
 def _hand_bodies(spec: Any, robot: Robot, arm: Arm) -> list[Any]:
@@ -178,7 +187,7 @@ def _indexed(
 ) -> World:
     joints = [model.joint(name) for name in robot.joint_names]
     loaded = load is not None
-    body = model.body("load").id if loaded else -1
+    body = model.body(THE_LOAD).id if loaded else -1
     hand_of_geom = np.full(model.ngeom, -1)
     for i, arm in enumerate(holding):
         last = model.jnt_bodyid[model.joint(robot.joint_names[arm.columns[-1]]).id]
@@ -199,8 +208,8 @@ def _indexed(
         held_sites=np.array([model.site(f"held {arm.name}").id for arm in holding], dtype=int),
         fingers=tuple(tuple(f for f in arm.fingers if f in moving) for arm in holding),
         load_body=body,
-        load_qpos=int(model.joint("load").qposadr[0]) if loaded else -1,
-        load_dof=int(model.joint("load").dofadr[0]) if loaded else -1,
+        load_qpos=int(model.joint(THE_LOAD).qposadr[0]) if loaded else -1,
+        load_dof=int(model.joint(THE_LOAD).dofadr[0]) if loaded else -1,
         hand_of_geom=hand_of_geom,
         watched=told & told.T,
     )

@@ -24,15 +24,15 @@ def export(
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.cli.robot.report import stored_motion
     from comove.errors import OptionError, near_name
-    from comove.export import FORMATS, export
+    from comove.export import FORMATS, check_export, export
     from comove.robots import plan_transfers
 
     if format not in FORMATS:
         raise OptionError(f"unknown format '{format}'", key="--format", way_out=near_name(format, FORMATS))
     motion = stored_motion(folder)
-    written = export(
-        motion, folder, FORMATS[format], rate=rate, transfers=plan_transfers(motion) if transfers else None
-    )
+    check_export(motion, folder, FORMATS[format], rate=rate, transfers=transfers)
+    ways = plan_transfers(motion) if transfers else None
+    written = export(motion, folder, FORMATS[format], rate=rate, transfers=ways)
     print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {FORMATS[format].what}")
     for path in written:
         print(f"  {path}")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
-from comove.errors import RobotError
+from comove.errors import InputError, RobotError
+
+ROOM = 1.3  # of the least duration of a path: a search for another one needs room
 
 
 def robot_named(name: str | None, scene, file: Path):
@@ -21,8 +24,22 @@ def robot_named(name: str | None, scene, file: Path):
             key="robot",
             way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
         )
-    path = find_description(named, None if name is not None else file.parent)
+    try:
+        path = find_description(named, None if name is not None else file.parent)
+    except RobotError as error:
+        error.file, error.key = (file, "robot") if name is None else (error.file, "--robot")
+        raise
     return Robot.load(path), named if named in bundled_robots() else path
+
+
+@contextmanager
+def of_scene(file: Path) -> Iterator[None]:
+    """Name the scene's file in what is told of it."""
+    try:
+        yield
+    except InputError as error:
+        error.file = error.file or file
+        raise
 
 
 def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
@@ -55,8 +72,13 @@ def _millimetres(value: float | None) -> str:
     return "nothing near" if math.isinf(value) else f"{1e3 * value:.1f} mm"
 
 
-def duration_offer(robot, scene, joints) -> str | None:
-    """How long the same path would have to take, where the robot cannot go it in the scene's time."""
+def duration_offer(robot, scene, joints, measures) -> str | None:
+    """How long the same path would have to take, where robot or hands cannot go it in the scene's time.
+
+    Parameters
+    ----------
+    measures : Report on the motion of the hands, with their speed and acceleration
+    """
     from comove.errors import ComoveError
     from comove.robots import DEFAULT_MASS, fastest_timing, shortest_duration
 
@@ -68,12 +90,26 @@ def duration_offer(robot, scene, joints) -> str | None:
         fastest = fastest_timing(robot, joints, carried=carried)
     except ComoveError:
         return None
-    if timing.duration <= scene.duration:
+    hands = _hands_duration(scene, measures)
+    longest = max(timing.duration, hands)
+    if not scene.duration < longest < math.inf:
         return None
+    also = f", the hands {hands:.2f} s" if hands > timing.duration else ""
     return (
-        f"  at its pace this way takes the joints {timing.duration:.2f} s ({timing.limit}), at the limits all the "
-        f"way {fastest.duration:.2f} s: set duration: {math.ceil(10 * timing.duration) / 10:g} in the scene"
+        f"  at its pace this way takes the joints {timing.duration:.2f} s ({timing.limit}){also}, at the limits all "
+        f"the way {fastest.duration:.2f} s: set duration: {math.ceil(10 * ROOM * longest) / 10:g} in the scene"
     )
+
+
+def _hands_duration(scene, measures) -> float:
+    """How long the path has to take for hands to keep the scene's limits, at the pace that it has [s]."""
+    limits = scene.file.limits
+    shares = [1.0]
+    if limits.speed is not None:
+        shares.append(measures.speed_max / limits.speed)
+    if limits.acceleration is not None:
+        shares.append(math.sqrt(measures.acceleration_max / limits.acceleration))
+    return scene.duration * max(shares)
 
 
 def stored_motion(folder: Path):
@@ -86,14 +122,15 @@ def stored_motion(folder: Path):
     """
     from comove.errors import ResultError
     from comove.robots import verify_stored
+    from comove.robots.files import AGAIN
 
     verdict = verify_stored(folder)
     if verdict.verified is None:
         more = f" (and {len(verdict.reasons) - 1} more)" if len(verdict.reasons) > 1 else ""
         raise ResultError(
-            f"its motion is not verified: {verdict.reasons[0]}{more}",
+            f"its motion is not verified: {verdict.reasons[0].removesuffix(f'; {AGAIN}')}{more}",
             file=folder,
-            way_out="solve the scene again: comove robot solve SCENE --out DIR",
+            way_out=f"{AGAIN}: comove robot solve SCENE --out DIR",
         )
     return verdict.verified
 

@@ -33,6 +33,10 @@ def send(
 
     if part not in PARTS:
         raise OptionError(f"unknown part '{part}'", key="--part", way_out=near_name(part, PARTS))
+    given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
+    for option, value in given.items():
+        if not 0 < value < float("inf"):
+            raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = stored_motion(folder)
     transfers = None if part == "carry" else plan_transfers(motion)

@@ -32,7 +32,7 @@ def solve(
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.cli.robot.report import duration_offer, joints_text, robot_named
+    from comove.cli.robot.report import duration_offer, joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
     from comove.cli.solve import check_budget, write_result
     from comove.results import check_target, whole_folder
@@ -45,7 +45,7 @@ def solve(
     loaded = Scene.load(scene)
     carrier, named = robot_named(robot, loaded, scene)
     dmp, spent = loaded.taught, since_process_start()
-    with progress_bar(budget) as progress:
+    with of_scene(scene), progress_bar(budget) as progress:
         found = carry(
             loaded,
             carrier,
@@ -66,7 +66,9 @@ def solve(
         print(summary_text(summary, out))
         print(joints_text(carrier.name, found.report.asdict()))
         print(f"  {'joint motion':24s}{out / 'joints.npz'}, drawn in {out / 'joints.png'}")
-        if not solution.verified and (offer := duration_offer(carrier, loaded, found.joints)):
+        if not solution.verified and (
+            offer := duration_offer(carrier, loaded, found.joints, solution.report)
+        ):
             print(offer)
     if solution.interrupted:
         return INTERRUPTED
