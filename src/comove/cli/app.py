@@ -94,9 +94,9 @@ def options(
 
 def main() -> None:
     """Entry point of the `comove` command."""
-    from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
-
     try:
+        from comove.cli import demo, learn, library, robot, run, show, solve, verify  # noqa: F401  registers verbs
+
         app()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

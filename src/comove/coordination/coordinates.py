@@ -168,7 +168,7 @@ class Coordinates:
         return result
 
     def boundary(self, turn: int = 0) -> Array:
-        """Start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest.
+        """Start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest at the goal.
 
         `turn` asks for another way round: whole turns for an angle, the other sign for a quaternion.
         """
@@ -180,6 +180,7 @@ class Coordinates:
             if kind == QUATERNION and (start[3:] @ goal[3:] < 0) != (turn % 2 == 1):
                 goal[3:] *= -1
             values[0, columns], values[2, columns] = start, goal
+            values[1, columns] = _write_twist(kind, start, group.start_twist, self.n_dims)
         return values
 
     def from_hands(self, hands: Array) -> Array:
@@ -463,6 +464,18 @@ def write_pose(kind: int, pose: Pose, n_dims: int) -> Array:
     if kind == DIRECTION:
         return np.concatenate([center, rotation[:n_dims, 0]])
     return np.concatenate([center, quaternion_of_rotation(rotation)])
+
+
+def _write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
+    """How fast a block of q, array of shape (n_block_columns,), changes with a twist; array of the same shape."""
+    turn, (x, y, z) = block[n_dims:], twist[3:]
+    if kind == ANGLE:
+        change = np.array([z])
+    elif kind == DIRECTION:
+        change = np.array([-z * turn[1], z * turn[0]]) if n_dims == 2 else np.cross(twist[3:], turn)
+    else:
+        change = 0.5 * quaternion_product(np.array([0.0, x, y, z]), turn) if kind == QUATERNION else turn
+    return np.concatenate([twist[:n_dims], change])
 
 
 def _turned(kind: int, part: Array, points: Array) -> Array:

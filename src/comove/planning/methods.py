@@ -17,7 +17,15 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
-from comove.planning.spacetime import MARGINS, SHARES, UNLIMITED, plan_in_time, spacetime, targets_in_time
+from comove.planning.spacetime import (
+    MARGINS,
+    SHARES,
+    UNLIMITED,
+    coast,
+    plan_in_time,
+    spacetime,
+    targets_in_time,
+)
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
 
@@ -31,6 +39,7 @@ FAILURES_TO_MEND = 3  # plans that nothing could carry, before one is mended
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
+UNPOLISHED = replace(POLISHING, generations=0)
 GROWING = Schedule(sigma=0.1, generations=600, patience=30, gain=0.01, growth=80)
 THREADED = replace(GROWING, sigma=0.05)  # from a way that the smallest load has found
 MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
@@ -78,9 +87,9 @@ class Comove:
         planning = load_coordinates(scene)
         space, ends = configuration_space(scene, planning), planning.boundary()
         basis = motion_basis(self.n_basis, "velocity")
-        planned = _planner_in_time if scene.moving.any() else _planner
-        plans_are_dear = search.carrier is None and not scene.moving.any()  # beside mending
-        targets_of = planned(search, space, ends[0], ends[2])
+        in_time = scene.moving.any() or ends[1].any()
+        plans_are_dear = search.carrier is None and not in_time  # beside mending
+        targets_of = (_planner_in_time if in_time else _planner)(search, space, ends)
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, pace = 0, 0.0
         while len(starts) < self.n_plans and failures < self.n_failures:
@@ -197,12 +206,27 @@ class Comove:
         return replace(dmp, basis=basis, weights=weights)
 
 
+@dataclass(frozen=True)
+class Quick(Comove):
+    """Plans only, of which the cheapest that is verified is taken as it is: for those who cannot wait."""
+
+    name: ClassVar[str] = "quick"
+    n_plans: int = 2
+    n_failures: int = 5
+    polishing: Schedule = UNPOLISHED
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Plan once."""
+        self._plan(search)
+
+
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
 
 
-def _planner(search: Search, space: Space, start: Array, goal: Array) -> Targets:
-    """Plans in space, run under several time profiles."""
+def _planner(search: Search, space: Space, ends: Array) -> Targets:
+    """Plans in space, run under several time profiles; `ends` as `Coordinates.boundary`, at rest."""
+    start, goal = ends[0], ends[2]
     margins = PLANE_MARGINS if search.scene.n_dims == 2 else SPACE_MARGINS
     grow = plan if search.carrier is None else search.carrier.plan
 
@@ -214,16 +238,17 @@ def _planner(search: Search, space: Space, start: Array, goal: Array) -> Targets
     return targets
 
 
-def _planner_in_time(search: Search, space: Space, start: Array, goal: Array) -> Targets:
-    """Plans in space and time, smoothed over several widths."""
-    scene = search.scene
+def _planner_in_time(search: Search, space: Space, ends: Array) -> Targets:
+    """Plans in space and time, smoothed over several widths; `ends` as `Coordinates.boundary`."""
+    scene, (start, velocity, goal, _) = search.scene, ends
+    coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS)
     world = spacetime(scene, space)
     limit = min(scene.speed_limit * scene.duration, UNLIMITED * (span(space, start, goal) + space.cap))
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         speed, margin = limit * SHARES[failures % len(SHARES)], MARGINS[failures % len(MARGINS)]
         found = plan_in_time(world, start, goal, speed, margin, search.rng, max_nodes=max_nodes)
-        return None if found is None else (targets_in_time(space, *found, N_STEPS), found[0][-1])
+        return None if found is None else (targets_in_time(space, *found, N_STEPS) + coasting, found[0][-1])
 
     return targets
 

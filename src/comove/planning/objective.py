@@ -151,9 +151,18 @@ class Objective:
         q : array, shape (n_rollouts, n_columns, n_steps)
         size : of the load
         """
-        scene, w, p = self.scene, self.weights, self.penalty
         nodes = self.coordinates.nodes(q, size)
-        offsets = scene.offsets_along(nodes.shape[1])
+        return self.evaluate_nodes(nodes, self.scene.offsets_along(nodes.shape[1]))
+
+    def evaluate_nodes(self, nodes: Array, offsets: Array) -> Evaluation:
+        """Evaluate what was or would be carried out.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), evenly spaced in time [m]
+        offsets : array, shape (n_steps, n_obstacles, 3), of the obstacles [m]; without steps where all stand
+        """
+        scene, w, p = self.scene, self.weights, self.penalty
         n_hands = len(scene.manipulators)
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
@@ -198,7 +207,12 @@ class Objective:
 
     def cost(self, motion: CoordinatedMotion) -> Cost:
         """The terms of J of one motion."""
-        value = self.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS))
+        return self.cost_of(
+            self.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS))
+        )
+
+    def cost_of(self, value: Evaluation) -> Cost:
+        """The terms of J of the first that was evaluated."""
         goal, velocity, resemblance = value.terms[0]
         return Cost(
             float(goal), float(velocity), self.weights.obstacle * float(value.hits[0]), float(resemblance)

@@ -38,6 +38,8 @@ UNLIMITED = 5.0  # times the straight way in a duration, where nothing limits th
 MARGINS = (0.02, 0.01, 0.005, 0.015)  # m, tried in turn
 # Width of the smoothing, and time in which a movement gets going and comes to rest, in durations.
 SMOOTHINGS = ((0.003, 0.06), (0.01, 0.1), (0.02, 0.15), (0.03, 0.25), (0.04, 0.4), (0.05, 0.6), (0.07, 0.9))
+# What a movement brings along fades in so many times the time to brake, within these shares of the duration.
+FADING, SHORTEST_LONGEST = 6.0, (0.05, 0.9)
 CREEP = 2e-4  # m, least advance along an edge
 
 
@@ -112,6 +114,19 @@ def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Ar
         filtered = gaussian_filter1d(mirrored, width * n_steps, axis=0)
         smooth.append(filtered[n_steps // 2 : n_steps // 2 + n_steps])
     return np.stack(smooth)
+
+
+def coast(velocity: Array, acceleration: float, n_steps: int) -> Array:
+    """What a movement that has begun adds to one that begins at rest; array, shape (n_steps, n_columns).
+
+    Parameters
+    ----------
+    velocity : array, shape (n_columns,), of q at the start [1 a duration]
+    acceleration : limit of the hands [m a duration squared]
+    """
+    s = np.linspace(0.0, 1.0, n_steps)[:, None]
+    fading = np.clip(FADING * np.linalg.norm(velocity) / acceleration, *SHORTEST_LONGEST)
+    return velocity * s * np.clip(1.0 - s / fading, 0.0, None) ** 3
 
 
 def _eased(s: Array, ease: float) -> Array:

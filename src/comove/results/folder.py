@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 ARRAYS, SUMMARY = "solution.npz", "solution.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
+RUN_ARRAYS, RUN_SUMMARY = "run.npz", "run.json"
+FILES |= {RUN_ARRAYS, RUN_SUMMARY, "run.png", "run.gif"}  # of an execution
 FILES |= {"joints.npz", "robot.json", "scene.json", "joints.png"}  # of a robot
 FILES |= {f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")}
 FILES |= {f"{part}.csv{more}" for part in ("baxter", "approach", "release") for more in ("", ".json")}
@@ -86,7 +88,7 @@ def check_target(folder: str | Path) -> Path:
         raise ResultError("it is a file", file=folder, way_out="name a folder")
     if folder.is_dir():
         names = {entry.name for entry in folder.iterdir()}
-        if names and SUMMARY not in names:
+        if names and not names & {SUMMARY, RUN_SUMMARY}:
             raise ResultError(
                 "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
             )

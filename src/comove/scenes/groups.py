@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -46,6 +46,8 @@ class RigidGroup:
         the vertical in space, by the direction of an axis in space (hands on one line; the roll about it does not
         matter), or in any way
     start, goal : poses at both ends
+    start_twist : array, shape (6,), velocity of the frame's centre [m a duration] and angular velocity [rad a
+        duration] at the start, along the axes of the world; at rest unless the movement goes on from another one
     """
 
     members: tuple[int, ...]
@@ -54,6 +56,7 @@ class RigidGroup:
     orientation: Orientation
     start: Pose
     goal: Pose
+    start_twist: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
     def points(self) -> Array:

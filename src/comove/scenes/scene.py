@@ -31,7 +31,7 @@ from comove.scenes.constraints import (
     distance_tolerance,
 )
 from comove.scenes.grasp import Grasp, grasp_of
-from comove.scenes.groups import RigidGroup, rotation_in_plane
+from comove.scenes.groups import Pose, RigidGroup, rotation_in_plane
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
 from comove.scenes.moving import Motion
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
@@ -85,6 +85,8 @@ class Scene:
     body : what must not touch anything
     obstacles : array, shape (n_obstacles, distances.N_COLUMNS), the table that kernels take
     grasp : how the hands hold the load, None where the file does not say
+    motions : how obstacles move, None for those that stand
+    begins : when the movement begins on the clock of these motions [s]
     """
 
     file: SceneFile
@@ -99,6 +101,8 @@ class Scene:
     body: Body
     obstacles: Array
     grasp: Grasp | None = None
+    motions: tuple[Motion | None, ...] = ()
+    begins: float = 0.0
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -123,6 +127,37 @@ class Scene:
         """
         folder = None if folder is None else Path(folder)
         return _build(parse_scene(data, folder=folder), folder or Path(), None)
+
+    def resumed(
+        self,
+        time: float,
+        duration: float,
+        starts: tuple[Pose, ...],
+        twists: Array,
+        clearance: float | None = None,
+    ) -> Scene:
+        """The same scene from a later instant on: what is left of a movement that has begun.
+
+        Parameters
+        ----------
+        time : of that instant on this scene's clock [s]
+        duration : of what is left [s]
+        starts : poses of the rigid groups at that instant
+        twists : array, shape (n_groups, 6), theirs: velocity of the centre [m/s], angular velocity [rad/s]
+        clearance : asked for [m], the scene's own unless given
+        """
+        groups = tuple(
+            replace(group, start=start, start_twist=twist * duration)
+            for group, start, twist in zip(self.groups, starts, twists, strict=True)
+        )
+        update: dict[str, Any] = {"duration": duration}
+        if clearance is not None:
+            update["limits"] = self.file.limits.model_copy(update={"clearance": clearance})
+        later = replace(
+            self, file=self.file.model_copy(update=update), groups=groups, begins=self.begins + time
+        )
+        hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
+        return replace(later, start=hands)
 
     @property
     def name(self) -> str:
@@ -152,7 +187,7 @@ class Scene:
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """Which obstacles move; array, shape (n_obstacles,)."""
-        return np.array([o.motion is not None for o in self.file.obstacles], dtype=bool)
+        return np.array([motion is not None for motion in self.motions], dtype=bool)
 
     def offsets(self, time: Array) -> Array:
         """Of the obstacles' centres from where they are at 0 s; array, shape (n_times, n_obstacles, 3) [m].
@@ -161,6 +196,7 @@ class Scene:
         ----------
         time : array, shape (n_times,) [s]
         """
+        time = self.begins + time
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
     def offsets_along(self, n_steps: int) -> Array:
@@ -170,21 +206,23 @@ class Scene:
 
     def obstacle_velocities(self, time: Array) -> Array:
         """Of the obstacles' centres, from these instants on; array, shape (n_times, n_obstacles, 3) [m/s]."""
+        time = self.begins + time
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
     def obstacle_sags(self, time: Array) -> Array:
         """How far centres stray from their chords between the times; array, shape (n_times - 1, n_obstacles) [m]."""
+        time = self.begins + time
         return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
 
     @cached_property
     def obstacle_kinks(self) -> Array:
         """When the velocity of an obstacle may jump during the movement; array, shape (n_kinks,), in order [s]."""
-        kinks = {t for o in self.file.obstacles if o.motion is not None for t in o.motion.kinks}
+        kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
     def _of_motions(self, of: Callable[[Motion], Array], shape: tuple[int, ...]) -> Array:
         still = np.zeros(shape)
-        of_each = [still if o.motion is None else of(o.motion) for o in self.file.obstacles]
+        of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
     def obstacles_at(self, time: float) -> Array:
@@ -343,6 +381,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         body=_body(file, names, groups),
         obstacles=_obstacle_table(file, n_dims),
         grasp=grasp_of(file, _carried(file, groups)),
+        motions=tuple(obstacle.motion for obstacle in file.obstacles),
     )
     moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
     for end, given in (("start", scene.start), ("goal", scene.goal)):

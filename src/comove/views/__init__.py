@@ -3,13 +3,16 @@
 from comove.views.joints import draw_joints
 from comove.views.motion import draw_motion, draw_progress, draw_side_by_side, save
 from comove.views.primitives import draw_library, draw_primitive
+from comove.views.run import animate_run, draw_run
 
 __all__ = [
+    "animate_run",
     "draw_joints",
     "draw_library",
     "draw_motion",
     "draw_primitive",
     "draw_progress",
+    "draw_run",
     "draw_side_by_side",
     "save",
 ]

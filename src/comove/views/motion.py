@@ -44,12 +44,12 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
     """
-    views = ((0, 1),) if motion.scene.n_dims == 2 else VIEWS
+    views = views_of(motion.scene)
     figure = new_figure(*((6.0, 6.4) if len(views) == 1 else (13.0, 5.2)))
     figure.suptitle(title or motion.scene.name)
     for i, view in enumerate(views):
         draw_panel(figure.add_subplot(1, len(views), i + 1), motion, view, demonstration)
-    _legend(figure)
+    draw_legend(figure)
     return figure
 
 
@@ -72,7 +72,7 @@ def draw_side_by_side(
         axes = figure.add_subplot(1, len(motions), i + 1)
         axes.set_title(title)
         draw_panel(axes, motion, (0, 1), demonstrations[i] if demonstrations else None, states=states)
-    _legend(figure)
+    draw_legend(figure)
     return figure
 
 
@@ -86,7 +86,7 @@ def draw_panel(
 ) -> None:
     """One view of a motion."""
     scene, columns = motion.scene, list(view)
-    _frame(axes, scene, view)
+    draw_frame(axes, scene, view)
     _draw_obstacles(axes, scene, view)
     if states:
         sparse = motion.coordinates.motion(motion.at(np.linspace(0, 1, N_STATES)))[0]
@@ -103,7 +103,7 @@ def draw_panel(
         axes.plot(*path[-1], "s", color="#d62728", markersize=7, zorder=5)
 
 
-def _legend(figure: Figure) -> None:
+def draw_legend(figure: Figure) -> None:
     """One legend for all panels."""
     labelled = {}
     for axes in figure.axes:
@@ -141,7 +141,13 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
     return figure
 
 
-def _frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+def views_of(scene: Scene) -> tuple[tuple[int, int], ...]:
+    """The planes in which a scene is drawn."""
+    return ((0, 1),) if scene.n_dims == 2 else VIEWS
+
+
+def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    """The workspace."""
     low, high = scene.lower[list(view)], scene.upper[list(view)]
     pad = 0.02 * float((high - low).max())
     axes.set(
@@ -161,19 +167,19 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     """
     solid = 1.0 if scene.n_dims == 2 else 0.35
     for row in scene.obstacles[~scene.moving]:
-        axes.fill(*_outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
+        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
     if not scene.moving.any():
         return
     for share in np.linspace(0.0, 1.0, N_GHOSTS):
         for row in scene.obstacles_at(share * scene.duration)[scene.moving]:
             look = {"facecolor": MOVING, "edgecolor": MOVING, "linewidth": 0.6}
-            axes.fill(*_outline(row, view).T, alpha=solid * (0.08 + 0.3 * share), **look)
+            axes.fill(*outline(row, view).T, alpha=solid * (0.08 + 0.3 * share), **look)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.obstacles[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start[sd.CENTER : sd.CENTER + 3] + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
 
 
-def _outline(row: Array, view: tuple[int, int]) -> Array:
+def outline(row: Array, view: tuple[int, int]) -> Array:
     """Border of an obstacle's projection, from its support points in all directions of the view."""
     angles = np.linspace(0.0, 2 * np.pi, 181)
     directions = np.zeros((len(angles), 3))

@@ -1,0 +1,85 @@
+"""`comove run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb
+from comove.cli.solve import check_budget
+
+LONGEST = 3.0  # times the scene's duration, that a run may last unless it is said
+
+
+@verb
+def run(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the record.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    period: Annotated[float, typer.Option(help="Control period [s].")] = 0.01,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds of simulated time that the run may last; 3 times the duration unless given."
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
+) -> int:
+    """Execute SCENE step by step among its moving obstacles, record and draw it."""
+    from comove.execution import Executor, Pace, write_run
+    from comove.planning import load_kernels
+    from comove.results import check_target, whole_folder
+    from comove.scenes import Scene
+    from comove.verification.record import judge
+    from comove.views import animate_run, draw_run, save
+
+    pace = Pace(period=period)
+    if budget is not None:
+        check_budget(budget)
+    check_target(out)
+    loaded = Scene.load(scene)
+    load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+    executor = Executor(loaded, seed=seed, pace=pace)
+    record = executor.run(LONGEST * loaded.duration if budget is None else budget)
+    report = judge(record, executor.blocker)
+    with whole_folder(out) as draft:
+        save(draw_run(record), draft / "run.png")
+        animate_run(record, draft / "run.gif")
+        summary = write_run(
+            draft,
+            record,
+            report,
+            executor.log,
+            seed=seed,
+            interrupted=executor.interrupted,
+            wall_time_s=since_process_start(),
+        )
+    print(
+        (out / "run.json").read_text(encoding="utf-8") if json else run_text(summary, out),
+        end="" if json else "\n",
+    )
+    if executor.interrupted:
+        return INTERRUPTED
+    return NOT_VERIFIED if report.reasons else VERIFIED
+
+
+def run_text(summary: dict[str, Any], folder: Path) -> str:
+    """A run's summary for people."""
+    verdict = "arrived, verified" if summary["verified"] else "NOT VERIFIED"
+    clearance = summary["clearance_min"]
+    nothing = "nothing to hit"
+    lines = [f"{summary['scene']}: {verdict} (seed {summary['seed']}) after {summary['duration_s']:.2f} s"]
+    lines += [f"  - {reason}" for reason in summary["reasons"]]
+    lines += [f"  {event['time']:6.2f} s  {event['what']}" for event in summary["events"]]
+    lines += [
+        f"  certified clearance     {nothing if clearance is None else f'{1e3 * clearance:.2f} mm at every instant'}",
+        f"  distance error          {summary['distance_error_max']:.3g} m",
+        f"  goal                    missed by {1e3 * summary['end_error']:.3g} mm",
+        f"  speed, acceleration     {summary['speed_max']:.4g} m/s, {summary['acceleration_max']:.4g} m/s^2 at most",
+        f"  control step            {1e3 * summary['control_s_median']:.3g} ms, 99.9 % within "
+        f"{1e3 * summary['control_s_p999']:.3g} ms",
+        f"  record                  {folder / 'run.npz'}, drawn in {folder / 'run.png'} and {folder / 'run.gif'}",
+    ]
+    return "\n".join(lines)

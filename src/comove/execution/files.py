@@ -1,0 +1,96 @@
+"""An execution in files: `run.npz` and `run.json`.
+
+`run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
+`obstacle_center` (n_steps, n_obstacles, n_dims) [m], where the obstacles of the scene really were; besides, what
+rebuilds the whole load: `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z, of the
+rigid groups.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comove._version import __version__
+from comove.coordination.coordinates import load_coordinates
+from comove.execution.executor import Log
+from comove.planning.objective import Objective
+from comove.results.folder import RUN_ARRAYS, RUN_SUMMARY, checksum
+from comove.verification.record import Record, RecordReport
+
+
+def write_run(
+    folder: Path,
+    record: Record,
+    report: RecordReport,
+    log: Log,
+    *,
+    seed: int,
+    interrupted: bool,
+    wall_time_s: float,
+) -> dict[str, Any]:
+    """Write `run.npz` and `run.json` into an existing folder; returns the summary."""
+    n = record.scene.n_dims
+    arrays = {
+        "time": record.time,
+        "position": record.position,
+        "obstacle_center": record.obstacles[:, :, :n],
+        "center": record.center,
+        "quaternion": record.quaternion,
+    }
+    with open(folder / RUN_ARRAYS, "wb") as file:
+        np.savez(file, **arrays)
+    summary = {
+        "verified": not report.reasons,
+        "interrupted": interrupted,
+        "reasons": list(report.reasons),
+        "scene": record.scene.name,
+        "method": "run",
+        "seed": seed,
+        "version": __version__,
+        **_cost(record),
+        "distance_error_max": report.distance_error_max,
+        "clearance_min": _finite(report.clearance_min),
+        "end_error": report.end_error,
+        "end_speed": report.end_speed,
+        "speed_max": report.speed_max,
+        "acceleration_max": report.acceleration_max,
+        "evaluations": log.evaluations,
+        "generations": log.generations,
+        "time_to_first_verified_s": log.first_plan,
+        "wall_time_s": wall_time_s,
+        "duration_s": float(record.time[-1]),
+        "plans": len(log.planning),
+        "planning_s_median": _quantile(log.planning, 0.5),
+        "control_s_median": _quantile(log.control, 0.5),
+        "control_s_p999": _quantile(log.control, 0.999),
+        "relaxed_max": log.relaxed,
+        "events": [{"time": event.time, "what": event.what} for event in log.events],
+        "scene_sha256": record.scene.sha256,
+        "motion_sha256": checksum(arrays),
+    }
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / RUN_SUMMARY).write_text(text + "\n", encoding="utf-8")
+    return summary
+
+
+def _cost(record: Record) -> dict[str, Any]:
+    """J and its terms, of what was done, in unit duration."""
+    scene = record.scene
+    objective = Objective(scene, load_coordinates(scene))
+    offsets = np.ascontiguousarray(record.obstacles - scene.obstacles[:, 1:4])
+    cost = objective.cost_of(objective.evaluate_nodes(np.ascontiguousarray(record.nodes[None]), offsets))
+    terms = {"goal": cost.goal, "velocity": cost.velocity, "obstacle": cost.obstacle, "resemblance": 0.0}
+    return {"cost": cost.total, "cost_terms": terms}
+
+
+def _quantile(values: list[float], q: float) -> float | None:
+    return float(np.quantile(values, q)) if values else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,396 @@
+"""The twist programme: the velocities nearest to what is wanted that run into nothing.
+
+Every control step, of all twists of the rigid groups those are taken that
+
+    minimise    sum over the hands of |velocity - wanted|^2
+    such that   no point of a load or hand approaches an obstacle, the border or a hand of another body faster
+                than the clearance that is left allows (a control barrier function, Ames et al., 2017; see `rows`),
+                |velocity of a hand| <= speed limit,
+                |velocity of a hand - velocity before| <= acceleration limit x period,
+
+a quadratic programme in the free velocities alone: rigid constraints, loads that stay upright and hands at one height
+hold by construction. Distances are convex in the position, so that a row, linear as it is, is on the safe side. The
+balls of the limits are bounded by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and
+2 % for accelerations: whatever is inside passes unchanged, and one or two rows do what fixed facets would need
+dozens for in space. After every solution the exact step is tried, and what it breaks becomes a row.
+
+Where no twist is admissible the order is strict: limits of the hands before clearances, and what a load itself drives
+into before what comes upon it. First those rows alone give way that ask for a retreat; then, where the load cannot
+brake in time, all clearances; the limits only where they contradict each other. Rows give way by one slack for every
+body and obstacle, and the squares of these are the least possible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number
+from comove.reaction.nearness import load_points
+from comove.reaction.rows import (
+    BORDER,
+    LIMIT,
+    RESERVE,
+    WRONG,
+    Desk,
+    Freedom,
+    Rates,
+    empty_desk,
+    first_rows,
+    missing_rows,
+)
+from comove.reaction.twists import Poses, group_nodes
+from comove.scenes.constraints import SameHeightConstraint
+from comove.scenes.distances import N_COLUMNS
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+NOTHING = -2
+"""What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
+MAX_PERIOD = 1.0  # s, far beyond where steps are small
+MAX_ROUNDS = 20  # of solving and adding what is missing
+ENDLESS = 1e30  # what the solver takes for infinite
+TOLERANCE = 1e-9  # m/s, of rows in the solver
+GIVES_WAY, LIMITS_GIVE_WAY = 1e6, 1e8  # weights of squared slack against the objective's squared velocities
+TOLD = 1e-8  # m/s, relaxing by less is rounding
+HARD, RETREATS, CLEARANCES, LIMITS = range(4)  # what gives way
+
+
+class Sighting(NamedTuple):
+    """Obstacles at an instant, as seen.
+
+    Attributes
+    ----------
+    table : array, shape (n_obstacles, distances.N_COLUMNS), with centres and rotations of now
+    velocity : array, shape (n_obstacles, 3), of the centres [m/s]
+    spin : array, shape (n_obstacles, 3), angular velocities [rad/s]
+    margin : array, shape (n_obstacles,), kept on top of the scene's clearance for what is not known [m]
+    """
+
+    table: Array
+    velocity: Array
+    spin: Array
+    margin: Array
+
+    @classmethod
+    def still(cls, scene: Scene) -> Sighting:
+        """The obstacles of a scene as its file puts them, at rest and known exactly."""
+        n = len(scene.obstacles)
+        return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+
+
+class Allowed(NamedTuple):
+    """What a control step may do.
+
+    Attributes
+    ----------
+    twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s], in the world's frame
+    relaxed : by how much rows had to give way [m/s]; 0 where all was admissible
+    blocking : the obstacle with the largest multiplier; -1 for the border, -2 where nothing of these hinders
+    clearance : least distance of now to obstacles, less their margins, and to the border [m]; infinite without any
+    """
+
+    twists: Array
+    relaxed: float
+    blocking: int
+    clearance: float
+
+
+@dataclass(frozen=True)
+class ProgrammeSettings:
+    """What may be chosen of the programme.
+
+    Attributes
+    ----------
+    gain : approach speed a clearance left [1/s]; at most half a clearance is used up in a period
+    braking_share : of the acceleration limit that approaching bodies count on to brake; the rest is for turns and for
+        several obstacles at once
+    retreat_speed : largest speed with which a lost clearance is restored [m/s]
+    n_points : points of a body's longest edge that are looked at from the start, and as close ones on the others
+    turning_weight : of turning that moves no hand, as a part of the load's extent squared
+    """
+
+    gain: float = 10.0
+    braking_share: float = 0.5
+    retreat_speed: float = 0.25
+    n_points: int = 15
+    turning_weight: float = 1e-4
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("gain", 1e3),
+            ("braking_share", 1.0),
+            ("retreat_speed", 1e3),
+            ("turning_weight", 1.0),
+        ):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 < value <= most:
+                raise OptionError(
+                    f"{name} = {value!r}", key=name, way_out=f"give a positive number up to {most:g}"
+                )
+        if (
+            isinstance(self.n_points, bool)
+            or not isinstance(self.n_points, int)
+            or not 2 <= self.n_points <= 1000
+        ):
+            raise OptionError(
+                f"n_points = {self.n_points!r}", key="n_points", way_out="give a whole number from 2 to 1000"
+            )
+
+
+class Programme:
+    """The twist programme of one scene.
+
+    Parameters
+    ----------
+    scene : whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
+    period : of the control step [s]
+    settings : see `ProgrammeSettings`
+
+    Raises
+    ------
+    OptionError
+        If the period is no positive number.
+    """
+
+    def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
+        if not is_number(period) or not 0.0 < period <= MAX_PERIOD:
+            raise OptionError(
+                f"period = {period!r}", key="period", way_out=f"give a positive time up to {MAX_PERIOD:g} s"
+            )
+        settings = ProgrammeSettings() if settings is None else settings
+        self.scene, self.period, self.settings = scene, float(period), settings
+        self._points = load_points(scene, settings.n_points)
+        self._freedom = _freedom(scene, settings.turning_weight)
+        self._rates = Rates(
+            self.period,
+            min(settings.gain, 0.5 / self.period),
+            settings.braking_share * scene.acceleration_limit,
+            settings.retreat_speed,
+            scene.speed_limit,
+            scene.acceleration_limit,
+            scene.clearance + RESERVE,
+        )
+        self._hands = (len(scene.manipulators), 3)
+        self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
+        self._prepare(len(scene.obstacles))
+
+    def _prepare(self, n_obstacles: int) -> None:
+        """Lay out the arrays for so many obstacles."""
+        self._sighting = ((n_obstacles, N_COLUMNS), (n_obstacles, 3), (n_obstacles, 3), (n_obstacles,))
+        self._desk: Desk = empty_desk(self._points, self._freedom, self._hands[0], n_obstacles, MAX_ROUNDS + 1)
+        n_rows = len(self._desk.low)
+        self._high = np.full(n_rows, ENDLESS)
+        self._sense = np.zeros(n_rows, dtype=np.int32)
+
+    def allowed(self, poses: Poses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
+        """The twists of one control step.
+
+        Parameters
+        ----------
+        poses : of now
+        before : array, shape (n_hands, 3), velocities of the hands that are now, as `hand_velocities` of the last
+            step's twists are [m/s]
+        wanted : array, shape (n_hands, 3), velocities of the hands that are wanted [m/s]
+        sighting : the obstacles
+
+        Raises
+        ------
+        OptionError
+            If an array has another shape, or something in it is not finite.
+        """
+        poses, before, wanted, sighting = self._checked(poses, before, wanted, sighting)
+        points, freedom, rates, desk = self._points, self._freedom, self._rates, self._desk
+        m, clearance = first_rows(points, freedom, rates, desk, poses, before, wanted, sighting)
+        if m < 0:
+            wrong, way_out = WRONG[m]
+            raise OptionError(wrong, way_out=way_out)
+        twists, gives_way = np.empty((len(poses.center), 6)), HARD
+        for _ in range(MAX_ROUNDS):
+            x, multipliers, gives_way = self._solved(m, gives_way, before)
+            n_rows, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
+            if n_rows == m:
+                break
+            m = n_rows
+        else:
+            x = self._within(x, before)
+            _, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
+        relaxed = float(desk.slack.max(initial=0.0)) if gives_way else 0.0
+        relaxed = max(relaxed, missed)
+        return Allowed(
+            twists, relaxed if relaxed > TOLD else 0.0, self._blocking(multipliers), float(clearance)
+        )
+
+    def _checked(self, poses, before, wanted, sighting):
+        """The arguments as the kernels take them."""
+        try:
+            poses = Poses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
+            before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
+            sighting = Sighting(*(np.ascontiguousarray(a, dtype=np.float64) for a in sighting))
+        except (TypeError, ValueError) as error:
+            raise OptionError(
+                f"what is no array of numbers ({error})", way_out="give arrays of numbers"
+            ) from None
+        if sighting.margin.ndim == 1 and len(sighting.margin) != self._sighting[0][0]:
+            self._prepare(len(sighting.margin))
+        for name, given, shape in (
+            ("poses.center", poses.center, self._poses[0]),
+            ("poses.quaternion", poses.quaternion, self._poses[1]),
+            ("before", before, self._hands),
+            ("wanted", wanted, self._hands),
+            ("sighting.table", sighting.table, self._sighting[0]),
+            ("sighting.velocity", sighting.velocity, self._sighting[1]),
+            ("sighting.spin", sighting.spin, self._sighting[2]),
+            ("sighting.margin", sighting.margin, self._sighting[3]),
+        ):
+            if given.shape != shape:
+                raise OptionError(
+                    f"{name} of shape {given.shape}", key=name, way_out=f"give an array of shape {shape}"
+                )
+        return poses, before, wanted, sighting
+
+    def _solved(self, m: int, gives_way: int, before: Array) -> tuple[Array, Array, int]:
+        """The solution with the first m rows, its multipliers, and what had to give way."""
+        desk = self._desk
+        if gives_way == HARD:
+            x, _, flag, info = daqp.solve(
+                desk.quadratic,
+                desk.linear,
+                desk.rows[:m],
+                self._high[:m],
+                desk.low[:m],
+                self._sense[:m],
+                primal_tol=TOLERANCE,
+            )
+            if flag > 0:
+                return x, info["lam"], HARD
+            gives_way = RETREATS
+        for stage in range(gives_way, LIMITS + 1):
+            found = self._relaxed(m, stage)
+            if found is not None:
+                return *found, stage
+        # The solver has failed in numbers: slow down on the spot.
+        fast = np.linalg.norm(before, axis=1).max()
+        slower = max(0.0, fast - self.scene.acceleration_limit * self.period) / max(fast, TOLERANCE)
+        return slower * self._going_on(before), np.zeros(m), LIMITS
+
+    def _going_on(self, before: Array) -> Array:
+        """The variables that keep the hands' velocities best."""
+        flat = self._desk.hands.reshape(-1, len(self._desk.linear))
+        return np.linalg.solve(self._desk.quadratic, flat.T @ before.ravel())
+
+    def _within(self, x: Array, before: Array) -> Array:
+        """What is left of x within the limits, where rounds have run out: on the way from going on to x."""
+        hands = self._desk.hands
+        kept = self._going_on(before)
+        change = np.linalg.norm(hands @ (x - kept), axis=1)
+        spare = self.scene.acceleration_limit * self.period - np.linalg.norm(hands @ kept - before, axis=1)
+        share = np.min(np.where(change > spare, np.maximum(spare, 0.0) / np.maximum(change, TOLERANCE), 1.0))
+        x = kept + share * (x - kept)
+        allowed = self._desk.balls[: len(hands), 3]  # speeds
+        return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
+
+    def _relaxed(self, m: int, stage: int) -> tuple[Array, Array] | None:
+        """The solution where rows give way, None where that is not enough; slacks go on the desk."""
+        desk, n = self._desk, len(self._desk.linear)
+        owner, body = desk.owner[:m], desk.body[:m]
+        soft = (owner != LIMIT) & ((desk.low[:m] > 0.0) | (stage >= CLEARANCES))
+        key = body * (desk.slack.shape[1]) + owner % desk.slack.shape[1]
+        if stage == LIMITS:
+            key[owner == LIMIT] = desk.slack.size
+            soft[:] = True
+        kinds, which = np.unique(key[soft], return_inverse=True)
+        size = n + len(kinds)
+        quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
+        quadratic[:n, :n], linear[:n], rows[:, :n] = desk.quadratic, desk.linear, desk.rows[:m]
+        weights = np.where(kinds == desk.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
+        quadratic[range(n, size), range(n, size)] = 1.0
+        rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
+        x, _, flag, info = daqp.solve(
+            quadratic, linear, rows, self._high[:m], desk.low[:m], self._sense[:m], primal_tol=TOLERANCE
+        )
+        if flag <= 0:
+            return None
+        desk.slack[:] = 0.0
+        slack = np.maximum(x[n:] / np.sqrt(weights), 0.0)
+        own = kinds < desk.slack.size
+        desk.slack.ravel()[kinds[own]] = slack[own]
+        return np.ascontiguousarray(x[:n]), info["lam"]
+
+    def _blocking(self, multipliers: Array) -> int:
+        """Who asks for the row with the largest multiplier."""
+        owner = self._desk.owner[: len(multipliers)]
+        size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
+        if not len(size) or size.max() <= TOLERANCE:
+            return NOTHING
+        return int(owner[size.argmax()])
+
+
+def _freedom(scene: Scene, turning_weight: float) -> Freedom:
+    """How the groups of a scene may move."""
+    n_dims, n_groups, up = scene.n_dims, len(scene.groups), scene.n_dims - 1
+    node_group, node_point = group_nodes(scene)
+    level, (pairs, apart) = _level_with(scene), scene.kept_apart
+    shared: dict[int, int] = {}
+    basis = np.zeros((n_groups, 6, 6 * n_groups))
+    axis, scale = np.full(n_groups, -1, dtype=np.int64), np.ones(n_groups)
+    idle, spread, lever = np.zeros((n_groups, 3, 3)), np.zeros(n_groups), np.ones(n_groups)
+    n = 0
+    for g, group in enumerate(scene.groups):
+        for k in range(n_dims):
+            if k == up and level[g] in shared:
+                basis[g, k, shared[level[g]]] = 1.0
+                continue
+            if k == up:
+                shared[level[g]] = n
+            basis[g, k, n] = 1.0
+            n += 1
+        if group.orientation in ("none", "fixed"):
+            continue
+        held = group.grasps - group.grasps.mean(axis=0)
+        own = node_point[node_group == g]
+        scale[g] = max(np.linalg.norm(own - group.grasps.mean(axis=0), axis=1).max(), 1e-6)
+        about = held[:, :2] if group.orientation == "vertical" else held
+        spread[g] = np.linalg.norm(about, axis=1).max()
+        lever[g] = max(1.0, scale[g] / max(spread[g], 1e-3 * scale[g]))
+        if group.orientation == "axis":
+            axis[g] = n
+            n += 2
+            continue
+        entries = (5,) if group.orientation in ("plane", "vertical") else (3, 4, 5)
+        for entry in entries:
+            basis[g, entry, n] = 1.0 / scale[g]
+            n += 1
+        # Turning that hands hardly feel is made to cost a little.
+        inertia = (held**2).sum() * np.eye(3) - held.T @ held
+        values, vectors = np.linalg.eigh(inertia)
+        least = turning_weight * scale[g] ** 2
+        idle[g] = (vectors * np.maximum(least - values, 0.0)) @ vectors.T
+    return Freedom(
+        np.ascontiguousarray(basis[:, :, :n]),
+        axis,
+        scale,
+        idle,
+        spread,
+        lever,
+        pairs,
+        apart + RESERVE,
+        *scene.workspace,
+    )
+
+
+def _level_with(scene: Scene) -> list[int]:
+    """For every group the first one that is at the same height."""
+    group_of = {hand: g for g, group in enumerate(scene.groups) for hand in group.members}
+    level = list(range(len(scene.groups)))
+    for c in scene.constraints:
+        if isinstance(c, SameHeightConstraint):
+            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
+            level = [new if g == old else g for g in level]
+    return level

@@ -1,0 +1,666 @@
+"""Rows of the twist programme, in numba kernels.
+
+The variables x are the free velocities of all groups in m/s; the twist of group g is ``basis[g] x``. A row
+``A[i] x >= low[i]`` says of a point p of a body that it approaches an obstacle no faster than the distance h that
+is left allows:
+
+    n . (v + w x r - velocity of the obstacle at p) >= -rate(h),     rate(h) = min(gain h, about sqrt(2 a h)).
+
+This is a control barrier function (Ames et al., 2017). The square root lets whatever approaches at this rate brake
+with the deceleration a. Where several obstacles are in the way, or one that is passed quickly, it must also be
+possible to brake along the path that is taken: a body of speed V stops in V/(2a) times its present approach, so the
+gain is at most 2a/V, and slowing down on the spot is admissible in every next step.
+
+`first_rows` writes the rows of what is near now. `missing_rows` takes the step that a solution makes, exactly, looks
+what is nearest after it, and writes the rows that are broken there: the programme has a row for every point of the
+load, and those alone that matter are ever written (cutting planes: Kelley, 1960). Velocities, accelerations and
+turns, which are bound in length, are treated alike.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.reaction.nearness import (
+    N_PARTS,
+    LoadPoints,
+    distance_and_gradient,
+    moved_obstacles,
+    near_on_edge,
+    near_on_part,
+    near_on_solid,
+)
+from comove.reaction.twists import place, step, turn_into
+from comove.scenes.distances import CENTER, N_COLUMNS, REACH, TINY, point_distance
+
+Array = NDArray[np.float64]
+
+BORDER, HANDS, LIMIT = -1, -2, -3
+"""Who asks for a row, where it is no obstacle: the border, a hand of another body, a limit of the hands."""
+INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
+BEND = 0.05  # of a distance, that a step may take beyond its rate: what bends to second order
+ROUNDING = 1e-9  # m, by which a clearance may be missed
+RESERVE = 1e-8  # m, kept on top of every clearance, so that rounding never uses it up
+ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: what is still within, and what is far outside
+UNIT = 1e-6  # by which the square of a quaternion may miss 1
+WRONG = {
+    -1: ("poses, velocities or a sighting with entries that are not finite", "give finite numbers"),
+    -2: ("a pose whose quaternion is not of unit length", "divide it by its length"),
+    -3: ("a margin below 0", "give 0 or more metres"),
+}
+
+
+class Freedom(NamedTuple):
+    """How the groups of a scene may move.
+
+    Attributes
+    ----------
+    basis : array, shape (n_groups, 6, n_variables), twists of the variables; columns of an axis that turns are
+        rewritten with its direction
+    axis : array of int, shape (n_groups,), the first of the two variables that turn an axis in space; -1 for others
+    scale : array, shape (n_groups,), length by which a variable that turns is divided [m]
+    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: what turning costs that moves no hand
+    spread : array, shape (n_groups,), largest distance of a hand from the middle of its group's hands [m]
+    lever : array, shape (n_groups,), how many times faster than the hands a point of the body may be
+    pairs : array of int, shape (n_pairs, 2), hands that stay apart
+    apart : array, shape (n_pairs,), by how much [m]
+    lower, upper : arrays, shape (3,), the workspace [m]
+    """
+
+    basis: Array
+    axis: NDArray[np.int64]
+    scale: Array
+    idle: Array
+    spread: Array
+    lever: Array
+    pairs: NDArray[np.int64]
+    apart: Array
+    lower: Array
+    upper: Array
+
+
+class Rates(NamedTuple):
+    """Limits and rates, infinite where there are none.
+
+    Attributes
+    ----------
+    period : of a control step [s]
+    gain : approach speed a distance [1/s]
+    braking : deceleration that approaching bodies count on [m/s^2]
+    retreat : largest speed with which a lost clearance is restored [m/s]
+    speed, acceleration : limits of every hand [m/s], [m/s^2]
+    clearance : that the scene asks for [m]
+    """
+
+    period: float
+    gain: float
+    braking: float
+    retreat: float
+    speed: float
+    acceleration: float
+    clearance: float
+
+
+class Desk(NamedTuple):
+    """Arrays that are written anew in every step.
+
+    Attributes
+    ----------
+    quadratic, linear : arrays, shapes (n, n), (n,), the objective ``x' quadratic x / 2 + linear x``
+    rows, low : arrays, shapes (n_rows, n), (n_rows,)
+    owner, body : arrays of int, shape (n_rows,): an obstacle, `BORDER`, `HANDS` or `LIMIT`; the group
+    hands : array, shape (n_hands, 3, n), velocities of the hands of the variables
+    rotation, nodes, points : of now; shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3)
+    center_after, quaternion_after, rotation_after, nodes_after, table_after : after the step
+    left : array, shape (n_edges + n_solids, n_obstacles), clearances h of now [m]
+    gain : array, shape (n_groups,), approach speed a clearance left [1/s]
+    slack : array, shape (n_groups, n_obstacles + 2), by how much rows of an owner were relaxed [m/s]
+    balls : array, shape (2 n_hands + n_groups, 4), centres and radii of what is bound in length
+    """
+
+    quadratic: Array
+    linear: Array
+    rows: Array
+    low: Array
+    owner: NDArray[np.int64]
+    body: NDArray[np.int64]
+    hands: Array
+    rotation: Array
+    nodes: Array
+    points: Array
+    center_after: Array
+    quaternion_after: Array
+    rotation_after: Array
+    nodes_after: Array
+    table_after: Array
+    left: Array
+    gain: Array
+    slack: Array
+    balls: Array
+
+
+def empty_desk(points: LoadPoints, freedom: Freedom, n_hands: int, n_obstacles: int, n_rounds: int) -> Desk:
+    """An empty desk, large enough for `n_rounds` rounds of missing rows."""
+    n_groups, _, n = freedom.basis.shape
+    n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
+    parts = len(points.edges) + N_PARTS * len(points.solids)
+    first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
+    later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands + n_groups
+    n_rows = first + n_rounds * later
+    return Desk(
+        np.zeros((n, n)),
+        np.zeros(n),
+        np.zeros((n_rows, n)),
+        np.zeros(n_rows),
+        np.zeros(n_rows, dtype=np.int64),
+        np.zeros(n_rows, dtype=np.int64),
+        np.zeros((n_hands, 3, n)),
+        np.zeros((n_groups, 3, 3)),
+        np.zeros((n_nodes, 3)),
+        np.zeros((len(points.group), 3)),
+        np.zeros((n_groups, 3)),
+        np.zeros((n_groups, 4)),
+        np.zeros((n_groups, 3, 3)),
+        np.zeros((n_nodes, 3)),
+        np.zeros((n_obstacles, N_COLUMNS)),
+        np.zeros((n_edges, n_obstacles)),
+        np.zeros(n_groups),
+        np.zeros((n_groups, n_obstacles + 2)),
+        np.zeros((2 * n_hands + n_groups, 4)),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def rate(h, gain, rates):
+    """Largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is.
+
+    ``gain h`` near by; farther away the parabola that meets it smoothly, below sqrt(2 a h). The approach then
+    slows down by no more than a: d rate/dh rate = gain^2 h <= a near by, and = a farther away.
+    """
+    if h <= 0.0:
+        return -min(-gain * h, rates.retreat)
+    meet = rates.braking / gain**2
+    return gain * h if h <= meet else sqrt(2.0 * rates.braking * (h - 0.5 * meet))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def horizon(speed, gain, rates):
+    """The clearance [m] beyond which nothing that approaches at `speed` [m/s] is slowed down."""
+    corner = rates.braking / gain
+    if speed <= corner:
+        return speed / gain
+    return 0.5 * speed * speed / rates.braking + 0.5 * corner / gain
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
+    """Write objective and rows of what is near now.
+
+    Returns
+    -------
+    n_rows : int; what is wrong with the arguments where negative, see `WRONG`
+    clearance : float, least one, without what the scene asks for, less margins [m]
+    """
+    table, velocity, spin, margin = sighting
+    center, quaternion = poses
+    n_groups, n_hands, n_obstacles = center.shape[0], before.shape[0], table.shape[0]
+    wrong = _wrong(center, quaternion, before, wanted, table, velocity, spin, margin)
+    if wrong < 0:
+        return wrong, 0.0
+    for g in range(n_groups):
+        turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], desk.rotation[g])
+        if freedom.axis[g] >= 0:  # it turns about its second and third direction; about itself nothing turns
+            for axis in range(3):
+                for k in range(2):
+                    freedom.basis[g, 3 + axis, freedom.axis[g] + k] = (
+                        desk.rotation[g, axis, 1 + k] / freedom.scale[g]
+                    )
+    place(points.node_group, points.node_point, center, desk.rotation, desk.nodes)
+    place(points.group, points.point, center, desk.rotation, desk.points)
+    desk.slack[:] = 0.0
+    _objective(points, freedom, desk, center, wanted)
+    moved_obstacles(table, velocity, spin, rates.period, desk.table_after)
+    m, clearance, pace = 0, np.inf, 0.0
+    desk.gain[:] = rates.gain
+    for i in range(n_hands):
+        g, fast = points.node_group[i], _length(before[i])
+        pace = max(pace, fast, _length(wanted[i]))
+        if rates.braking < np.inf:  # who is fast, in whatever direction, needs long to stop
+            desk.gain[g] = min(desk.gain[g], 2.0 * rates.braking / fast)
+    pace = min(pace, rates.speed)
+    # Obstacles: sampled points, then what is nearest now.
+    n_edges = points.edges.shape[0]
+    for j in range(n_obstacles):
+        fastest = _length(velocity[j]) + _length(spin[j]) * table[j, REACH]
+        for k in range(points.group.shape[0]):
+            g, p = points.group[k], desk.points[k]
+            need = points.radius[k] + rates.clearance + margin[j]
+            h = point_distance(table, j, p[0], p[1], p[2]) - need
+            clearance = min(clearance, h)
+            if h <= horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates):
+                _, nx, ny, nz = distance_and_gradient(table, j, p[0], p[1], p[2])
+                m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
+        for e in range(n_edges):
+            a, b = points.edges[e]
+            p, q = desk.nodes[a], desk.nodes[b]
+            h, share = near_on_edge(table, j, p, q, np.inf)
+            h -= points.edge_radius[e] + rates.clearance + margin[j]
+            desk.left[e, j] = h
+            clearance = min(clearance, h)
+            g = points.node_group[a]
+            if (
+                a != b
+                and 0.0 < share < 1.0
+                and h <= horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates)
+            ):
+                m = _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share)
+        near = np.empty(3)
+        for s in range(points.solids.shape[0]):
+            g, need = points.node_group[points.solids[s, 0]], rates.clearance + margin[j]
+            reach = horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates)
+            desk.left[n_edges + s, j] = np.inf
+            for part in range(N_PARTS):  # each of them may be the next to touch
+                h = near_on_part(table, j, desk.nodes, points.solids[s], part, np.inf, near) - need
+                desk.left[n_edges + s, j] = min(desk.left[n_edges + s, j], h)
+                if h <= reach:
+                    _, nx, ny, nz = distance_and_gradient(table, j, near[0], near[1], near[2])
+                    m = _obstacle_row(freedom, rates, desk, m, g, center, near, (nx, ny, nz), sighting, j, h)
+            clearance = min(clearance, desk.left[n_edges + s, j])
+    # The border.
+    for i in range(points.node_group.shape[0]):
+        g, p = points.node_group[i], desk.nodes[i]
+        for axis in range(3):
+            for side in range(2):
+                h = _border(freedom, p, axis, side) - points.node_radius[i] - rates.clearance
+                clearance = min(clearance, h)
+                if h <= horizon(pace * freedom.lever[g], desk.gain[g], rates):
+                    m = _border_row(freedom, rates, desk, m, g, center, p, axis, side, h)
+    for k in range(freedom.pairs.shape[0]):
+        h = _pair_distance(freedom, desk.nodes, k)
+        if h <= horizon(2 * pace, _pair_gain(points, freedom, desk, k), rates):
+            m = _pair_row(points, freedom, rates, desk, m, k, h)
+    m = _limit_rows(points, freedom, rates, desk, m, before, wanted, m > 0)
+    return m, clearance + rates.clearance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
+    """Write in `twists` what x means, and behind row m the rows that it breaks after the step.
+
+    Returns
+    -------
+    n_rows : int
+    worst : float, largest speed by which a distance after the step is missed [m/s]
+    """
+    center, quaternion = poses
+    table, velocity, spin, margin = sighting
+    n_groups, n, n_obstacles = center.shape[0], x.shape[0], table.shape[0]
+    dt, worst = rates.period, 0.0
+    for g in range(n_groups):
+        for k in range(6):
+            twists[g, k] = 0.0
+            for c in range(n):
+                twists[g, k] += freedom.basis[g, k, c] * x[c]
+    m, far_out = _broken_limits(points, freedom, desk, m, x)
+    if far_out:  # what a step of this size would break says nothing of smaller ones
+        return m, worst
+    step(center, quaternion, twists, dt, desk.center_after, desk.quaternion_after)
+    after = desk.quaternion_after
+    for g in range(n_groups):
+        turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], desk.rotation_after[g])
+    place(points.node_group, points.node_point, desk.center_after, desk.rotation_after, desk.nodes_after)
+    n_edges, near = points.edges.shape[0], np.empty(3)
+    for j in range(n_obstacles):
+        fastest = _length(velocity[j]) + _length(spin[j]) * table[j, REACH]
+        for e in range(n_edges + points.solids.shape[0]):
+            a = points.edges[e, 0] if e < n_edges else points.solids[e - n_edges, 0]
+            g = points.node_group[a]
+            fast = sqrt(twists[g, 0] ** 2 + twists[g, 1] ** 2 + twists[g, 2] ** 2)
+            fast += sqrt(twists[g, 3] ** 2 + twists[g, 4] ** 2 + twists[g, 5] ** 2) * points.reach[g]
+            h = desk.left[e, j]
+            ask = _promise(h, desk.gain[g], rates) - desk.slack[g, j] * dt
+            if h - dt * (fast + fastest) >= ask:
+                continue
+            need = rates.clearance + margin[j]
+            if e < n_edges:
+                p, q = desk.nodes_after[a], desk.nodes_after[points.edges[e, 1]]
+                need += points.edge_radius[e]
+                then, share = near_on_edge(desk.table_after, j, p, q, ask + need)
+                if then >= ask + need:
+                    continue
+                for axis in range(3):
+                    near[axis] = p[axis] + share * (q[axis] - p[axis])
+            else:
+                then = near_on_solid(
+                    desk.table_after, j, desk.nodes_after, points.solids[e - n_edges], ask + need, near
+                )
+                if then >= ask + need:  # then `near` is nowhere
+                    continue
+            then -= need
+            worst = max(worst, (ask - then) / dt)
+            m = _point_row(freedom, rates, desk, m, g, center, twists, near, sighting, j, need, then)
+    for i in range(points.node_group.shape[0]):
+        g = points.node_group[i]
+        for axis in range(3):
+            for side in range(2):
+                need = points.node_radius[i] + rates.clearance
+                h = _border(freedom, desk.nodes[i], axis, side) - need
+                then = _border(freedom, desk.nodes_after[i], axis, side) - need
+                ask = _promise(h, desk.gain[g], rates) - desk.slack[g, n_obstacles + 1] * dt
+                if then >= ask:
+                    continue
+                worst = max(worst, (ask - then) / dt)
+                m = _border_row(freedom, rates, desk, m, g, center, desk.nodes[i], axis, side, h)
+                bend = (then - h) / dt - _value(desk, m - 1, x)
+                desk.low[m - 1] -= min(bend, 0.0)
+    for k in range(freedom.pairs.shape[0]):
+        h, then = _pair_distance(freedom, desk.nodes, k), _pair_distance(freedom, desk.nodes_after, k)
+        g = points.node_group[freedom.pairs[k, 0]]
+        ask = _promise(h, _pair_gain(points, freedom, desk, k), rates) - desk.slack[g, n_obstacles] * dt
+        if then >= ask:
+            continue
+        worst = max(worst, (ask - then) / dt)
+        m = _pair_row(points, freedom, rates, desk, m, k, h)
+        bend = (then - h) / dt - _value(desk, m - 1, x)
+        desk.low[m - 1] -= min(bend, 0.0)
+    return m, worst
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _promise(h, gain, rates):
+    """The clearance [m] that must be left after a step that begins at h."""
+    return (h - rate(h, gain, rates) * rates.period - BEND * h if h > 0.0 else h) - ROUNDING
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _objective(points, freedom, desk, center, wanted):
+    """Sum over the hands of |velocity - wanted|^2 / 2, and what turning costs that moves no hand."""
+    n_groups, _, n = freedom.basis.shape
+    desk.quadratic[:] = 0.0
+    desk.linear[:] = 0.0
+    for i in range(desk.hands.shape[0]):
+        g = points.node_group[i]
+        x, y, z = (
+            desk.nodes[i, 0] - center[g, 0],
+            desk.nodes[i, 1] - center[g, 1],
+            desk.nodes[i, 2] - center[g, 2],
+        )
+        b, jacobian = freedom.basis[g], desk.hands[i]
+        for c in range(n):
+            jacobian[0, c] = b[0, c] + b[4, c] * z - b[5, c] * y
+            jacobian[1, c] = b[1, c] + b[5, c] * x - b[3, c] * z
+            jacobian[2, c] = b[2, c] + b[3, c] * y - b[4, c] * x
+        for axis in range(3):
+            for c in range(n):
+                if jacobian[axis, c] == 0.0:
+                    continue
+                desk.linear[c] -= jacobian[axis, c] * wanted[i, axis]
+                for d in range(n):
+                    desk.quadratic[c, d] += jacobian[axis, c] * jacobian[axis, d]
+    own = np.empty((3, n))
+    for g in range(n_groups):
+        if not freedom.idle[g].any():
+            continue
+        for k in range(3):  # angular velocity in the group's frame
+            for c in range(n):
+                own[k, c] = 0.0
+                for axis in range(3):
+                    own[k, c] += desk.rotation[g, axis, k] * freedom.basis[g, 3 + axis, c]
+        for k in range(3):
+            for l in range(3):
+                for c in range(n):
+                    for d in range(n):
+                        desk.quadratic[c, d] += freedom.idle[g, k, l] * own[k, c] * own[l, d]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _row(freedom, desk, m, g, center, p, nx, ny, nz):
+    """Write as row m the velocity of the point p of group g along (nx, ny, nz)."""
+    x, y, z = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
+    a, b, c = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+    basis = freedom.basis[g]
+    for k in range(basis.shape[1]):
+        desk.rows[m, k] = (
+            nx * basis[0, k]
+            + ny * basis[1, k]
+            + nz * basis[2, k]
+            + a * basis[3, k]
+            + b * basis[4, k]
+            + c * basis[5, k]
+        )
+    desk.body[m] = g
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _obstacle_row(freedom, rates, desk, m, g, center, p, normal, sighting, j, h):
+    """Row of the point p against obstacle `j`, h [m] away."""
+    nx, ny, nz = normal
+    table, velocity, spin, _ = sighting
+    _row(freedom, desk, m, g, center, p, nx, ny, nz)
+    x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
+    comes = (
+        nx * (velocity[j, 0] + spin[j, 1] * z - spin[j, 2] * y)
+        + ny * (velocity[j, 1] + spin[j, 2] * x - spin[j, 0] * z)
+        + nz * (velocity[j, 2] + spin[j, 0] * y - spin[j, 1] * x)
+    )
+    desk.low[m] = comes - rate(h, desk.gain[g], rates)
+    desk.owner[m] = j
+    return m + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share):
+    """Row of the point of edge `e` at `share` of its length."""
+    a, b = points.edges[e]
+    p = np.empty(3)
+    for axis in range(3):
+        p[axis] = desk.nodes[a, axis] + share * (desk.nodes[b, axis] - desk.nodes[a, axis])
+    h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
+    h -= points.edge_radius[e] + rates.clearance + sighting[3][j]
+    return _obstacle_row(
+        freedom, rates, desk, m, points.node_group[a], center, p, (nx, ny, nz), sighting, j, h
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, need, then):
+    """Row of the point that will be at `after` when the step is over, `then` [m] from obstacle `j`."""
+    x, p = np.empty(3), np.empty(3)
+    for axis in range(3):
+        x[axis] = after[axis] - desk.center_after[g, axis]
+    for axis in range(3):  # back to where it is now
+        own = 0.0
+        for k in range(3):
+            inside = 0.0
+            for l in range(3):
+                inside += desk.rotation_after[g, l, k] * x[l]
+            own += desk.rotation[g, axis, k] * inside
+        p[axis] = center[g, axis] + own
+    h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
+    h -= need
+    m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
+    # What the step does beyond its first order, to this point: rounds of turns, the obstacle's turning.
+    x[0], x[1], x[2] = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
+    v = twists[g]
+    moved = (
+        nx * (v[0] + v[4] * x[2] - v[5] * x[1])
+        + ny * (v[1] + v[5] * x[0] - v[3] * x[2])
+        + nz * (v[2] + v[3] * x[1] - v[4] * x[0])
+    )
+    comes = desk.low[m - 1] + rate(h, desk.gain[g], rates)
+    bend = (then - h) / rates.period - (moved - comes)
+    desk.low[m - 1] -= min(bend, 0.0)
+    return m
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _border(freedom, p, axis, side):
+    """Distance [m] of a point from one side of the workspace."""
+    return p[axis] - freedom.lower[axis] if side == 0 else freedom.upper[axis] - p[axis]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _border_row(freedom, rates, desk, m, g, center, p, axis, side, h):
+    sign = 1.0 - 2.0 * side
+    nx, ny, nz = sign * (axis == 0), sign * (axis == 1), sign * (axis == 2)
+    _row(freedom, desk, m, g, center, p, nx, ny, nz)
+    desk.low[m] = -rate(h, desk.gain[g], rates)
+    desk.owner[m] = BORDER
+    return m + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pair_distance(freedom, nodes, k):
+    """By how much two hands are further apart than they must be [m]."""
+    p, q = nodes[freedom.pairs[k, 0]], nodes[freedom.pairs[k, 1]]
+    return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2) - freedom.apart[k]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pair_gain(points, freedom, desk, k):
+    """The gain [1/s] of two hands: that of the quicker group."""
+    a, b = freedom.pairs[k]
+    return min(desk.gain[points.node_group[a]], desk.gain[points.node_group[b]])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pair_row(points, freedom, rates, desk, m, k, h):
+    a, b = freedom.pairs[k]
+    length = max(h + freedom.apart[k], TINY)
+    for c in range(desk.rows.shape[1]):
+        desk.rows[m, c] = 0.0
+        for axis in range(3):
+            n = (desk.nodes[a, axis] - desk.nodes[b, axis]) / length
+            desk.rows[m, c] += n * (desk.hands[a, axis, c] - desk.hands[b, axis, c])
+    desk.low[m] = -rate(h, _pair_gain(points, freedom, desk, k), rates)
+    desk.owner[m], desk.body[m] = HANDS, points.node_group[a]
+    return m + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _limit_rows(points, freedom, rates, desk, m, before, wanted, near):
+    """Set up the balls of speeds, accelerations and turns; tangents where what is wanted is outside.
+
+    A hand that goes round needs an acceleration w^2 r that braking cannot have, so turns are bounded: where something
+    is `near`, so that half of the acceleration is left, otherwise so that the turn can be kept up at all.
+    """
+    n_hands, balls = before.shape[0], desk.balls
+    reach = rates.acceleration * rates.period
+    for i in range(n_hands):
+        for axis in range(3):
+            balls[i, axis] = 0.0
+            balls[n_hands + i, axis] = before[i, axis]
+        # Who is too fast brakes as hard as he may.
+        balls[i, 3] = max(rates.speed, _length(before[i]) - 0.9 * reach) if reach < np.inf else rates.speed
+        balls[n_hands + i, 3] = reach
+    for g in range(freedom.spread.shape[0]):
+        balls[2 * n_hands + g, 0] = balls[2 * n_hands + g, 1] = balls[2 * n_hands + g, 2] = 0.0
+        balls[2 * n_hands + g, 3] = np.inf
+    if reach < np.inf:
+        n = desk.linear.shape[0]
+        right = np.zeros(n)
+        for i in range(n_hands):
+            for axis in range(3):
+                for c in range(n):
+                    right[c] += desk.hands[i, axis, c] * before[i, axis]
+        x = np.linalg.solve(desk.quadratic, right)
+        for g in range(freedom.spread.shape[0]):
+            spread = freedom.spread[g]
+            if spread == 0.0:
+                continue
+            turn = 0.0
+            for axis in range(3):
+                w = 0.0
+                for c in range(n):
+                    w += freedom.basis[g, 3 + axis, c] * x[c]
+                turn += w * w
+            turn = sqrt(turn) * spread
+            free = sqrt(max((rates.acceleration - turn * turn / spread) * rates.acceleration, 0.0))
+            most = sqrt((0.5 if near else 1.0) * rates.acceleration * spread)
+            balls[2 * n_hands + g, 3] = max(most, turn - 0.5 * free * rates.period)
+    for b in range(2 * n_hands):
+        i = b % n_hands
+        m = _tangent(points, freedom, desk, m, b, wanted[i, 0], wanted[i, 1], wanted[i, 2])
+    return m
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _broken_limits(points, freedom, desk, m, x):
+    """Tangents to the balls that x is outside of; whether it is far outside of one."""
+    n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
+    y, far_out = np.empty(3), False
+    for b in range(n_balls):
+        if desk.balls[b, 3] == np.inf:
+            continue
+        for axis in range(3):
+            y[axis] = 0.0
+            for c in range(n):
+                y[axis] += _length_row(freedom, desk, b, n_hands, axis, c) * x[c]
+        m = _tangent(points, freedom, desk, m, b, y[0], y[1], y[2])
+        away = (
+            (y[0] - desk.balls[b, 0]) ** 2 + (y[1] - desk.balls[b, 1]) ** 2 + (y[2] - desk.balls[b, 2]) ** 2
+        )
+        far_out = far_out or away > (FAR_OUT * desk.balls[b, 3]) ** 2
+    return m, far_out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _length_row(freedom, desk, b, n_hands, axis, c):
+    """What variable c adds along an axis to the vector that ball `b` bounds: a hand's velocity, or a turn [m/s]."""
+    if b < 2 * n_hands:
+        return desk.hands[b % n_hands, axis, c]
+    return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tangent(points, freedom, desk, m, b, x, y, z):
+    """A row along the tangent plane of ball `b` towards (x, y, z) [m/s], if that is outside."""
+    ball, n_hands = desk.balls[b], desk.hands.shape[0]
+    x, y, z = x - ball[0], y - ball[1], z - ball[2]
+    length = sqrt(x * x + y * y + z * z)
+    if not length > ball[3] * (1.0 + ROUND):
+        return m
+    x, y, z = x / length, y / length, z / length
+    for c in range(desk.rows.shape[1]):
+        desk.rows[m, c] = -(
+            x * _length_row(freedom, desk, b, n_hands, 0, c)
+            + y * _length_row(freedom, desk, b, n_hands, 1, c)
+            + z * _length_row(freedom, desk, b, n_hands, 2, c)
+        )
+    inside = INSIDE if b < n_hands else INSIDE_BENDS
+    desk.low[m] = -(1.0 - inside) * ball[3] - (x * ball[0] + y * ball[1] + z * ball[2])
+    desk.owner[m] = LIMIT
+    desk.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
+    return m + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _value(desk, i, x):
+    """Row i at x."""
+    value = 0.0
+    for c in range(x.shape[0]):
+        value += desk.rows[i, c] * x[c]
+    return value
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _length(v):
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _wrong(center, quaternion, before, wanted, table, velocity, spin, margin):
+    """A key of `WRONG`, or 0; sizes of obstacles that reach on along z may be infinite."""
+    total = center.sum() + quaternion.sum() + before.sum() + wanted.sum()
+    total += velocity.sum() + spin.sum() + margin.sum() + table[:, : CENTER + 12].sum()
+    if not np.isfinite(total) or np.isnan(table).any():
+        return -1
+    for g in range(quaternion.shape[0]):
+        if abs((quaternion[g] ** 2).sum() - 1.0) > UNIT:
+            return -2
+    return -3 if (margin < 0.0).any() else 0

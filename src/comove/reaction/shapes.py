@@ -1,0 +1,190 @@
+"""Shapes of obstacles, and what the kernels of `levels` need of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number, numbers
+from comove.reaction.levels import SUPERQUADRIC
+from comove.scenes import distances as sd
+
+
+@dataclass(frozen=True)
+class TableShape:
+    """How the kernels take a shape: columns KIND, SIZE, LEVEL, EXPONENT and REACH of the table, lengths in metres."""
+
+    kind: int
+    size: tuple[float, ...]
+    level: tuple[float, ...]
+    reach: float
+    exponent: tuple[float, ...] = ()
+
+
+class Shape(Protocol):
+    """What an obstacle looks like, about its centre and along its own axes; lengths in metres."""
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """The shape with a safety margin [m]; raises `OptionError` if it is none of `n_dims` dimensions."""
+        ...
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A circle in the plane, a sphere in space, of `radius` [m]."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_positive(radius=self.radius)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        return TableShape(
+            sd.SPHERE, (self.radius,), (self.radius, self.radius + margin), self.radius + margin
+        )
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipse in the plane, an ellipsoid in space.
+
+    With a margin it becomes the ellipsoid of least trace among those of a family that hold the sum of the ellipsoid
+    and a ball (Kurzhanski & Valyi, 1997): nowhere is less than the margin kept, at some places more.
+
+    Attributes
+    ----------
+    radii : semi-axes, n_dims numbers [m]
+    """
+
+    radii: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", _lengths("radii", self.radii))
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        radii = np.array(_counted("radii", self.radii, n_dims))
+        share = margin * np.sqrt(n_dims / (radii @ radii))
+        axes = np.sqrt((1 + share) * radii**2 + (margin**2 + margin**2 / share if share else 0.0))
+        return TableShape(sd.ELLIPSOID, tuple(radii), tuple(axes), float(axes.max()))
+
+
+@dataclass(frozen=True)
+class Superquadric:
+    """Where sum |u_i / radii_i|^(2 exponents_i) <= 1: from an ellipsoid (exponents 1) towards a box.
+
+    With a margin all semi-axes grow by one factor, 1 + margin / least semi-axis, so that the margin is kept
+    everywhere; at the ends of long ones it is more.
+
+    Attributes
+    ----------
+    radii : semi-axes, n_dims numbers [m]
+    exponents : as many numbers from 1 on
+    """
+
+    radii: tuple[float, ...]
+    exponents: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", _lengths("radii", self.radii))
+        object.__setattr__(self, "exponents", _lengths("exponents", self.exponents))
+        if min(self.exponents) < 1.0:
+            raise OptionError(
+                f"exponents {self.exponents} below 1",
+                key="exponents",
+                way_out="give numbers from 1 on: below it the surface has a kink",
+            )
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        radii = np.array(_counted("radii", self.radii, n_dims))
+        exponents = _counted("exponents", self.exponents, n_dims)
+        axes = radii * (1 + margin / radii.min())
+        return TableShape(SUPERQUADRIC, tuple(radii), tuple(axes), float(np.linalg.norm(axes)), exponents)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in the plane, a box in space; a margin rounds its edges.
+
+    Attributes
+    ----------
+    size : full edge lengths, n_dims numbers [m]
+    """
+
+    size: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", _lengths("size", self.size))
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        half = tuple(edge / 2 for edge in _counted("size", self.size, n_dims))
+        return TableShape(sd.BOX, half, (min(half), min(half) + margin), float(np.linalg.norm(half)) + margin)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A segment of `length`, thickened by `radius` [m]; along its own x in the plane, its own z in space."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _require_positive(radius=self.radius, length=self.length)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        half, width = self.length / 2, self.radius + margin
+        return TableShape(sd.CAPSULE, (self.radius, half), (self.radius, width), half + width)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder of `radius` and `height` [m] along its own z; a margin rounds its edges. In space only."""
+
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        _require_positive(radius=self.radius, height=self.height)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """See `Shape`."""
+        if n_dims != 3:
+            raise OptionError(
+                "a cylinder in the plane", key="shape", way_out="give a Sphere (its slice) or a Box"
+            )
+        half = self.height / 2
+        least = min(self.radius, half)
+        return TableShape(
+            sd.CYLINDER,
+            (self.radius, half),
+            (least, least + margin),
+            float(np.hypot(self.radius, half)) + margin,
+        )
+
+
+def _require_positive(**lengths: object) -> None:
+    for name, value in lengths.items():
+        if not (is_number(value) and value > 0):
+            raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
+
+
+def _lengths(name: str, values: object) -> tuple[float, ...]:
+    array = numbers(values)
+    if array.shape not in ((2,), (3,)) or not (np.isfinite(array) & (array > 0)).all():
+        raise OptionError(f"{name} = {values!r}", key=name, way_out="give 2 or 3 positive numbers")
+    return tuple(array.tolist())
+
+
+def _counted(name: str, values: tuple[float, ...], n_dims: int) -> tuple[float, ...]:
+    if len(values) != n_dims:
+        raise OptionError(
+            f"{len(values)} {name} in {n_dims} dimensions", key=name, way_out=f"give {n_dims} numbers"
+        )
+    return values

@@ -1,0 +1,255 @@
+"""Poses and twists of a scene's rigid groups, and the exact step from one to the next.
+
+A twist is (v, w): velocity of the group's centre and angular velocity, both along the axes of the world. Held over
+a time t it moves a body exactly by ``c(t) = c + v t``, ``R(t) = exp([w] t) R`` (Lynch & Park, Modern Robotics, 2017,
+3.2.3): every point of the body is placed from one unit quaternion, so distances within the body are kept to rounding,
+however many steps are taken. In the plane this is SE(2), with v and w about z alone.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.coordination.coordinates import ANGLE, DIRECTION, QUATERNION, Coordinates
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number, numbers
+from comove.primitives.rotations import matrices, similarity
+from comove.scenes.groups import RigidGroup, fit_pose, orientation_of, quaternion_of_rotation
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class Poses(NamedTuple):
+    """Where the rigid groups of a scene are, in their order.
+
+    Attributes
+    ----------
+    center : array, shape (n_groups, 3), origins of the groups' frames [m]
+    quaternion : array, shape (n_groups, 4), w x y z, of unit length; in the plane turns about z
+    """
+
+    center: Array
+    quaternion: Array
+
+
+class Nodes(NamedTuple):
+    """Which group a node belongs to and where in its frame: hands in their order, then corners of the load.
+
+    Attributes
+    ----------
+    group : array of int, shape (n_nodes,)
+    point : array, shape (n_nodes, 3), in the group's frame [m]
+    """
+
+    group: NDArray[np.int64]
+    point: Array
+
+
+@lru_cache(maxsize=16)
+def group_nodes(scene: Scene) -> Nodes:
+    """The nodes of a scene as parts of its groups."""
+    group, point = np.zeros(scene.body.n_nodes, dtype=np.int64), np.zeros((scene.body.n_nodes, 3))
+    corner = len(scene.manipulators)
+    for g, part in enumerate(scene.groups):
+        own = [*part.members, *range(corner, corner + len(part.corners))]
+        group[own], point[own] = g, part.points
+        corner += len(part.corners)
+    for array in (group, point):
+        array.setflags(write=False)
+    return Nodes(group, point)
+
+
+def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> Poses:
+    """Poses of the groups at an end of the scene, or those nearest to given hands.
+
+    Parameters
+    ----------
+    hands_or_end : "start", "goal", or array, shape (n_manipulators, n_dims), hands [m]. Where hands on one line leave
+        the roll about it open, it is that of the least turn from the start.
+
+    Raises
+    ------
+    OptionError
+        If it is neither.
+    """
+    if isinstance(hands_or_end, str):
+        if hands_or_end not in ("start", "goal"):
+            raise OptionError(f"'{hands_or_end}' is no end of a scene", way_out="say 'start' or 'goal'")
+        found = [(p.center, p.rotation) for p in (getattr(g, hands_or_end) for g in scene.groups)]
+    else:
+        hands = numbers(hands_or_end)
+        if hands.shape != (len(scene.manipulators), scene.n_dims) or not np.isfinite(hands).all():
+            raise OptionError(
+                f"hands of shape {hands.shape}",
+                way_out=f"give {len(scene.manipulators)} points of {scene.n_dims} finite numbers, or 'start'",
+            )
+        hands = np.concatenate([hands, np.zeros((len(hands), 3 - scene.n_dims))], axis=1)
+        found = [_fitted(group, hands[list(group.members)]) for group in scene.groups]
+    return Poses(
+        np.array([center for center, _ in found]),
+        np.array([quaternion_of_rotation(rotation) for _, rotation in found]),
+    )
+
+
+def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
+    """Centre and rotation of a group, its hands, array of shape (n_members, 3), being given [m]."""
+    if group.orientation == "space" and orientation_of(group.grasps, 3) == "axis":
+        before = group.start.place(group.grasps)
+        lines = [points[-1] - points[0] for points in (before, hands)]
+        rotation = similarity(*(line / np.linalg.norm(line) for line in lines)) @ group.start.rotation
+        return hands.mean(axis=0) - rotation @ group.grasps.mean(axis=0), rotation
+    pose = fit_pose(group.grasps, hands, group.orientation)
+    return pose.center, pose.rotation
+
+
+def poses_at(coordinates: Coordinates, q: ArrayLike) -> Poses:
+    """Poses of the groups in a configuration of the scene's coordinates, array of shape (n_columns,).
+
+    Raises
+    ------
+    OptionError
+        If `q` is none of these coordinates, or they are those of free hands.
+    """
+    q = numbers(q)
+    if q.shape != (coordinates.n_columns,) or not np.isfinite(q).all():
+        raise OptionError(
+            f"a configuration of shape {q.shape}", way_out=f"give {coordinates.n_columns} finite numbers"
+        )
+    if coordinates.kind == "arms":
+        raise OptionError("free hands have no poses", way_out="use the load's coordinates, or poses_of")
+    n = coordinates.n_dims
+    center, quaternion = np.zeros((len(coordinates.parts), 3)), np.zeros((len(coordinates.parts), 4))
+    for g, (kind, columns, _, _) in enumerate(coordinates.parts):
+        center[g, :n], turn = np.split(q[columns], [n])
+        rotation = np.eye(3)
+        if kind == ANGLE:
+            quaternion[g] = np.cos(turn[0] / 2), 0.0, 0.0, np.sin(turn[0] / 2)
+            continue
+        if kind == QUATERNION:
+            quaternion[g] = turn / np.linalg.norm(turn)
+            continue
+        if kind == DIRECTION:
+            x = np.eye(3)[0]
+            rotation = similarity(x, np.append(turn, np.zeros(3 - n)) / np.linalg.norm(turn))
+        quaternion[g] = quaternion_of_rotation(rotation)
+    return Poses(center, quaternion)
+
+
+def nodes_of(scene: Scene, poses: Poses) -> Array:
+    """Nodes at given poses; array, shape (n_nodes, 3), hands first, then corners of the load [m]."""
+    nodes = group_nodes(scene)
+    placed = np.empty_like(nodes.point)
+    place(nodes.group, nodes.point, poses.center, turns(poses.quaternion), placed)
+    return placed
+
+
+def advanced(poses: Poses, twists: Array, dt: float) -> Poses:
+    """The poses after `dt` [s] of constant twists, exactly.
+
+    Parameters
+    ----------
+    twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s]
+
+    Raises
+    ------
+    OptionError
+        If `dt` or the twists are not finite numbers, or there are not as many twists as groups.
+    """
+    twists = np.ascontiguousarray(twists, dtype=np.float64)
+    if twists.shape != (len(poses.center), 6):
+        raise OptionError(
+            f"twists of shape {twists.shape}", way_out=f"give an array of shape {(len(poses.center), 6)}"
+        )
+    if not is_number(dt):
+        raise OptionError(f"dt = {dt!r}", way_out="give a time step [s]")
+    center, quaternion = np.empty_like(poses.center), np.empty_like(poses.quaternion)
+    if not step(poses.center, poses.quaternion, twists, float(dt), center, quaternion):
+        raise OptionError("twists that are not finite", way_out="give finite numbers")
+    return Poses(center, quaternion)
+
+
+def hand_velocities(scene: Scene, poses: Poses, twists: Array) -> Array:
+    """Velocities of the hands; array, shape (n_manipulators, 3), [m/s].
+
+    Parameters
+    ----------
+    twists : array, shape (n_groups, 6)
+    """
+    nodes, n = group_nodes(scene), len(scene.manipulators)
+    own, held = twists[nodes.group[:n]], nodes.point[:n]
+    arms = np.einsum("nij,nj->ni", matrices(poses.quaternion)[nodes.group[:n]], held)
+    return own[:, :3] + np.cross(own[:, 3:], arms)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def exponential_at(x, y, z):
+    """Unit quaternion (w, x, y, z) of one rotation vector [rad]."""
+    angle = 0.5 * sqrt(x * x + y * y + z * z)
+    factor = 0.5 * (sin(angle) / angle if angle > 1e-4 else 1.0 - angle * angle / 6.0)
+    return cos(angle), factor * x, factor * y, factor * z
+
+
+@numba.njit(cache=True, error_model="numpy")
+def step(center, quaternion, twists, dt, next_center, next_quaternion):
+    """Write the poses after `dt` [s] in the last two arrays; whether all of them are finite."""
+    finite = True
+    for g in range(center.shape[0]):
+        for axis in range(3):
+            next_center[g, axis] = center[g, axis] + dt * twists[g, axis]
+        a, b, c, d = exponential_at(dt * twists[g, 3], dt * twists[g, 4], dt * twists[g, 5])
+        w, x, y, z = quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3]
+        p, q = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
+        r, s = a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
+        scale = 1.0 / sqrt(p * p + q * q + r * r + s * s)  # rounding does not add up
+        next_quaternion[g, 0], next_quaternion[g, 1] = p * scale, q * scale
+        next_quaternion[g, 2], next_quaternion[g, 3] = r * scale, s * scale
+        total = next_center[g, 0] + next_center[g, 1] + next_center[g, 2] + scale
+        finite = finite and np.isfinite(total)
+    return finite
+
+
+@numba.njit(cache=True, error_model="numpy")
+def turn_into(w, x, y, z, rotation):
+    """Write the matrix of a unit quaternion in `rotation`, array of shape (3, 3)."""
+    rotation[0, 0], rotation[0, 1], rotation[0, 2] = (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+    )
+    rotation[1, 0], rotation[1, 1], rotation[1, 2] = (
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+    )
+    rotation[2, 0], rotation[2, 1], rotation[2, 2] = (
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def turns(quaternion):
+    """Matrices (n, 3, 3) of unit quaternions (n, 4)."""
+    rotation = np.empty((quaternion.shape[0], 3, 3))
+    for g in range(quaternion.shape[0]):
+        turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], rotation[g])
+    return rotation
+
+
+@numba.njit(cache=True, error_model="numpy")
+def place(group, point, center, rotation, placed):
+    """Write in `placed` where points (n, 3) of groups' frames are in the world [m]."""
+    for i in range(point.shape[0]):
+        turn, x, y, z = rotation[group[i]], point[i, 0], point[i, 1], point[i, 2]
+        for axis in range(3):
+            placed[i, axis] = (
+                center[group[i], axis] + turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z
+            )

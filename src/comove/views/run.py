@@ -1,0 +1,101 @@
+"""Pictures and animations of executions among obstacles that move (the counterpart of the paper's Figure 2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from comove.scenes.distances import CENTER
+from comove.scenes.scene import Scene
+from comove.verification.record import Record
+from comove.views.motion import COLOURS, MOVING, draw_frame, draw_legend, new_figure, outline, views_of
+
+Array = NDArray[np.float64]
+
+N_STATES, FRAME_RATE, MAX_FRAMES = 13, 15, 240
+TRAIL = 1.0  # s, of the way that an animation shows behind the hands
+
+
+def draw_run(record: Record, title: str | None = None) -> Figure:
+    """An execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
+    scene, views = record.scene, views_of(record.scene)
+    figure = new_figure(5.4 * len(views) + 0.4, 6.2)
+    for i, view in enumerate(views):
+        axes = figure.add_subplot(1, len(views), i + 1)
+        axes.set_title(title or scene.name)
+        draw_frame(axes, scene, view)
+        for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
+            share = (k + 1) / N_STATES
+            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share, still=k == 0)
+            _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
+        for hand, name in enumerate(scene.manipulators):
+            path = record.nodes[:, hand][:, list(view)]
+            axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=name)
+            axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
+            axes.plot(*scene.goal[hand][list(view)], "s", color="#d62728", markersize=7, zorder=5)
+    draw_legend(figure)
+    return figure
+
+
+def animate_run(record: Record, path: Path) -> None:
+    """Write an execution as an animated GIF in real time, or faster where it is long."""
+    scene, views = record.scene, views_of(record.scene)
+    n_frames = int(np.clip(record.time[-1] * FRAME_RATE, 2, MAX_FRAMES))
+    steps = np.linspace(0, len(record.time) - 1, n_frames).astype(int)
+    trail = int(TRAIL / max(record.time[1] - record.time[0], 1e-9))
+    figure = new_figure(4.4 * len(views) + 0.2, 4.8)
+    panels = [figure.add_subplot(1, len(views), i + 1) for i in range(len(views))]
+
+    def frame(step: int) -> None:
+        for axes, view in zip(panels, views, strict=True):
+            axes.clear()
+            axes.set_title(f"{scene.name}, {record.time[step]:.1f} s")
+            draw_frame(axes, scene, view)
+            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.6, still=True)
+            _draw_load(axes, scene, record.nodes[step][:, list(view)], 1.0)
+            for hand in range(len(scene.manipulators)):
+                colour = COLOURS[hand % len(COLOURS)]
+                way = record.nodes[max(0, step - trail) : step + 1, hand][:, list(view)]
+                axes.plot(*way.T, color=colour, linewidth=1.4)
+                axes.plot(*way[-1], "o", color=colour, markersize=5)
+                axes.plot(*scene.goal[hand][list(view)], "s", color="#d62728", markersize=6, alpha=0.6)
+
+    animation = FuncAnimation(figure, frame, frames=steps.tolist())
+    animation.save(path, writer=PillowWriter(fps=FRAME_RATE), dpi=70)
+
+
+def _draw_obstacles(
+    axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float, still: bool
+) -> None:
+    solid = 1.0 if scene.n_dims == 2 else 0.35
+    for row, center, moves in zip(scene.obstacles, centers, scene.moving, strict=True):
+        if not moves and not still:
+            continue
+        row = row.copy()
+        row[CENTER : CENTER + 3] = center
+        colour = MOVING if moves else "0.62"
+        axes.fill(
+            *outline(row, view).T,
+            facecolor=colour,
+            edgecolor="0.25",
+            linewidth=0.6,
+            alpha=solid * (alpha if moves else 1.0),
+        )
+
+
+def _draw_load(axes: Axes, scene: Scene, nodes: Array, share: float) -> None:
+    pairs = [e for e in scene.body.edges if e[0] != e[1]]
+    pairs += [
+        (corners[i], corners[i ^ bit]) for corners in scene.body.solids for i in range(8) for bit in (1, 2, 4)
+    ]
+    pairs = pairs or [(c.first, c.second) for c in scene.distances]
+    lines = [nodes[list(pair)] for pair in pairs]
+    axes.add_collection(
+        LineCollection(lines, colors="0.1", linewidths=1.2, alpha=0.25 + 0.75 * share, zorder=3)
+    )

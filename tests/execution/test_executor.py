@@ -1,0 +1,142 @@
+"""Executions arrive, keep every distance and touch nothing; where they cannot arrive they stop and say why."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comove.errors import OptionError
+from comove.execution import Executor, Functions, Pace
+from comove.execution.executor import twists_between
+from comove.experiments.random_scenes import moving_scene
+from comove.reaction.twists import Poses, advanced, nodes_of, poses_of
+from comove.scenes import Scene
+from comove.verification.record import judge
+
+
+def crossing(*obstacles, **more):
+    """Two hands carry a bar across an empty square that obstacles cross."""
+    hands = [{"name": n, "start": [0.15, y], "goal": [0.85, y]} for n, y in (("left", 0.4), ("right", 0.6))]
+    return Scene.from_dict(
+        {
+            "name": "crossing",
+            "duration": 4.0,
+            "workspace": {"lower": [0, 0], "upper": [1, 1]},
+            "obstacles": list(obstacles),
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": hands,
+            "limits": {"speed": 0.5, "acceleration": 2.0, "clearance": 0.01},
+            **more,
+        }
+    )
+
+
+def disc(center, motion, radius=0.07):
+    return {"shape": "circle", "center": center, "radius": radius, "motion": motion}
+
+
+def as_functions(scene):
+    """The same motions as functions of time, of which nobody knows how they go on."""
+
+    def position(motion, center):
+        return lambda t: np.array(center) + motion.offsets(np.array([t]))[0, : scene.n_dims]
+
+    pairs = zip(scene.motions, (o.center for o in scene.file.obstacles), strict=True)
+    return Functions(scene, [None if m is None else position(m, c) for m, c in pairs])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_known_motions_are_passed(seed):
+    scene = moving_scene(seed)
+    report = judge(Executor(scene).run(3 * scene.duration))
+    assert report.reasons == ()
+    assert report.distance_error_max <= 1e-9
+    assert report.end_error <= 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 4, 9])
+def test_motions_that_are_only_seen_are_dodged(seed):
+    scene = moving_scene(seed)
+    report = judge(Executor(scene, as_functions(scene)).run(3 * scene.duration))
+    assert report.clearance_min >= 0
+    assert report.distance_error_max <= 1e-9
+    assert report.end_error <= 1e-3
+
+
+def test_what_never_leaves_the_goal_is_waited_for_and_named():
+    scene = crossing(disc([0.9, 0.05], {"waypoints": [[0.9, 0.05], [0.9, 0.5]], "times": [0, 3]}))
+    executor = Executor(scene)
+    report = judge(executor.run(8.0), executor.blocker)
+    assert report.clearance_min >= scene.clearance
+    assert report.end_speed < 1e-3
+    (reason,) = report.reasons
+    assert reason.endswith("obstacles[0] (sphere) is where the load has to go")
+
+
+def test_what_leaves_the_goal_late_is_waited_for():
+    """Until well after the time that the scene gives."""
+    away = {"waypoints": [[0.9, 0.5], [0.9, 0.5], [0.9, 1.5]], "times": [0, 5, 7]}
+    record = Executor(crossing(disc([0.9, 0.5], away))).run(12.0)
+    assert judge(record).reasons == ()
+    assert record.time[-1] > 5.5
+
+
+def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
+    """It seems to pass behind the load, and turns towards it when it is half-way."""
+    turn = {"waypoints": [[0.6, 0.95], [0.9, 0.95], [0.5, 0.5], [0.1, 0.05]], "times": [0.0, 1.0, 2.8, 4.5]}
+    scene = crossing(disc([0.6, 0.95], turn))
+    executor = Executor(scene, as_functions(scene))
+    report = judge(executor.run(12.0))
+    assert report.clearance_min >= 0
+    assert report.end_error <= 1e-3
+    assert any("given up" in event.what for event in executor.log.events)
+
+
+def test_the_same_seed_gives_the_same_execution():
+    scene = moving_scene(4)
+    first, second = (Executor(scene, as_functions(scene), seed=2).run(6.0) for _ in range(2))
+    np.testing.assert_array_equal(first.center, second.center)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), n_dims=st.sampled_from([2, 3]), n_hands=st.sampled_from([2, 3]))
+def test_the_twist_between_poses_leads_from_one_to_the_other(seed, n_dims, n_hands):
+    scene = moving_scene(n_dims - 2 + 2 * (n_hands - 2))
+    assert (scene.n_dims, len(scene.manipulators)) == (n_dims, n_hands)
+    rng, here = np.random.default_rng(seed), poses_of(scene, "start")
+    spin = rng.uniform(-2.0, 2.0, 3) * ([0, 0, 1] if n_dims == 2 else [1, 1, 1])
+    shift = rng.uniform(-1.0, 1.0, 3) * ([1, 1, 0] if n_dims == 2 else [1, 1, 1])
+    there = advanced(here, np.concatenate([shift, spin])[None], 0.7)
+    back = advanced(here, twists_between(scene, here, there, 0.3), 0.3)
+    np.testing.assert_allclose(nodes_of(scene, back), nodes_of(scene, there), atol=1e-12)
+
+
+def test_a_bar_does_not_roll_about_itself():
+    scene = moving_scene(1)
+    here = poses_of(scene, "start")
+    along = nodes_of(scene, here)[1] - nodes_of(scene, here)[0]
+    roll = np.concatenate([np.zeros(3), 2.0 * along / np.linalg.norm(along)])
+    there = advanced(here, roll[None], 1.0)
+    assert np.abs(twists_between(scene, here, there, 1.0)).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"period": 0}, {"period": -0.01}, {"watch": float("nan")}, {"patience": "1"}]
+)
+def test_a_pace_that_is_none(wrong):
+    with pytest.raises(OptionError, match=f"{next(iter(wrong))} = .*; give a time between 0 and 1 s"):
+        Pace(**wrong)
+
+
+def test_functions_that_give_no_place():
+    scene = crossing(disc([0.5, 0.9], {"velocity": [0.0, -0.1]}))
+    with pytest.raises(OptionError, match="2 functions for 1 obstacles"):
+        Functions(scene, [None, None])
+    with pytest.raises(OptionError, match=r"the function of obstacles\[0\] gives"):
+        Executor(scene, Functions(scene, [lambda t: [0.5, float("nan")]])).step()
+    with pytest.raises(OptionError, match="budget"):
+        Executor(scene).run(0.0)
+
+
+def test_poses_are_of_the_scene():
+    assert isinstance(Executor(moving_scene(0)).poses, Poses)

@@ -1,0 +1,103 @@
+"""The judge of executions finds what went wrong, between the steps too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from comove.scenes import Scene
+from comove.verification.record import Record, judge
+
+PERIOD, DURATION = 0.01, 2.0
+
+
+def scene(*obstacles, **limits):
+    hands = [{"name": n, "start": [0.2, y], "goal": [0.8, y]} for n, y in (("a", 0.4), ("b", 0.6))]
+    return Scene.from_dict(
+        {
+            "name": "judged",
+            "duration": DURATION,
+            "workspace": {"lower": [0, 0], "upper": [1, 1]},
+            "obstacles": list(obstacles),
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": hands,
+            "limits": limits,
+        }
+    )
+
+
+def record(around, turn=0.0):
+    """From start to goal on a minimum-jerk straight line, with a turn and back on the way."""
+    time = np.arange(round(DURATION / PERIOD) + 2) * PERIOD
+    s = np.minimum(time / DURATION, 1.0)
+    share = s**3 * (10 - 15 * s + 6 * s**2)
+    center = np.zeros((len(time), 1, 3))
+    center[:, 0, 0], center[:, 0, 1] = 0.2 + 0.6 * share, 0.5
+    angle = np.pi / 2 + 0 * s + turn * np.sin(np.pi * share) ** 2
+    own = np.arctan2(*(around.groups[0].start.rotation[[1, 0], 0]))
+    angle = angle - np.pi / 2 + own
+    quaternion = np.zeros((len(time), 1, 4))
+    quaternion[:, 0, 0], quaternion[:, 0, 3] = np.cos(angle / 2), np.sin(angle / 2)
+    obstacles = around.obstacles[:, 1:4] + around.offsets(time)
+    return Record(around, time, center, quaternion, obstacles, around.obstacle_sags(time))
+
+
+def test_what_is_as_it_should_be():
+    report = judge(record(scene(speed=1.0, acceleration=2.0), turn=0.5))
+    assert report.reasons == ()
+    assert report.end_error == pytest.approx(0.0, abs=1e-12)
+    assert report.distance_error_max < 1e-12
+
+
+def test_speeds_and_accelerations_are_those_of_minimum_jerk():
+    """Flash and Hogan, 1985: 1.875 d/T and 5.77 d/T^2."""
+    report = judge(record(scene()))
+    assert report.speed_max == pytest.approx(1.875 * 0.6 / DURATION, rel=1e-3)
+    assert report.acceleration_max == pytest.approx(10 / np.sqrt(3) * 0.6 / DURATION**2, rel=1e-2)
+
+
+def test_limits():
+    (reason,) = judge(record(scene(speed=0.5))).reasons
+    assert "moves at 0.56" in reason
+    (reason,) = judge(record(scene(acceleration=0.8))).reasons
+    assert "accelerates by 0.8" in reason
+
+
+def test_a_contact_between_two_steps_is_found():
+    """A disc that crosses the bar's way at 40 m/s, between two instants at which it is on either side."""
+    shot = {"waypoints": [[0.5, 1.2], [0.5, 1.2], [0.5, 0.8], [0.5, 0.8]], "times": [0, 0.995, 1.005, 2]}
+    away = {"shape": "circle", "center": [0.5, 1.2], "radius": 0.05, "motion": shot}
+    assert judge(record(scene(away))).reasons == ()
+    shot = {**shot, "waypoints": [[0.5, 1.2], [0.5, 1.2], [0.5, -0.2], [0.5, -0.2]]}
+    (reason,) = judge(record(scene({**away, "motion": shot}))).reasons
+    assert "obstacles[0] (sphere) at 0.99 s" in reason or "obstacles[0] (sphere) at 1.00 s" in reason
+
+
+def test_clearance_that_is_asked_for():
+    wall = {"shape": "box", "center": [0.5, 0.9], "size": [0.2, 0.5]}  # 5 cm above the upper hand
+    assert judge(record(scene(wall, clearance=0.04))).reasons == ()
+    (reason,) = judge(record(scene({**wall, "center": [0.5, 0.88]}, clearance=0.04))).reasons
+    assert "0.04 m of clearance are asked for" in reason
+    assert judge(
+        record(scene({**wall, "center": [0.5, 0.88]}, clearance=0.02))
+    ).clearance_min == pytest.approx(0.03, abs=2e-4)
+
+
+def test_a_goal_that_is_missed_names_what_was_in_the_way():
+    done = record(scene())
+    short = replace(
+        done,
+        **{k: getattr(done, k)[:150] for k in ("time", "center", "quaternion", "obstacles")},
+        sag=done.sag[:149],
+    )
+    first, second = judge(short, "the door is closed").reasons
+    assert first.startswith("the goal is missed by")
+    assert first.endswith("the door is closed")
+    assert "still moves" in second
+
+
+def test_poses_that_are_no_numbers():
+    done = record(scene({"shape": "circle", "center": [0.5, 0.1], "radius": 0.05}))
+    center = done.center.copy()
+    center[7] = np.nan
+    assert judge(replace(done, center=center)).reasons
