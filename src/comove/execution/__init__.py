@@ -2,6 +2,20 @@
 
 from comove.execution.executor import Event, Executor, Log, Pace, Plan
 from comove.execution.files import write_run
+from comove.execution.measured import Measured, Observed, Sensor
 from comove.execution.sight import Functions, Known, Sight
 
-__all__ = ["Event", "Executor", "Functions", "Known", "Log", "Pace", "Plan", "Sight", "write_run"]
+__all__ = [
+    "Event",
+    "Executor",
+    "Functions",
+    "Known",
+    "Log",
+    "Measured",
+    "Observed",
+    "Pace",
+    "Plan",
+    "Sensor",
+    "Sight",
+    "write_run",
+]
