@@ -57,6 +57,7 @@ class Comove:
     n_basis_growing : while the load grows
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
+    n_restarts : of these, how many before the next may have twice as many nodes
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     polishing : how long and how widely a verified motion is improved
     """
@@ -67,6 +68,7 @@ class Comove:
     n_basis_growing: int = 20
     n_plans: int = 8
     n_failures: int = 12
+    n_restarts: int = 2
     n_polishings: int = 5
     polishing: Schedule = POLISHING
 
@@ -91,7 +93,7 @@ class Comove:
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (_planner_in_time if in_time else _planner)(search, space, ends)
         starts: list[tuple[float, CoordinatedDMP]] = []
-        failures, pace = 0, 0.0
+        failures, unfit, pace = 0, 0, 0.0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
@@ -100,8 +102,9 @@ class Comove:
             pace = max(pace, (begun - search.time_left()) / nodes**2)
             start = None
             if found is not None:
-                mend = search.best is None and (plans_are_dear or failures >= FAILURES_TO_MEND)
+                mend = search.best is None and (plans_are_dear or unfit >= FAILURES_TO_MEND)
                 start = self._certified_fit(search, *found, basis, mend)
+                unfit += start is None
             if start is not None:
                 starts.append(start)
             elif starts:
@@ -118,7 +121,9 @@ class Comove:
         The time of a plan grows with the square of its nodes, `pace` the factor seen so far [s].
         """
         affordable = int(np.sqrt(0.5 * max(time_left, 0.0) / max(pace, 1e-12)))
-        return max(FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // 2), affordable))
+        return max(
+            FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // self.n_restarts), affordable)
+        )
 
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, basis: MotionBasis, mend: bool

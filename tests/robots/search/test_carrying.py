@@ -173,7 +173,11 @@ def test_the_distance_told_is_what_is_missing():
         _ = Carrying(robot("gantry"), Scene.from_dict(file)).starts
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*/*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")]),
+    ids=lambda path: path.stem,
+)
 def test_ends_of_the_examples_are_reached_without_contact(path):
     carrying = task(path.stem)
     for found, end in ((carrying.starts, "start"), (carrying.goals, "goal")):

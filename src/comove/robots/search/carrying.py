@@ -33,7 +33,7 @@ SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
 BRANCHES = 4  # solutions of an end that are kept, per arm
 N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
-LIKELY = 0.4  # chance that a plan goes between the most likely joints of start and goal, not between others
+UNLIKELY = 0.5  # plans not found yet that every further pair of joints at start and goal is credited with
 
 N_THREADS = min(4, os.cpu_count() or 1)
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
@@ -128,7 +128,7 @@ class Carrying:
     def stricter(self) -> Carrying:
         """The same with more caution, after a movement that a search took for possible was rejected."""
         more = replace(self, caution=self.caution + 1)
-        for name in ("starts", "goals", "_ends", "_links"):  # caution changes nothing of these
+        for name in ("starts", "goals", "_ends", "_tally", "_links"):  # caution changes nothing of these
             if name in vars(self):
                 vars(more)[name] = vars(self)[name]
         return more
@@ -161,17 +161,29 @@ class Carrying:
         max_nodes: int = 1000,
     ) -> Array | None:
         """A path of the load that the arms can follow; as `comove.planning.planner.plan`."""
-        pairs = self._ends
-        first, last = pairs[min(rng.geometric(LIKELY) - 1, len(pairs) - 1)]
+        tally = self._tally  # Thompson sampling (1933) of what has led to plans so far
+        drawn = int(rng.beta(*tally).argmax())
+        first, last = self._ends[drawn]
         ends = (start, first), (goal, last)
-        return plan_with_arms(space, self.arms, *ends, margin, rng, required=required, max_nodes=max_nodes)
+        path = plan_with_arms(space, self.arms, *ends, margin, rng, required=required, max_nodes=max_nodes)
+        tally[0 if path is not None else 1, drawn] += 1.0
+        return path
+
+    @cached_property
+    def _tally(self) -> Array:
+        """Plans found and not found from and to every pair of ends, likely pairs ahead; array, shape (2, n_pairs)."""
+        ranks = np.arange(len(self._ends))
+        return np.stack([np.ones(len(ranks)), 1.0 + UNLIKELY * ranks])
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
-        """Joints at start and goal, those first that differ least and do not touch: paths are likely between them."""
+        """Joints at start and goal, those first that keep the clearance and differ least: paths are likely there."""
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
-        free = [[self.clearance(q, nodes) > 0.0 for q in some] for some, nodes in zip(both, at, strict=True)]
+        required = self.scene.clearance
+        free = [
+            [self.clearance(q, nodes) > required for q in some] for some, nodes in zip(both, at, strict=True)
+        ]
         pairs = product(zip(both[0], free[0], strict=True), zip(both[1], free[1], strict=True))
         ranked = sorted(
             pairs, key=lambda pair: (not (pair[0][1] and pair[1][1]), _apart(pair[0][0], pair[1][0]))
@@ -298,5 +310,9 @@ def _distinct(joints: Array, posture: Array) -> Array:
 def robot_method() -> Comove:
     """The default method, more sparing: with arms to follow, a generation takes forty times as long."""
     return Comove(
-        n_plans=2, n_polishings=4, polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01)
+        n_plans=2,
+        n_failures=30,
+        n_restarts=8,
+        n_polishings=4,
+        polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01),
     )

@@ -24,7 +24,7 @@ from comove.planning.configurations import (
 from comove.planning.planner import STEP, continuous, joined, nearest, towards
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import KEEP, LOOSE, PULL, Arms, hand_rotation
-from comove.robots.search.links import links_clearance, place_links
+from comove.robots.search.links import ENOUGH, links_clearance, place_links
 
 Array = NDArray[np.float64]
 
@@ -53,14 +53,16 @@ def plan_with_arms(
     ----------
     arms : what carries the load
     start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
-    margin : of the clearance of load and links on top of what is required [m]
+    margin : of the clearance of load and links on top of what is required [m]; less where the ends have less
     required : clearance of the load [m]
 
     Returns
     -------
     array, shape (n_configurations, n_columns)
     """
-    arms = arms._replace(around=arms.around._replace(clearance=arms.around.clearance + margin))
+    spare = min(_links_at(space, arms, q, joints) for q, joints in (start, goal)) - arms.around.clearance
+    kept = arms.around.clearance + min(margin, max(0.0, 0.5 * spare))
+    arms = arms._replace(around=arms.around._replace(clearance=kept))
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
@@ -72,6 +74,15 @@ def plan_with_arms(
     if len(joints) < len(path):
         return None
     return continuous(space, _shortened(space, arms, path, joints, margin, rng))
+
+
+def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
+    """Clearance of the links in a configuration of the load with these joints [m]."""
+    links, around, nodes = arms.links, arms.around, np.empty((space.blocks.node.shape[0], 3))
+    place_one(space.blocks, q, 1.0, nodes)
+    a, b = links.start.copy(), links.end.copy()
+    place_links(arms.chains, links, joints, a, b)
+    return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
 
 
 def _dense(space: Space, path: Array) -> Array:
