@@ -33,7 +33,7 @@ SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
 BRANCHES = 4  # solutions of an end that are kept, per arm
 N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
-UNLIKELY = 0.5  # plans not found yet that every further pair of joints at start and goal is credited with
+UNLIKELY = 4.0  # plans not found yet that every further pair of joints at start and goal is credited with
 
 N_THREADS = min(4, os.cpu_count() or 1)
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
