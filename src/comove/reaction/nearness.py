@@ -21,7 +21,7 @@ from comove.scenes.solids import support
 
 Array = NDArray[np.float64]
 
-PLACE_TOLERANCE = 1e-8  # m, of the least distance along an edge
+PLACE_TOLERANCE = 1e-10  # m, of the least distance along an edge
 N_PARTS = 15  # of a solid: edges and pairs of faces
 
 

@@ -31,19 +31,9 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number
+from comove.reaction.desk import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.nearness import load_points
-from comove.reaction.rows import (
-    BORDER,
-    LIMIT,
-    RESERVE,
-    WRONG,
-    Desk,
-    Freedom,
-    Rates,
-    empty_desk,
-    first_rows,
-    missing_rows,
-)
+from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
 from comove.reaction.twists import Poses, group_nodes
 from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.distances import N_COLUMNS
@@ -184,7 +174,9 @@ class Programme:
     def _prepare(self, n_obstacles: int) -> None:
         """Lay out the arrays for so many obstacles."""
         self._sighting = ((n_obstacles, N_COLUMNS), (n_obstacles, 3), (n_obstacles, 3), (n_obstacles,))
-        self._desk: Desk = empty_desk(self._points, self._freedom, self._hands[0], n_obstacles, MAX_ROUNDS + 1)
+        self._desk: Desk = empty_desk(
+            self._points, self._freedom, self._hands[0], n_obstacles, MAX_ROUNDS + 1
+        )
         n_rows = len(self._desk.low)
         self._high = np.full(n_rows, ENDLESS)
         self._sense = np.zeros(n_rows, dtype=np.int32)
@@ -227,7 +219,9 @@ class Programme:
             twists, relaxed if relaxed > TOLD else 0.0, self._blocking(multipliers), float(clearance)
         )
 
-    def _checked(self, poses, before, wanted, sighting):
+    def _checked(
+        self, poses: Poses, before: Array, wanted: Array, sighting: Sighting
+    ) -> tuple[Poses, Array, Array, Sighting]:
         """The arguments as the kernels take them."""
         try:
             poses = Poses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))

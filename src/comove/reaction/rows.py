@@ -20,15 +20,14 @@ turns, which are bound in length, are treated alike.
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.reaction.desk import BORDER, HANDS
+from comove.reaction.limits import broken_limits, length_of, limit_rows
 from comove.reaction.nearness import (
     N_PARTS,
-    LoadPoints,
     distance_and_gradient,
     moved_obstacles,
     near_on_edge,
@@ -36,143 +35,18 @@ from comove.reaction.nearness import (
     near_on_solid,
 )
 from comove.reaction.twists import place, step, turn_into
-from comove.scenes.distances import CENTER, N_COLUMNS, REACH, TINY, point_distance
+from comove.scenes.distances import CENTER, REACH, TINY, point_distance
 
-Array = NDArray[np.float64]
-
-BORDER, HANDS, LIMIT = -1, -2, -3
-"""Who asks for a row, where it is no obstacle: the border, a hand of another body, a limit of the hands."""
-INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
 BEND = 0.05  # of a distance, that a step may take beyond its rate: what bends to second order
 ROUNDING = 1e-9  # m, by which a clearance may be missed
-RESERVE = 1e-8  # m, kept on top of every clearance, so that rounding never uses it up
-ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: what is still within, and what is far outside
+SPARE = 2e-6  # m/s, by which rows that a step has broken are kept the next time: rounds come to an end
+RESERVE = 1e-7  # m, kept on top of every clearance, so that rounding never uses it up
 UNIT = 1e-6  # by which the square of a quaternion may miss 1
 WRONG = {
     -1: ("poses, velocities or a sighting with entries that are not finite", "give finite numbers"),
     -2: ("a pose whose quaternion is not of unit length", "divide it by its length"),
     -3: ("a margin below 0", "give 0 or more metres"),
 }
-
-
-class Freedom(NamedTuple):
-    """How the groups of a scene may move.
-
-    Attributes
-    ----------
-    basis : array, shape (n_groups, 6, n_variables), twists of the variables; columns of an axis that turns are
-        rewritten with its direction
-    axis : array of int, shape (n_groups,), the first of the two variables that turn an axis in space; -1 for others
-    scale : array, shape (n_groups,), length by which a variable that turns is divided [m]
-    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: what turning costs that moves no hand
-    spread : array, shape (n_groups,), largest distance of a hand from the middle of its group's hands [m]
-    lever : array, shape (n_groups,), how many times faster than the hands a point of the body may be
-    pairs : array of int, shape (n_pairs, 2), hands that stay apart
-    apart : array, shape (n_pairs,), by how much [m]
-    lower, upper : arrays, shape (3,), the workspace [m]
-    """
-
-    basis: Array
-    axis: NDArray[np.int64]
-    scale: Array
-    idle: Array
-    spread: Array
-    lever: Array
-    pairs: NDArray[np.int64]
-    apart: Array
-    lower: Array
-    upper: Array
-
-
-class Rates(NamedTuple):
-    """Limits and rates, infinite where there are none.
-
-    Attributes
-    ----------
-    period : of a control step [s]
-    gain : approach speed a distance [1/s]
-    braking : deceleration that approaching bodies count on [m/s^2]
-    retreat : largest speed with which a lost clearance is restored [m/s]
-    speed, acceleration : limits of every hand [m/s], [m/s^2]
-    clearance : that the scene asks for [m]
-    """
-
-    period: float
-    gain: float
-    braking: float
-    retreat: float
-    speed: float
-    acceleration: float
-    clearance: float
-
-
-class Desk(NamedTuple):
-    """Arrays that are written anew in every step.
-
-    Attributes
-    ----------
-    quadratic, linear : arrays, shapes (n, n), (n,), the objective ``x' quadratic x / 2 + linear x``
-    rows, low : arrays, shapes (n_rows, n), (n_rows,)
-    owner, body : arrays of int, shape (n_rows,): an obstacle, `BORDER`, `HANDS` or `LIMIT`; the group
-    hands : array, shape (n_hands, 3, n), velocities of the hands of the variables
-    rotation, nodes, points : of now; shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3)
-    center_after, quaternion_after, rotation_after, nodes_after, table_after : after the step
-    left : array, shape (n_edges + n_solids, n_obstacles), clearances h of now [m]
-    gain : array, shape (n_groups,), approach speed a clearance left [1/s]
-    slack : array, shape (n_groups, n_obstacles + 2), by how much rows of an owner were relaxed [m/s]
-    balls : array, shape (2 n_hands + n_groups, 4), centres and radii of what is bound in length
-    """
-
-    quadratic: Array
-    linear: Array
-    rows: Array
-    low: Array
-    owner: NDArray[np.int64]
-    body: NDArray[np.int64]
-    hands: Array
-    rotation: Array
-    nodes: Array
-    points: Array
-    center_after: Array
-    quaternion_after: Array
-    rotation_after: Array
-    nodes_after: Array
-    table_after: Array
-    left: Array
-    gain: Array
-    slack: Array
-    balls: Array
-
-
-def empty_desk(points: LoadPoints, freedom: Freedom, n_hands: int, n_obstacles: int, n_rounds: int) -> Desk:
-    """An empty desk, large enough for `n_rounds` rounds of missing rows."""
-    n_groups, _, n = freedom.basis.shape
-    n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
-    parts = len(points.edges) + N_PARTS * len(points.solids)
-    first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
-    later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands + n_groups
-    n_rows = first + n_rounds * later
-    return Desk(
-        np.zeros((n, n)),
-        np.zeros(n),
-        np.zeros((n_rows, n)),
-        np.zeros(n_rows),
-        np.zeros(n_rows, dtype=np.int64),
-        np.zeros(n_rows, dtype=np.int64),
-        np.zeros((n_hands, 3, n)),
-        np.zeros((n_groups, 3, 3)),
-        np.zeros((n_nodes, 3)),
-        np.zeros((len(points.group), 3)),
-        np.zeros((n_groups, 3)),
-        np.zeros((n_groups, 4)),
-        np.zeros((n_groups, 3, 3)),
-        np.zeros((n_nodes, 3)),
-        np.zeros((n_obstacles, N_COLUMNS)),
-        np.zeros((n_edges, n_obstacles)),
-        np.zeros(n_groups),
-        np.zeros((n_groups, n_obstacles + 2)),
-        np.zeros((2 * n_hands + n_groups, 4)),
-    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -228,15 +102,15 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
     m, clearance, pace = 0, np.inf, 0.0
     desk.gain[:] = rates.gain
     for i in range(n_hands):
-        g, fast = points.node_group[i], _length(before[i])
-        pace = max(pace, fast, _length(wanted[i]))
+        g, fast = points.node_group[i], length_of(before[i])
+        pace = max(pace, fast, length_of(wanted[i]))
         if rates.braking < np.inf:  # who is fast, in whatever direction, needs long to stop
             desk.gain[g] = min(desk.gain[g], 2.0 * rates.braking / fast)
     pace = min(pace, rates.speed)
     # Obstacles: sampled points, then what is nearest now.
     n_edges = points.edges.shape[0]
     for j in range(n_obstacles):
-        fastest = _length(velocity[j]) + _length(spin[j]) * table[j, REACH]
+        fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
         for k in range(points.group.shape[0]):
             g, p = points.group[k], desk.points[k]
             need = points.radius[k] + rates.clearance + margin[j]
@@ -284,7 +158,7 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
         h = _pair_distance(freedom, desk.nodes, k)
         if h <= horizon(2 * pace, _pair_gain(points, freedom, desk, k), rates):
             m = _pair_row(points, freedom, rates, desk, m, k, h)
-    m = _limit_rows(points, freedom, rates, desk, m, before, wanted, m > 0)
+    m = limit_rows(points, freedom, rates, desk, m, before, wanted, m > 0)
     return m, clearance + rates.clearance
 
 
@@ -306,7 +180,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
             twists[g, k] = 0.0
             for c in range(n):
                 twists[g, k] += freedom.basis[g, k, c] * x[c]
-    m, far_out = _broken_limits(points, freedom, desk, m, x)
+    m, far_out = broken_limits(points, freedom, desk, m, x)
     if far_out:  # what a step of this size would break says nothing of smaller ones
         return m, worst
     step(center, quaternion, twists, dt, desk.center_after, desk.quaternion_after)
@@ -316,7 +190,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
     place(points.node_group, points.node_point, desk.center_after, desk.rotation_after, desk.nodes_after)
     n_edges, near = points.edges.shape[0], np.empty(3)
     for j in range(n_obstacles):
-        fastest = _length(velocity[j]) + _length(spin[j]) * table[j, REACH]
+        fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
         for e in range(n_edges + points.solids.shape[0]):
             a = points.edges[e, 0] if e < n_edges else points.solids[e - n_edges, 0]
             g = points.node_group[a]
@@ -357,7 +231,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
                 worst = max(worst, (ask - then) / dt)
                 m = _border_row(freedom, rates, desk, m, g, center, desk.nodes[i], axis, side, h)
                 bend = (then - h) / dt - _value(desk, m - 1, x)
-                desk.low[m - 1] -= min(bend, 0.0)
+                desk.low[m - 1] += SPARE - min(bend, 0.0)
     for k in range(freedom.pairs.shape[0]):
         h, then = _pair_distance(freedom, desk.nodes, k), _pair_distance(freedom, desk.nodes_after, k)
         g = points.node_group[freedom.pairs[k, 0]]
@@ -367,7 +241,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
         worst = max(worst, (ask - then) / dt)
         m = _pair_row(points, freedom, rates, desk, m, k, h)
         bend = (then - h) / dt - _value(desk, m - 1, x)
-        desk.low[m - 1] -= min(bend, 0.0)
+        desk.low[m - 1] += SPARE - min(bend, 0.0)
     return m, worst
 
 
@@ -494,7 +368,7 @@ def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, n
     )
     comes = desk.low[m - 1] + rate(h, desk.gain[g], rates)
     bend = (then - h) / rates.period - (moved - comes)
-    desk.low[m - 1] -= min(bend, 0.0)
+    desk.low[m - 1] += SPARE - min(bend, 0.0)
     return m
 
 
@@ -543,114 +417,12 @@ def _pair_row(points, freedom, rates, desk, m, k, h):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _limit_rows(points, freedom, rates, desk, m, before, wanted, near):
-    """Set up the balls of speeds, accelerations and turns; tangents where what is wanted is outside.
-
-    A hand that goes round needs an acceleration w^2 r that braking cannot have, so turns are bounded: where something
-    is `near`, so that half of the acceleration is left, otherwise so that the turn can be kept up at all.
-    """
-    n_hands, balls = before.shape[0], desk.balls
-    reach = rates.acceleration * rates.period
-    for i in range(n_hands):
-        for axis in range(3):
-            balls[i, axis] = 0.0
-            balls[n_hands + i, axis] = before[i, axis]
-        # Who is too fast brakes as hard as he may.
-        balls[i, 3] = max(rates.speed, _length(before[i]) - 0.9 * reach) if reach < np.inf else rates.speed
-        balls[n_hands + i, 3] = reach
-    for g in range(freedom.spread.shape[0]):
-        balls[2 * n_hands + g, 0] = balls[2 * n_hands + g, 1] = balls[2 * n_hands + g, 2] = 0.0
-        balls[2 * n_hands + g, 3] = np.inf
-    if reach < np.inf:
-        n = desk.linear.shape[0]
-        right = np.zeros(n)
-        for i in range(n_hands):
-            for axis in range(3):
-                for c in range(n):
-                    right[c] += desk.hands[i, axis, c] * before[i, axis]
-        x = np.linalg.solve(desk.quadratic, right)
-        for g in range(freedom.spread.shape[0]):
-            spread = freedom.spread[g]
-            if spread == 0.0:
-                continue
-            turn = 0.0
-            for axis in range(3):
-                w = 0.0
-                for c in range(n):
-                    w += freedom.basis[g, 3 + axis, c] * x[c]
-                turn += w * w
-            turn = sqrt(turn) * spread
-            free = sqrt(max((rates.acceleration - turn * turn / spread) * rates.acceleration, 0.0))
-            most = sqrt((0.5 if near else 1.0) * rates.acceleration * spread)
-            balls[2 * n_hands + g, 3] = max(most, turn - 0.5 * free * rates.period)
-    for b in range(2 * n_hands):
-        i = b % n_hands
-        m = _tangent(points, freedom, desk, m, b, wanted[i, 0], wanted[i, 1], wanted[i, 2])
-    return m
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _broken_limits(points, freedom, desk, m, x):
-    """Tangents to the balls that x is outside of; whether it is far outside of one."""
-    n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
-    y, far_out = np.empty(3), False
-    for b in range(n_balls):
-        if desk.balls[b, 3] == np.inf:
-            continue
-        for axis in range(3):
-            y[axis] = 0.0
-            for c in range(n):
-                y[axis] += _length_row(freedom, desk, b, n_hands, axis, c) * x[c]
-        m = _tangent(points, freedom, desk, m, b, y[0], y[1], y[2])
-        away = (
-            (y[0] - desk.balls[b, 0]) ** 2 + (y[1] - desk.balls[b, 1]) ** 2 + (y[2] - desk.balls[b, 2]) ** 2
-        )
-        far_out = far_out or away > (FAR_OUT * desk.balls[b, 3]) ** 2
-    return m, far_out
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _length_row(freedom, desk, b, n_hands, axis, c):
-    """What variable c adds along an axis to the vector that ball `b` bounds: a hand's velocity, or a turn [m/s]."""
-    if b < 2 * n_hands:
-        return desk.hands[b % n_hands, axis, c]
-    return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _tangent(points, freedom, desk, m, b, x, y, z):
-    """A row along the tangent plane of ball `b` towards (x, y, z) [m/s], if that is outside."""
-    ball, n_hands = desk.balls[b], desk.hands.shape[0]
-    x, y, z = x - ball[0], y - ball[1], z - ball[2]
-    length = sqrt(x * x + y * y + z * z)
-    if not length > ball[3] * (1.0 + ROUND):
-        return m
-    x, y, z = x / length, y / length, z / length
-    for c in range(desk.rows.shape[1]):
-        desk.rows[m, c] = -(
-            x * _length_row(freedom, desk, b, n_hands, 0, c)
-            + y * _length_row(freedom, desk, b, n_hands, 1, c)
-            + z * _length_row(freedom, desk, b, n_hands, 2, c)
-        )
-    inside = INSIDE if b < n_hands else INSIDE_BENDS
-    desk.low[m] = -(1.0 - inside) * ball[3] - (x * ball[0] + y * ball[1] + z * ball[2])
-    desk.owner[m] = LIMIT
-    desk.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
-    return m + 1
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _value(desk, i, x):
     """Row i at x."""
     value = 0.0
     for c in range(x.shape[0]):
         value += desk.rows[i, c] * x[c]
     return value
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _length(v):
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @numba.njit(cache=True, error_model="numpy")

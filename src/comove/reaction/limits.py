@@ -1,0 +1,118 @@
+"""Limits of the hands in the twist programme: velocities, accelerations and turns, which are bound in length.
+
+Each is a ball |M x - c| <= radius in the variables x, bounded by tangent planes where a solution leaves it.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numba
+import numpy as np
+
+from comove.reaction.desk import LIMIT
+
+INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
+ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: what is still within, and what is far outside
+
+
+@numba.njit(cache=True, error_model="numpy")
+def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
+    """Set up the balls of speeds, accelerations and turns; tangents where what is wanted is outside.
+
+    A hand that goes round needs an acceleration w^2 r that braking cannot have, so turns are bounded: where something
+    is `near`, so that half of the acceleration is left, otherwise so that the turn can be kept up at all.
+    """
+    n_hands, balls = before.shape[0], desk.balls
+    reach = rates.acceleration * rates.period
+    for i in range(n_hands):
+        for axis in range(3):
+            balls[i, axis] = 0.0
+            balls[n_hands + i, axis] = before[i, axis]
+        # Who is too fast brakes as hard as he may.
+        balls[i, 3] = max(rates.speed, length_of(before[i]) - 0.9 * reach) if reach < np.inf else rates.speed
+        balls[n_hands + i, 3] = reach
+    for g in range(freedom.spread.shape[0]):
+        balls[2 * n_hands + g, 0] = balls[2 * n_hands + g, 1] = balls[2 * n_hands + g, 2] = 0.0
+        balls[2 * n_hands + g, 3] = np.inf
+    if reach < np.inf:
+        n = desk.linear.shape[0]
+        right = np.zeros(n)
+        for i in range(n_hands):
+            for axis in range(3):
+                for c in range(n):
+                    right[c] += desk.hands[i, axis, c] * before[i, axis]
+        x = np.linalg.solve(desk.quadratic, right)
+        for g in range(freedom.spread.shape[0]):
+            spread = freedom.spread[g]
+            if spread == 0.0:
+                continue
+            turn = 0.0
+            for axis in range(3):
+                w = 0.0
+                for c in range(n):
+                    w += freedom.basis[g, 3 + axis, c] * x[c]
+                turn += w * w
+            turn = sqrt(turn) * spread
+            free = sqrt(max((rates.acceleration - turn * turn / spread) * rates.acceleration, 0.0))
+            most = sqrt((0.5 if near else 1.0) * rates.acceleration * spread)
+            balls[2 * n_hands + g, 3] = max(most, turn - 0.5 * free * rates.period)
+    for b in range(2 * n_hands):
+        i = b % n_hands
+        m = _tangent(points, freedom, desk, m, b, wanted[i, 0], wanted[i, 1], wanted[i, 2])
+    return m
+
+
+@numba.njit(cache=True, error_model="numpy")
+def broken_limits(points, freedom, desk, m, x):
+    """Tangents to the balls that x is outside of; whether it is far outside of one."""
+    n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
+    y, far_out = np.empty(3), False
+    for b in range(n_balls):
+        if desk.balls[b, 3] == np.inf:
+            continue
+        for axis in range(3):
+            y[axis] = 0.0
+            for c in range(n):
+                y[axis] += _bound(freedom, desk, b, n_hands, axis, c) * x[c]
+        m = _tangent(points, freedom, desk, m, b, y[0], y[1], y[2])
+        away = (
+            (y[0] - desk.balls[b, 0]) ** 2 + (y[1] - desk.balls[b, 1]) ** 2 + (y[2] - desk.balls[b, 2]) ** 2
+        )
+        far_out = far_out or away > (FAR_OUT * desk.balls[b, 3]) ** 2
+    return m, far_out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _bound(freedom, desk, b, n_hands, axis, c):
+    """What variable c adds along an axis to the vector that ball `b` bounds: a hand's velocity, or a turn [m/s]."""
+    if b < 2 * n_hands:
+        return desk.hands[b % n_hands, axis, c]
+    return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tangent(points, freedom, desk, m, b, x, y, z):
+    """A row along the tangent plane of ball `b` towards (x, y, z) [m/s], if that is outside."""
+    ball, n_hands = desk.balls[b], desk.hands.shape[0]
+    x, y, z = x - ball[0], y - ball[1], z - ball[2]
+    length = sqrt(x * x + y * y + z * z)
+    if not length > ball[3] * (1.0 + ROUND):
+        return m
+    x, y, z = x / length, y / length, z / length
+    for c in range(desk.rows.shape[1]):
+        desk.rows[m, c] = -(
+            x * _bound(freedom, desk, b, n_hands, 0, c)
+            + y * _bound(freedom, desk, b, n_hands, 1, c)
+            + z * _bound(freedom, desk, b, n_hands, 2, c)
+        )
+    inside = INSIDE if b < n_hands else INSIDE_BENDS
+    desk.low[m] = -(1.0 - inside) * ball[3] - (x * ball[0] + y * ball[1] + z * ball[2])
+    desk.owner[m] = LIMIT
+    desk.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
+    return m + 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def length_of(v):
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
