@@ -139,6 +139,8 @@ class Executor:
         self.log, self.n_steps = Log(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
         self.twists = np.zeros((len(scene.groups), 6))
+        # As they were when the last step began: seen from there, turning on is an acceleration too.
+        self._before = np.zeros((len(scene.manipulators), 3))
         self.plan: Plan | None = None
         self.interrupted = False
         self._programme = Programme(scene, self.pace.period)
@@ -165,6 +167,7 @@ class Executor:
             self.twists = twists_between(self.scene, self.poses, self.plan.poses(now + period), period)
         else:
             self.twists = self._dodged(now)
+        self._before = hand_velocities(self.scene, self.poses, self.twists)
         self.poses = advanced(self.poses, self.twists, period)
         self.n_steps += 1
         self.log.control.append(clock.perf_counter() - begun)
@@ -184,7 +187,8 @@ class Executor:
                     break
         except KeyboardInterrupt:
             self.interrupted = True
-        poses.append(self.poses)  # it stands
+        if self.arrived:
+            poses.append(self.poses)  # and stands
         time = np.arange(len(poses)) * self.pace.period
         return Record(
             self.scene,
@@ -226,8 +230,7 @@ class Executor:
             twists = twists_between(self.scene, here, there, period)
             twists = twists + twists_between(self.scene, self.poses, here, CATCH_UP)
             wanted = hand_velocities(self.scene, self.poses, twists)
-        before = hand_velocities(self.scene, self.poses, self.twists)
-        allowed = self._programme.allowed(self.poses, before, wanted, seen)
+        allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
             self.log.blocking[allowed.blocking] = self.log.blocking.get(allowed.blocking, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)

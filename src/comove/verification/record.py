@@ -99,10 +99,7 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
     """
     scene, step = record.scene, np.diff(record.time)[:, None]
     hands = record.nodes[:, : len(scene.manipulators)]
-    velocity = np.zeros_like(hands)
-    velocity[:-1] = (
-        np.diff(hands, axis=0) / step[:, :, None]
-    )  # of the step that begins; after the last one it stands
+    velocity = np.diff(hands, axis=0) / step[:, :, None]
     # An arc is longer than its chord by (w h)^2 / 24.
     turned = (np.linalg.norm(_spins(record), axis=2) * step).max(initial=0.0)
     speeds = np.linalg.norm(velocity, axis=2) * (1 + turned**2 / 20)
@@ -117,7 +114,7 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
         for c in scene.constraints
         if isinstance(c, SeparationConstraint)
     ]
-    changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest to rest
+    changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
     end_error = np.linalg.norm(hands[-1, :, : scene.n_dims] - scene.goal, axis=1).max()
     report = RecordReport(
         clearance_min=lower,
@@ -126,7 +123,7 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
         distance_error_max=float(max(errors, default=0.0)),
         separation_spare_min=min(spare, default=None),
         end_error=float(end_error),
-        end_speed=float(speeds[-2].max()),
+        end_speed=float(speeds[-1].max()),
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
         reasons=(),
