@@ -85,7 +85,10 @@ def _pushed(motion, rng):
     direction /= np.linalg.norm(direction)
     offset = float(rng.uniform(-0.001, 0.003)) if rng.random() < 0.8 else float(rng.uniform(0.003, 0.05))
     for _ in range(30):
-        table = Scene.from_dict(data | {"obstacles": [obstacle]}).obstacles
+        try:
+            table = Scene.from_dict(data | {"obstacles": [obstacle]}).obstacles
+        except SceneError:  # it is on the way to an end
+            return None
         distance = np.inf
         for node in nodes:
             solid_at(node, corners, solid)
@@ -93,10 +96,6 @@ def _pushed(motion, rng):
         obstacle["center"] = (np.array(obstacle["center"]) + (distance - offset) * direction).tolist()
         if abs(distance - offset) < 1e-5:
             break
-        try:
-            Scene.from_dict(data | {"obstacles": [obstacle]})
-        except SceneError:
-            return None
     return obstacle
 
 

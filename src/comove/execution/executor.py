@@ -38,6 +38,8 @@ CAUTION = 0.5  # of the speed limit, without a plan
 LOST = 0.03  # m, behind a plan that was meant for something else
 SPARE = 5e-4  # m, kept on top of the scene's clearance: what happens between two steps is judged as well
 NO_PLAN = "no plan yet"
+AT_LEISURE = Quick(n_failures=24)  # of the first plan: nothing moves yet
+MOST_PATIENT = 2.0  # s, between two attempts to plan, after some have failed
 AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
 
 
@@ -49,7 +51,7 @@ class Pace:
     ----------
     period : of control [s]
     watch : between two looks at whether the plan still holds [s]
-    patience : between two attempts to plan [s]
+    patience : between two attempts to plan [s]; it doubles while they fail
     """
 
     period: float = 0.01
@@ -145,6 +147,7 @@ class Executor:
         self.interrupted = False
         self._programme = Programme(scene, self.pace.period)
         self._watched = self._planned = -np.inf
+        self._patience = self.pace.patience
 
     @property
     def time(self) -> float:
@@ -254,9 +257,11 @@ class Executor:
             if reason:
                 self._tell(f"the plan is given up: {reason}")
                 self.plan = None
-        if self.plan is None and not self.arrived and now - self._planned >= self.pace.patience - 1e-9:
+        if self.plan is None and not self.arrived and now - self._planned >= self._patience - 1e-9:
             self._planned = now
             self._plan_anew(now)
+            failed = self.plan is None
+            self._patience = min(MOST_PATIENT, 2 * self._patience) if failed else self.pace.patience
 
     def _against(self, plan: Plan, now: float) -> str:
         """Why a plan does not hold any more; empty if it does."""
@@ -285,7 +290,8 @@ class Executor:
         for k, longer in enumerate(LONGER):
             duration = longer * self._shortest(now)
             later = expected.resumed(now, duration, starts, self.twists, self.scene.clearance + margin)
-            found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=Quick(), budget=30.0)
+            method = AT_LEISURE if self.n_steps == 0 and k == 0 else Quick()
+            found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=30.0)
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
             if found.motion is not None:
