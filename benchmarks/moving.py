@@ -30,16 +30,6 @@ LONGEST = 3.0  # times the duration
 SHARINGS = {"same matrix": Sharing.SAME, "own matrix each": Sharing.OWN, "no modulation": Sharing.NONE}
 
 
-def seen_only(scene: Scene) -> Functions:
-    """The scene's motions as functions of which nobody knows how they go on."""
-
-    def position(motion, center):
-        return lambda t: np.array(center) + motion.offsets(np.array([t]))[0, : scene.n_dims]
-
-    pairs = zip(scene.motions, (o.center for o in scene.file.obstacles), strict=True)
-    return Functions(scene, [None if m is None else position(m, c) for m, c in pairs])
-
-
 def executed(scene: Scene, sight) -> dict[str, float]:
     """One execution and what was measured of it."""
     executor = Executor(scene, sight)
@@ -121,7 +111,7 @@ def main() -> None:
                 rng = np.random.default_rng(seed)
                 sights = {
                     "known": lambda scene=scene: Known(scene),
-                    "seen": lambda scene=scene: seen_only(scene),
+                    "seen": lambda scene=scene: Functions.of_motions(scene),
                     "measured": lambda scene=scene, rng=rng: Measured(Known(scene), scene, SENSOR, rng),
                 }
                 runs.append(executed(scene, sights[name]()))

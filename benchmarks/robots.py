@@ -17,10 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning import load_kernels
-from comove.primitives.basis import motion_basis
 from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, carry, track
 from comove.scenes import Scene
 from comove.simulators import Friction, Perturbation, Weld, simulate
@@ -85,13 +83,6 @@ def table_of_solves(seeds: int) -> Iterator[tuple[Path, VerifiedJointMotion]]:
     print(f"\nmedian of all: {np.median(np.concatenate(times)):.2f} s\n")
 
 
-def straight(scene: Scene) -> CoordinatedMotion:
-    """The motion without shape: from start to goal through whatever stands there."""
-    coordinates, basis = load_coordinates(scene), motion_basis(20, "velocity")
-    weights = np.zeros((coordinates.n_columns, basis.n_basis))
-    return CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
-
-
 def row(name: str, execution) -> None:
     """Print what a simulation measured."""
     m = execution.measures
@@ -134,7 +125,7 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
                 f"| {sum(len(run.contacts) for run in runs)} | |",
                 flush=True,
             )
-        joints, _ = track(Carrying(motion.robot, motion.scene), straight(motion.scene))
+        joints, _ = track(Carrying(motion.robot, motion.scene), CoordinatedMotion.straight(motion.scene))
         for grasp in (Weld(), Friction()):
             name = f"{path.stem}, {type(grasp).__name__.lower()}, straight line"
             row(name, simulate(joints, motion.scene, motion.robot, grasp))

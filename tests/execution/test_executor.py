@@ -1,5 +1,7 @@
 """Executions arrive, keep every distance and touch nothing; where they cannot arrive they stop and say why."""
 
+import signal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,16 +37,6 @@ def disc(center, motion, radius=0.07):
     return {"shape": "circle", "center": center, "radius": radius, "motion": motion}
 
 
-def as_functions(scene):
-    """The same motions as functions of time, of which nobody knows how they go on."""
-
-    def position(motion, center):
-        return lambda t: np.array(center) + motion.offsets(np.array([t]))[0, : scene.n_dims]
-
-    pairs = zip(scene.motions, (o.center for o in scene.file.obstacles), strict=True)
-    return Functions(scene, [None if m is None else position(m, c) for m, c in pairs])
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_known_motions_are_passed(seed):
     scene = moving_scene(seed)
@@ -57,7 +49,7 @@ def test_known_motions_are_passed(seed):
 @pytest.mark.parametrize("seed", [1, 4, 9])
 def test_motions_that_are_only_seen_are_dodged(seed):
     scene = moving_scene(seed)
-    report = judge(Executor(scene, as_functions(scene)).run(3 * scene.duration))
+    report = judge(Executor(scene, Functions.of_motions(scene)).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.distance_error_max <= 1e-9
     assert report.end_error <= 1e-3
@@ -85,7 +77,7 @@ def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
     """It seems to pass behind the load, and turns towards it when it is half-way."""
     turn = {"waypoints": [[0.6, 0.95], [0.9, 0.95], [0.5, 0.5], [0.1, 0.05]], "times": [0.0, 1.0, 2.8, 4.5]}
     scene = crossing(disc([0.6, 0.95], turn))
-    executor = Executor(scene, as_functions(scene))
+    executor = Executor(scene, Functions.of_motions(scene))
     report = judge(executor.run(12.0))
     assert report.clearance_min >= 0
     assert report.end_error <= 1e-3
@@ -94,7 +86,7 @@ def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
 
 def test_the_same_seed_gives_the_same_execution():
     scene = moving_scene(4)
-    first, second = (Executor(scene, as_functions(scene), seed=2).run(6.0) for _ in range(2))
+    first, second = (Executor(scene, Functions.of_motions(scene), seed=2).run(6.0) for _ in range(2))
     np.testing.assert_array_equal(first.center, second.center)
 
 
@@ -124,7 +116,7 @@ def test_a_bar_does_not_roll_about_itself():
     "wrong", [{"period": 0}, {"period": -0.01}, {"watch": float("nan")}, {"patience": "1"}]
 )
 def test_a_pace_that_is_none(wrong):
-    with pytest.raises(OptionError, match=f"{next(iter(wrong))} = .*; give a time between 0 and 1 s"):
+    with pytest.raises(OptionError, match=f"{next(iter(wrong))} = .*; give a positive number up to 1"):
         Pace(**wrong)
 
 
@@ -136,6 +128,33 @@ def test_functions_that_give_no_place():
         Executor(scene, Functions(scene, [lambda t: [0.5, float("nan")]])).step()
     with pytest.raises(OptionError, match="budget"):
         Executor(scene).run(0.0)
+
+
+@pytest.mark.parametrize("after", [0, 30])
+def test_ctrl_c_ends_a_run_with_what_has_happened(after):
+    scene = crossing(disc([0.6, 0.95], {"velocity": [0.0, -0.05]}))
+    executor, step = Executor(scene), Executor.step
+
+    def interrupted(self):
+        if self.n_steps == after:
+            signal.raise_signal(signal.SIGINT)
+        step(self)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Executor, "step", interrupted)
+            record = executor.run(3.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert executor.interrupted
+    assert len(record.time) == after + 2
+    assert judge(record).clearance_min >= 0
+    assert any("the goal is missed" in reason for reason in judge(record).reasons)
+
+
+def test_a_run_shorter_than_a_step_makes_one():
+    assert len(Executor(crossing()).run(1e-12).time) == 2
 
 
 def test_poses_are_of_the_scene():

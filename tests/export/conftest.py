@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from comove import Scene
-from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.basis import motion_basis
 from comove.robots import JointMotion, verify_joints
 from comove.robots.approach import plan_transfers
 from tests.robots.known_carry import baxter, followed, grasp_frames, known_carry, scene_data
@@ -26,9 +24,7 @@ def brief():
     names = ("left", "right")
     moves = [{"name": n, "start": a, "goal": b} for n, a, b in zip(names, *ends, strict=True)]
     scene = Scene.from_dict(scene_data(2.0, (), name="brief", manipulators=moves))
-    coordinates, basis = load_coordinates(scene), motion_basis(20)
-    still = np.zeros((coordinates.n_columns, basis.n_basis))
-    motion = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), still)
+    motion = CoordinatedMotion.straight(scene)
     time = np.linspace(0.0, 2.0, 401)
     joints = followed(baxter(), grasp_frames(motion, time), START)
     verdict = verify_joints(baxter(), motion, JointMotion(time, baxter().joint_names, joints))

@@ -151,6 +151,21 @@ def test_a_distance_changes_no_more_than_the_way(obstacle, p, q):
 
 
 @settings(max_examples=300)
+@given(obstacles(), point, st.floats(0.0, 1.0))
+def test_what_is_inflated_holds_all_that_is_as_near(obstacle, p, margin):
+    """And no more than that of what has no edges."""
+    table = table_of(obstacle)
+    wider = sd.inflated(table, np.array([margin]))
+    bare, held = (sd.point_distance(x, 0, *p) for x in (table, wider))
+    assert held <= max(bare - margin, -1e-9) + ROUNDING or bare < margin
+    if bare <= margin:
+        assert held <= 1e-9
+    if obstacle[0] in ("sphere", "capsule"):
+        assert held == pytest.approx(bare - margin, abs=1e-9)
+    assert wider[0, sd.REACH] >= table[0, sd.REACH] + margin - 1e-12
+
+
+@settings(max_examples=300)
 @given(obstacles(), point, point, st.floats(0, 1))
 def test_convex_along_every_segment(obstacle, p, q, share):
     table = table_of(obstacle)

@@ -124,3 +124,20 @@ def test_the_end_of_the_movement_counts():
     )  # 5 mm deep in the lower hand when all stops
     (reason,) = verify(random_motion(scene, np.random.default_rng(0), 0.0)).reasons
     assert "obstacles[0] (sphere) at 4.00 s" in reason
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1), since=st.floats(0.01, 0.97))
+def test_of_the_rest_of_a_motion_only_the_rest_counts(seed, since):
+    rng = np.random.default_rng(seed)
+    motion = random_motion(
+        carrying(2, {"shape": "bar", "length": 0.2, "radius": 0.01}, random_obstacles(rng, 2)), rng
+    )
+    s = np.linspace(since, 1.0, 1500)
+    nodes = motion.coordinates.nodes(np.ascontiguousarray(motion.at(s)[0].T[None]))[0]
+    truth = min(motion.scene.clearance_at(x, t)[0] for x, t in zip(nodes, s * DURATION, strict=True))
+    rest, whole = certify(motion, since=since), certify(motion)
+    assert whole.lower - 1e-3 <= rest.lower <= truth + ROUNDING
+    assert rest.time >= since * DURATION - 1e-9
+    if truth > 0.0:
+        assert rest.lower >= truth - 3e-3

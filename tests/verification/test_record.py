@@ -96,6 +96,58 @@ def test_a_goal_that_is_missed_names_what_was_in_the_way():
     assert "still moves" in second
 
 
+def test_a_record_that_begins_elsewhere():
+    done = record(scene())
+    first, *_ = judge(replace(done, center=done.center - [0.01, 0.0, 0.0])).reasons
+    assert first == "it begins 0.01 m from the start"
+
+
+def test_obstacles_of_which_nobody_knows_where_they_were():
+    done = record(scene({"shape": "circle", "center": [0.5, 0.1], "radius": 0.05}))
+    (reason,) = judge(replace(done, obstacles=np.full_like(done.obstacles, np.nan))).reasons
+    assert reason == "nobody knows where obstacles[0] (sphere) really was: contact cannot be ruled out"
+
+
+def test_a_load_that_must_stay_upright():
+    around = scene()
+    upright = Scene.from_dict(
+        {**around.file.model_dump(exclude_none=True), "constraints": [{"type": "upright"}]}
+    )
+    assert judge(record(upright)).reasons == ()
+    tilted = judge(record(upright, turn=0.3))
+    assert tilted.tilt_max == pytest.approx(0.3, abs=0.01)
+    assert any("tilts by up to 17" in reason for reason in tilted.reasons)
+
+
+def apart(*gaps):
+    """Two free hands, one of which goes straight past the other in one long step; gaps from it at the steps."""
+    hands = [
+        {"name": "a", "start": [0.5, 0.2], "goal": [0.5, 0.2]},
+        {"name": "b", "start": [0.2, 0.4], "goal": [0.8, 0.4]},
+    ]
+    around = Scene.from_dict(
+        {
+            "name": "apart",
+            "duration": 1.0,
+            "workspace": {"lower": [0, 0], "upper": [1, 1]},
+            "manipulators": hands,
+            "constraints": [{"type": "separation", "between": ["a", "b"], "distance": 0.25}],
+        }
+    )
+    time = np.arange(len(gaps)) * 0.5
+    center = np.tile([[0.5, 0.2, 0.0], [0.0, 0.4, 0.0]], (len(gaps), 1, 1))
+    center[:, 1, 0] = 0.5 + np.array(gaps)
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(gaps), 2, 1))
+    return Record(around, time, center, quaternion, np.zeros((len(gaps), 0, 3)), np.zeros((len(gaps) - 1, 0)))
+
+
+def test_hands_that_come_too_near_between_two_steps():
+    """0.2 m are between them when they pass, and 0.36 m before and after."""
+    report = judge(apart(-0.3, 0.3, 0.3))
+    assert report.separation_spare_min == pytest.approx(0.2 - 0.25, abs=1e-9)
+    assert any("'a' and 'b' come as near as 0.2 m" in reason for reason in report.reasons)
+
+
 def test_poses_that_are_no_numbers():
     done = record(scene({"shape": "circle", "center": [0.5, 0.1], "radius": 0.05}))
     center = done.center.copy()

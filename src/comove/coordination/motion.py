@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates
+from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates, load_coordinates
 from comove.errors import OptionError
 from comove.primitives.arguments import numbers, require_steps
-from comove.primitives.basis import MotionBasis, rollouts
+from comove.primitives.basis import MotionBasis, motion_basis, rollouts
 from comove.primitives.dmp import DMP
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.rotations import quaternion_product, similarity
@@ -50,6 +50,13 @@ class CoordinatedMotion:
             array = np.array(getattr(self, name), dtype=float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @classmethod
+    def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
+        """From start to goal of minimum jerk through whatever stands there; in load coordinates unless given."""
+        coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "velocity")
+        weights = np.zeros((coordinates.n_columns, basis.n_basis))
+        return cls(scene, coordinates, basis, coordinates.boundary(), weights)
 
     @cached_property
     def knots(self) -> Array:

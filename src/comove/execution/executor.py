@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import OptionError
 from comove.execution.sight import Known, Sight
 from comove.planning.methods import Quick
+from comove.planning.search import Interruption
 from comove.planning.solver import solve
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import require_positive
 from comove.primitives.rotations import matrices, quaternion_product
-from comove.reaction.programme import NOTHING, Programme
+from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme
 from comove.reaction.twists import Poses, advanced, hand_velocities, nodes_of, poses_at, poses_of
+from comove.scenes.distances import inflated
 from comove.scenes.groups import Pose
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
@@ -60,9 +61,7 @@ class Pace:
 
     def __post_init__(self) -> None:
         for name in ("period", "watch", "patience"):
-            value = getattr(self, name)
-            if not is_number(value) or not 0 < value <= 1.0:
-                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a time between 0 and 1 s")
+            require_positive(name, getattr(self, name), MAX_PERIOD)
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,6 @@ class Executor:
     poses : of the rigid groups
     twists : array, shape (n_groups, 6), of the last step
     log : what happened
-    interrupted : whether Ctrl-C has ended the run
     """
 
     def __init__(self, scene: Scene, sight: Sight | None = None, *, seed: int = 0, pace: Pace | None = None):
@@ -144,7 +142,7 @@ class Executor:
         # As they were when the last step began: seen from there, turning on is an acceleration too.
         self._before = np.zeros((len(scene.manipulators), 3))
         self.plan: Plan | None = None
-        self.interrupted = False
+        self._interruption = Interruption()
         self._programme = Programme(scene, self.pace.period)
         self._watched = self._planned = -np.inf
         self._patience = self.pace.patience
@@ -153,6 +151,11 @@ class Executor:
     def time(self) -> float:
         """Of now [s]."""
         return self.n_steps * self.pace.period
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C has ended the run."""
+        return self._interruption.wished
 
     @property
     def arrived(self) -> bool:
@@ -176,21 +179,22 @@ class Executor:
         self.log.control.append(clock.perf_counter() - begun)
 
     def run(self, budget: float) -> Record:
-        """Execute until the load has arrived, or for `budget` [s] of simulated time; what happened."""
-        if not is_number(budget) or not budget > 0:
-            raise OptionError(
-                f"budget = {budget!r}", key="budget", way_out="give a positive number of seconds"
-            )
+        """Execute until the load has arrived, or for `budget` [s] of simulated time; what happened.
+
+        Raises
+        ------
+        OptionError
+            If the budget is no positive number.
+        """
+        require_positive("budget", budget)
         poses = [self.poses]
-        try:
-            while self.time < budget - 1e-9:
+        with self._interruption.noticed():
+            while not (self.interrupted or self.time >= budget - 1e-9):
                 self.step()
                 poses.append(self.poses)
                 if self.arrived and (self.plan is None or self.time >= self.plan.ends - 1e-9):
                     break
-        except KeyboardInterrupt:
-            self.interrupted = True
-        if self.arrived:
+        if self.arrived or len(poses) == 1:
             poses.append(self.poses)  # and stands
         time = np.arange(len(poses)) * self.pace.period
         return Record(
@@ -270,26 +274,25 @@ class Executor:
             return f"the load is {np.linalg.norm(behind, axis=1).max():.3g} m behind it"
         if now >= plan.ends:
             return "" if self.arrived else "its end is past"
-        expected = self.sight.ahead(plan.begins)
-        scene = replace(plan.motion.scene, obstacles=expected.obstacles, motions=expected.motions)
-        ahead = certify(replace(plan.motion, scene=scene))
-        if ahead.lower < scene.clearance and ahead.time * scene.duration > now - plan.begins:
-            at = plan.begins + ahead.time * scene.duration
-            return f"{scene.name_of(ahead.nearest)} would come too near at {at:.2f} s"
+        expected, scene = self.sight.ahead(now), plan.motion.scene
+        scene = replace(scene, obstacles=expected.obstacles, motions=expected.motions)
+        ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
+        if ahead.lower < scene.clearance:
+            return f"{scene.name_of(ahead.nearest)} would come too near at {plan.begins + ahead.time:.2f} s"
         return ""
 
     def _plan_anew(self, now: float) -> None:
         """Look for a plan from the present state on."""
         begun = clock.perf_counter()
         expected = self.sight.ahead(now)
-        margin = float(self.sight.seen(now).margin.max(initial=0.0))
+        expected = replace(expected, obstacles=inflated(expected.obstacles, self.sight.seen(now).margin))
         starts = tuple(
             Pose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
         for k, longer in enumerate(LONGER):
             duration = longer * self._shortest(now)
-            later = expected.resumed(now, duration, starts, self.twists, self.scene.clearance + margin)
+            later = expected.resumed(now, duration, starts, self.twists)
             method = AT_LEISURE if self.n_steps == 0 and k == 0 else Quick()
             found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=30.0)
             self.log.evaluations += found.evaluations

@@ -44,6 +44,8 @@ def write_run(
     }
     with open(folder / RUN_ARRAYS, "wb") as file:
         np.savez(file, **arrays)
+    measured = {**vars(report), "clearance_min": _finite(report.clearance_min)}
+    del measured["reasons"]
     summary = {
         "verified": not report.reasons,
         "interrupted": interrupted,
@@ -53,12 +55,7 @@ def write_run(
         "seed": seed,
         "version": __version__,
         **_cost(record),
-        "distance_error_max": report.distance_error_max,
-        "clearance_min": _finite(report.clearance_min),
-        "end_error": report.end_error,
-        "end_speed": report.end_speed,
-        "speed_max": report.speed_max,
-        "acceleration_max": report.acceleration_max,
+        **{name: value for name, value in measured.items() if value is not None or name == "clearance_min"},
         "evaluations": log.evaluations,
         "generations": log.generations,
         "time_to_first_verified_s": log.first_plan,

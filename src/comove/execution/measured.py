@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.execution.sight import Sight, straight_on
-from comove.primitives.arguments import is_number, numbers
+from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.programme import Sighting
 from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
@@ -46,10 +46,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name, most in (("noise", 10.0), ("agility", 1e6), ("fastest", 1e3)):
-            if not is_number(getattr(self, name)) or not 0 < getattr(self, name) <= most:
-                raise OptionError(
-                    f"{name} = {getattr(self, name)!r}", key=name, way_out=f"give a number up to {most:g}"
-                )
+            require_positive(name, getattr(self, name), most)
         for name, most in (("delay", 10.0), ("dropout", 0.99)):
             if not is_number(getattr(self, name)) or not 0 <= getattr(self, name) <= most:
                 raise OptionError(

@@ -11,10 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.execution.sight import Sight
-from comove.primitives.basis import motion_basis
 from comove.reaction.modulation import Modulation, Sharing, modulated
 from comove.reaction.obstacles import level_obstacle
 from comove.scenes.distances import CENTER
@@ -51,7 +49,7 @@ def run_modulated(
     radius = float(scene.body.radii.max(initial=0.0)) + scene.clearance
     bare = [level_obstacle(scene, j, margin=radius) for j in range(len(scene.obstacles))]
     pairs = [e for e in scene.body.edges if e[0] != e[1] and e.max() < len(scene.manipulators)]
-    motion, hands, steps = _primitive(scene), scene.start.copy(), [scene.start.copy()]
+    motion, hands, steps = CoordinatedMotion.straight(scene), scene.start.copy(), [scene.start.copy()]
     for k in range(round(budget / period)):
         now = k * period
         s = np.array([now / scene.duration])
@@ -75,12 +73,3 @@ def run_modulated(
         if now > scene.duration and np.linalg.norm(hands - scene.goal, axis=1).max() < AT_GOAL:
             break
     return np.arange(len(steps)) * period, np.array(steps)
-
-
-def _primitive(scene: Scene) -> CoordinatedMotion:
-    """The coordinated primitive from start to goal: straight, of minimum jerk."""
-    coordinates, basis = load_coordinates(scene), motion_basis(20, "velocity")
-    boundary = coordinates.boundary()
-    return CoordinatedMotion(
-        scene, coordinates, basis, boundary, np.zeros((coordinates.n_columns, basis.n_basis))
-    )

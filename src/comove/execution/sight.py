@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import partial
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,7 +57,7 @@ class Known:
     """
 
     scene: Scene
-    certain: bool = True
+    certain: ClassVar[bool] = True
 
     def seen(self, time: float) -> Sighting:
         """Exactly what is."""
@@ -95,9 +96,20 @@ class Functions:
             raise OptionError(
                 f"{len(positions)} functions for {len(scene.obstacles)} obstacles",
                 key="positions",
-                way_out="give one a obstacle, None where it stands",
+                way_out="give one for each obstacle, None where it stands",
             )
         self.scene, self._positions = scene, tuple(positions)
+
+    @classmethod
+    def of_motions(cls, scene: Scene) -> Functions:
+        """The scene's own motions, of which nobody knows how they go on."""
+        return cls(
+            scene,
+            [
+                None if motion is None else partial(_place, motion, center, scene.n_dims)
+                for motion, center in zip(scene.motions, scene.obstacles[:, CENTER : CENTER + 3], strict=True)
+            ],
+        )
 
     def true(self, time: Array) -> Array:
         """What the functions say."""
@@ -133,6 +145,10 @@ def straight_on(scene: Scene, seen: Sighting, time: float) -> Scene:
         for v, goes in zip(seen.velocity, moves, strict=True)
     )
     return replace(scene, obstacles=table, motions=motions)
+
+
+def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
+    return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
 def _sighting(scene: Scene, center: Array, velocity: Array, margin: float | Array) -> Sighting:

@@ -18,7 +18,6 @@ from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.paper import Paper
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
-from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
@@ -105,7 +104,7 @@ def solve(
     if search.best is not None:
         motion, verdict = search.best_motion, search.best
     else:
-        motion = search.attempt or _straight(search)
+        motion = search.attempt or CoordinatedMotion.straight(scene, search.objective.coordinates)
         verdict = verify(motion, checks)
     return Solution(
         scene=scene,
@@ -168,10 +167,3 @@ def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
     for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):
         hands[:, i, : scene.n_dims] = modulate(dmp, start, goal).at(s * dmp.duration).position
     return hands
-
-
-def _straight(search: Search) -> CoordinatedMotion:
-    """The motion without shape weights, for a search that had no time to attempt anything."""
-    coordinates, basis = search.objective.coordinates, motion_basis(20, "velocity")
-    weights = np.zeros((coordinates.n_columns, basis.n_basis))
-    return CoordinatedMotion(search.scene, coordinates, basis, coordinates.boundary(), weights)

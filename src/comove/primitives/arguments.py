@@ -41,6 +41,19 @@ def vector(name: str, value: object, n_dims: int) -> Array:
     return array
 
 
+def require_positive(name: str, value: object, most: float = 1e308) -> None:
+    """Refuse what is no positive number, or more than `most`.
+
+    Raises
+    ------
+    OptionError
+        That names it.
+    """
+    if not is_number(value) or not 0 < value <= most:
+        bound = f" up to {most:g}" if most < 1e308 else ""
+        raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a positive number{bound}")
+
+
 def instants(time: object) -> Array:
     """A new array of finite times [s], shape (n_steps,).
 

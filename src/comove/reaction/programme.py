@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import require_positive
 from comove.reaction.desk import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.nearness import load_points
 from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
@@ -119,11 +119,7 @@ class ProgrammeSettings:
             ("retreat_speed", 1e3),
             ("turning_weight", 1.0),
         ):
-            value = getattr(self, name)
-            if not is_number(value) or not 0.0 < value <= most:
-                raise OptionError(
-                    f"{name} = {value!r}", key=name, way_out=f"give a positive number up to {most:g}"
-                )
+            require_positive(name, getattr(self, name), most)
         if (
             isinstance(self.n_points, bool)
             or not isinstance(self.n_points, int)
@@ -150,10 +146,7 @@ class Programme:
     """
 
     def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
-        if not is_number(period) or not 0.0 < period <= MAX_PERIOD:
-            raise OptionError(
-                f"period = {period!r}", key="period", way_out=f"give a positive time up to {MAX_PERIOD:g} s"
-            )
+        require_positive("period", period, MAX_PERIOD)
         settings = ProgrammeSettings() if settings is None else settings
         self.scene, self.period, self.settings = scene, float(period), settings
         self._points = load_points(scene, settings.n_points)

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, numbers
+from comove.primitives.arguments import numbers, require_positive
 from comove.reaction.levels import SUPERQUADRIC
 from comove.scenes import distances as sd
 
@@ -39,7 +39,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        _require_positive(radius=self.radius)
+        require_positive("radius", self.radius)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """See `Shape`."""
@@ -135,7 +135,8 @@ class Capsule:
     length: float
 
     def __post_init__(self) -> None:
-        _require_positive(radius=self.radius, length=self.length)
+        require_positive("radius", self.radius)
+        require_positive("length", self.length)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """See `Shape`."""
@@ -151,7 +152,8 @@ class Cylinder:
     height: float
 
     def __post_init__(self) -> None:
-        _require_positive(radius=self.radius, height=self.height)
+        require_positive("radius", self.radius)
+        require_positive("height", self.height)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """See `Shape`."""
@@ -167,12 +169,6 @@ class Cylinder:
             (least, least + margin),
             float(np.hypot(self.radius, half)) + margin,
         )
-
-
-def _require_positive(**lengths: object) -> None:
-    for name, value in lengths.items():
-        if not (is_number(value) and value > 0):
-            raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
 
 
 def _lengths(name: str, values: object) -> tuple[float, ...]:

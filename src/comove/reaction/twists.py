@@ -56,11 +56,8 @@ class Nodes(NamedTuple):
 def group_nodes(scene: Scene) -> Nodes:
     """The nodes of a scene as parts of its groups."""
     group, point = np.zeros(scene.body.n_nodes, dtype=np.int64), np.zeros((scene.body.n_nodes, 3))
-    corner = len(scene.manipulators)
-    for g, part in enumerate(scene.groups):
-        own = [*part.members, *range(corner, corner + len(part.corners))]
-        group[own], point[own] = g, part.points
-        corner += len(part.corners)
+    for g, own in enumerate(scene.nodes_of_groups):
+        group[own], point[own] = g, scene.groups[g].points
     for array in (group, point):
         array.setflags(write=False)
     return Nodes(group, point)

@@ -9,7 +9,6 @@ import numpy as np
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import configuration_space
-from comove.primitives.basis import motion_basis
 from comove.robots.judge.verify import JointReport, JointVerdict, verify_joints
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying
@@ -51,11 +50,9 @@ class RobotCheck:
             If an arm cannot reach its start or its goal.
         """
         scene, coordinates = self.task.scene, load_coordinates(self.task.scene)
-        boundary, basis = coordinates.boundary(), motion_basis(20, "velocity")
+        straight = CoordinatedMotion.straight(scene, coordinates)
         space, rng = configuration_space(scene, coordinates), np.random.default_rng(0)
-        self.task.plan(space, boundary[0], boundary[0], 0.0, rng, max_nodes=8)
-        weights = np.zeros((coordinates.n_columns, basis.n_basis))
-        straight = CoordinatedMotion(scene, coordinates, basis, boundary, weights)
+        self.task.plan(space, straight.boundary[0], straight.boundary[0], 0.0, rng, max_nodes=8)
         self.task.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
         track(self.task, straight)
 

@@ -26,6 +26,20 @@ BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
 TINY = 1e-12
 
 
+def inflated(table: Array, margin: Array) -> Array:
+    """Obstacles of the same shapes that hold every point within `margin`, (n_obstacles,) [m], of these."""
+    table, kind = table.copy(), table[:, KIND].astype(int)
+    sizes = table[:, SIZE : SIZE + 3]
+    counts = np.array([3, 1, 1, 2, 3])[kind]  # of sizes that grow: a capsule's radius carries its ends along
+    ellipsoid = kind == ELLIPSOID  # the sum with a ball is none, but within one of the same proportions
+    grown = sizes + margin[:, None] * (np.arange(3) < counts[:, None])
+    grown[ellipsoid] = sizes[ellipsoid] * (1 + margin[ellipsoid] / sizes[ellipsoid].min(axis=1))[:, None]
+    table[:, REACH] *= np.where(ellipsoid, grown[:, 0] / sizes[:, 0], 1.0)
+    table[:, REACH] += np.where(ellipsoid, 0.0, np.where(kind == BOX, np.sqrt(3.0), np.sqrt(2.0)) * margin)
+    table[:, SIZE : SIZE + 3] = grown
+    return table
+
+
 @numba.njit(cache=True, error_model="numpy")
 def point_distance(table, j, x, y, z):
     """Signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""

@@ -6,7 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import hypot, radians
 from pathlib import Path
 from typing import Any
@@ -128,14 +128,7 @@ class Scene:
         folder = None if folder is None else Path(folder)
         return _build(parse_scene(data, folder=folder), folder or Path(), None)
 
-    def resumed(
-        self,
-        time: float,
-        duration: float,
-        starts: tuple[Pose, ...],
-        twists: Array,
-        clearance: float | None = None,
-    ) -> Scene:
+    def resumed(self, time: float, duration: float, starts: tuple[Pose, ...], twists: Array) -> Scene:
         """The same scene from a later instant on: what is left of a movement that has begun.
 
         Parameters
@@ -144,18 +137,13 @@ class Scene:
         duration : of what is left [s]
         starts : poses of the rigid groups at that instant
         twists : array, shape (n_groups, 6), theirs: velocity of the centre [m/s], angular velocity [rad/s]
-        clearance : asked for [m], the scene's own unless given
         """
         groups = tuple(
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        update: dict[str, Any] = {"duration": duration}
-        if clearance is not None:
-            update["limits"] = self.file.limits.model_copy(update={"clearance": clearance})
-        later = replace(
-            self, file=self.file.model_copy(update=update), groups=groups, begins=self.begins + time
-        )
+        file = self.file.model_copy(update={"duration": duration})
+        later = replace(self, file=file, groups=groups, begins=self.begins + time)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -201,8 +189,7 @@ class Scene:
 
     def offsets_along(self, n_steps: int) -> Array:
         """The same at even times of the movement, as kernels take them: without any times where nothing moves."""
-        times = np.linspace(0.0, self.duration, n_steps if self.moving.any() else 0)
-        return self.offsets(times)
+        return _offsets_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
         """Of the obstacles' centres, from these instants on; array, shape (n_times, n_obstacles, 3) [m/s]."""
@@ -227,6 +214,8 @@ class Scene:
 
     def obstacles_at(self, time: float) -> Array:
         """The table of the obstacles where they are at an instant [s]."""
+        if not self.moving.any():
+            return self.obstacles
         table = self.obstacles.copy()
         table[:, sd.CENTER : sd.CENTER + 3] += self.offsets(np.array([time]))[0]
         return table
@@ -337,14 +326,27 @@ class Scene:
     def nodes_at(self, end: str) -> Array:
         """Nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
         nodes = np.zeros((self.body.n_nodes, 3))
-        corner = len(self.manipulators)
-        for group in self.groups:
-            points = (group.start if end == "start" else group.goal).place(group.points)
-            nodes[list(group.members)] = points[: len(group.members)]
-            count = len(group.corners)
-            nodes[corner : corner + count] = points[len(group.members) :]
-            corner += count
+        for group, own in zip(self.groups, self.nodes_of_groups, strict=True):
+            nodes[own] = (group.start if end == "start" else group.goal).place(group.points)
         return nodes
+
+    @cached_property
+    def nodes_of_groups(self) -> tuple[list[int], ...]:
+        """Which nodes every rigid group moves, by number: its members, then its corners."""
+        found, corner = [], len(self.manipulators)
+        for group in self.groups:
+            found.append([*group.members, *range(corner, corner + len(group.corners))])
+            corner += len(group.corners)
+        return tuple(found)
+
+
+@lru_cache(maxsize=8)  # a search asks for them in every generation
+def _offsets_along(scene: Scene, n_steps: int) -> Array:
+    if not scene.moving.any():
+        return np.zeros((0, len(scene.obstacles), 3))
+    offsets = scene.offsets(np.linspace(0.0, scene.duration, n_steps))
+    offsets.setflags(write=False)
+    return offsets
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:

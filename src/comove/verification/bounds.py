@@ -74,18 +74,18 @@ def distance_error(relative: Array, distance: float) -> float:
     return float((np.maximum(error[1:], error[:-1]) + INTERVAL**2 / 8 * (turning + bend)).max())
 
 
-def least_distance(relative: Array, bend: Array) -> float:
+def least_distance(relative: Array, stray: Array) -> float:
     """Lower bound of |r| at every instant, r = y1 - y2 of two hands [m].
 
     Parameters
     ----------
     relative : array, shape (n_knots, n_dims), r at the knots
-    bend : array, shape (n_intervals,), bound of |r''|: between two knots r stays within h^2/8 of it of its chord
+    stray : array, shape (n_intervals,), how far r is from its chord between two knots at most [m]
     """
     here, step = relative[:-1], np.diff(relative, axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
     nearest = lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step)
-    return float((nearest - INTERVAL**2 / 8 * bend).min())
+    return float((nearest - stray).min())
 
 
 def largest_size(column: Array) -> float:

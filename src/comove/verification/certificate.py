@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
 from comove.scenes.distances import point_distance
+from comove.scenes.scene import Scene
 from comove.scenes.solids import gap, solid_at, solid_distance
 from comove.verification.bounds import NodeBounds, node_bounds
 
@@ -52,7 +53,7 @@ class Clearance(NamedTuple):
     ----------
     lower : certified lower bound of the clearance at every instant [m]; -inf if the motion is not finite
     upper : a clearance met on the way [m]; the true least one lies between, up to the bulge
-    time : normalised time of `upper`
+    time : of `upper` [s]
     nearest : obstacle of `upper`, -1 for the border of the workspace
     """
 
@@ -75,48 +76,50 @@ class Paths(NamedTuple):
     sag: Array
 
 
-def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None) -> Clearance:
+def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: float = 0.0) -> Clearance:
     """Bound the clearance of the whole load and all hands over continuous time.
 
     Parameters
     ----------
     bounds : those of `motion`, where the caller has them already
+    since : normalised time before which nothing counts
     """
     scene, q, s = motion.scene, motion.knots[0], np.arange(N_INTERVALS + 1) * INTERVAL
     bulge = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
-    if len(
-        scene.obstacle_kinks
-    ):  # further knots there: between knots obstacles then go straight, or on circles
-        s = np.union1d(s, scene.obstacle_kinks / scene.duration)
+    if (
+        len(scene.obstacle_kinks) or since > 0
+    ):  # knots at kinks: in between obstacles go straight, or on circles
+        s = np.union1d(s, np.append(scene.obstacle_kinks / scene.duration, since))
+        s = s[s >= since]
         q = motion.at(s)[0]
         bulge = bulge[np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)]
     nodes = motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
-    if not (np.isfinite(nodes).all() and np.isfinite(bulge).all()):
-        return Clearance(-np.inf, -np.inf, 0.0, -1)
-    body, moving = scene.body, scene.moving.any()
-    at_knots = s * scene.duration if moving else np.zeros(0)
-    paths = Paths(scene.offsets(at_knots), scene.obstacle_sags(at_knots) if moving else np.zeros((0, 0)))
-    lower, upper, k, nearest = certified_clearance(
-        nodes, bulge, body.edges, body.radii, scene.obstacles, paths, *scene.workspace, scene.clearance
-    )
+    time = s * scene.duration
+    still = np.zeros((0, len(scene.obstacles), 3)), np.zeros((0, len(scene.obstacles)))
+    paths = (scene.offsets(time), scene.obstacle_sags(time)) if scene.moving.any() else still
+    return certify_nodes(scene, nodes, bulge, time, Paths(*paths))
+
+
+def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: Paths) -> Clearance:
+    """Bound the clearance of a load whose nodes are known at some instants, among obstacles that move on `paths`.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_knots, n_nodes, 3), [m]
+    bulge : array, shape (n_knots - 1, n_nodes), how far they stray from their chords in between [m]
+    time : array, shape (n_knots,) [s]
+    """
+    if not all(np.isfinite(array).all() for array in (nodes, bulge, *paths)):
+        return Clearance(-np.inf, -np.inf, float(time[0]), -1)
+    body, around = scene.body, (scene.obstacles, paths, *scene.workspace, scene.clearance)
+    found = certified_clearance(nodes, bulge, body.edges, body.radii, *around)
     if len(body.solids):
-        lower, upper, k, nearest = certified_solids(
-            nodes,
-            bulge,
-            body.solids,
-            scene.obstacles,
-            paths,
-            *scene.workspace,
-            scene.clearance,
-            lower,
-            upper,
-            k,
-            nearest,
-        )
+        found = certified_solids(nodes, bulge, body.solids, *around, *found)
+    lower, upper, k, nearest = found
     if body.filled:  # an obstacle inside the plate at the start need not touch its border
-        at_start, _ = scene.clearance_at(nodes[0])
+        at_start, _ = scene.clearance_at(nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)
-    return Clearance(lower, upper, float(s[k]), nearest)
+    return Clearance(lower, upper, float(time[k]), nearest)
 
 
 @numba.njit(cache=True, error_model="numpy")

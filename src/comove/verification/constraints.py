@@ -7,7 +7,7 @@ Whatever hands of different blocks keep is bounded by their derivatives between 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from math import degrees
 from typing import NamedTuple
@@ -56,100 +56,143 @@ def examine(motion: CoordinatedMotion, bounds: NodeBounds, position: Array) -> l
     bounds : those of `motion`
     position : array, shape (n_knots, n_manipulators, 3), of the hands at the knots [m]
     """
-    return [Finding(c, *_EXAMINERS[type(c)](motion, c, bounds, position)) for c in motion.scene.constraints]
+    names = motion.scene.manipulators
+    return [
+        judged(c, _MEASURES[type(c)](motion, c, bounds, position), names) for c in motion.scene.constraints
+    ]
 
 
-def _distance(
-    motion: CoordinatedMotion, c: DistanceConstraint, bounds: NodeBounds, position: Array
-) -> tuple[float, str]:
+def judged(c: Constraint, measure: float, manipulators: Sequence[str]) -> Finding:
+    """What to say about a constraint whose error, or what a separation keeps beyond the least, is `measure`."""
+    reason = ""
+    if isinstance(c, SeparationConstraint):
+        if not measure >= -ROUNDING:
+            names = _names(c, manipulators)
+            reason = f"{names} come as near as {measure + c.least:.4g} m (at least {c.least:g} m asked for)"
+    elif not measure <= max(c.tolerance, ROUNDING):
+        reason = _TOLD[type(c)](c, measure, manipulators)
+    return Finding(c, measure, reason)
+
+
+def worst(findings: list[Finding], kind: type, worst: Callable[..., float]) -> float | None:
+    """The worst measure of the constraints of one kind, None where there is none."""
+    return worst((f.measure for f in findings if isinstance(f.constraint, kind)), default=None)
+
+
+def _distance(motion: CoordinatedMotion, c: DistanceConstraint, bounds: NodeBounds, position: Array) -> float:
     (first, i), (second, j) = (_block(motion, hand) for hand in (c.first, c.second))
-    error = np.inf
     if first is second:
         apart = _apart(position, c.first, c.second)
         held = float(np.linalg.norm(first.points[i] - first.points[j]))
-        error = float(np.abs(np.append(apart, held) - c.distance).max())
-    elif first.kind == POINT and second.kind == POINT:
+        return float(np.abs(np.append(apart, held) - c.distance).max())
+    if first.kind == POINT and second.kind == POINT:
         relative = motion.knots[:, :, first.columns] - motion.knots[:, :, second.columns]
         relative[0] += (first.points[i] - second.points[j])[: motion.scene.n_dims]
-        error = distance_error(relative, c.distance)
-    kept = error <= max(c.tolerance, ROUNDING)
-    names = _names(motion, c)
-    return error, "" if kept else (
-        f"the distance between {names} is off by up to {error:.3g} m (tolerance {c.tolerance:g} m)"
-    )
+        return distance_error(relative, c.distance)
+    return np.inf
 
 
 def _relative_pose(
     motion: CoordinatedMotion, c: RelativePoseConstraint, bounds: NodeBounds, position: Array
-) -> tuple[float, str]:
+) -> float:
     """One block moves them; in space not one that leaves the roll open. In the plane a distance is enough."""
     (first, _), (second, _) = (_block(motion, hand) for hand in (c.first, c.second))
     kept = motion.scene.n_dims == 2 or (first is second and first.kind != DIRECTION)
-    return (
-        0.0,
-        "" if kept else f"the motion's coordinates do not hold the relative pose of {_names(motion, c)}",
-    )
+    return 0.0 if kept else np.inf
 
 
 def _separation(
     motion: CoordinatedMotion, c: SeparationConstraint, bounds: NodeBounds, position: Array
-) -> tuple[float, str]:
+) -> float:
     if _block(motion, c.first)[0] is _block(motion, c.second)[0]:
-        least = float(_apart(position, c.first, c.second).min())
-    else:
-        bend = bounds.acceleration[:, c.first] + bounds.acceleration[:, c.second]
-        least = least_distance(position[:, c.first] - position[:, c.second], bend)
-    return least - c.least, "" if least - c.least >= -ROUNDING else (
-        f"{_names(motion, c)} come as near as {least:.4g} m (at least {c.least:g} m asked for)"
-    )
+        return float(_apart(position, c.first, c.second).min()) - c.least
+    bend = bounds.acceleration[:, c.first] + bounds.acceleration[:, c.second]
+    return least_distance(position[:, c.first] - position[:, c.second], INTERVAL**2 / 8 * bend) - c.least
 
 
-def _upright(
-    motion: CoordinatedMotion, c: UprightConstraint, bounds: NodeBounds, position: Array
-) -> tuple[float, str]:
-    """Largest change of inclination of a line between two holders; infinite where the block may tilt.
+def _upright(motion: CoordinatedMotion, c: UprightConstraint, bounds: NodeBounds, position: Array) -> float:
+    """Infinite where the block may tilt.
 
     A block that only shifts, or in space turns about the vertical, keeps what lies across and along the vertical.
     """
     n_dims, (part, _) = motion.scene.n_dims, _block(motion, c.members[0])
     if not set(c.members) <= set(part.nodes.tolist()) or not _keeps_tilt(part, n_dims):
-        return np.inf, "the motion's coordinates let the load tilt, and it must stay upright"
-    tilt = 0.0
-    for i, j in combinations(c.members, 2):
+        return np.inf
+    return float(tilts(position, c.members, n_dims).max())
+
+
+def tilts(position: Array, members: Sequence[int], n_dims: int) -> Array:
+    """Largest change since the start of the inclination of a line between two members [rad].
+
+    Parameters
+    ----------
+    position : array, shape (n_steps, n_manipulators, 3), of the hands [m]
+
+    Returns
+    -------
+    array, shape (n_steps,)
+    """
+    tilt = np.zeros(len(position))
+    for i, j in combinations(members, 2):
         line = position[:, i] - position[:, j]
         x, y = (line[:, 0], line[:, 1]) if n_dims == 2 else (np.hypot(line[:, 0], line[:, 1]), line[:, 2])
-        change = np.arctan2(np.abs(x[0] * y - y[0] * x), x[0] * x + y[0] * y)
-        tilt = max(tilt, float(change.max()))
-    return tilt, "" if tilt <= max(c.tolerance, ROUNDING) else (
-        f"the load tilts by up to {degrees(tilt):.3g} deg (tolerance {degrees(c.tolerance):g} deg)"
-    )
+        tilt = np.maximum(tilt, np.arctan2(np.abs(x[0] * y - y[0] * x), x[0] * x + y[0] * y))
+    return tilt
 
 
 def _same_height(
     motion: CoordinatedMotion, c: SameHeightConstraint, bounds: NodeBounds, position: Array
-) -> tuple[float, str]:
+) -> float:
     n_dims, columns = motion.scene.n_dims, np.arange(motion.coordinates.n_columns)
     blocks = [_block(motion, hand) for hand in (c.first, c.second)]
     if all(_keeps_tilt(part, n_dims) for part, _ in blocks):  # a height is a column of q and a constant
         first, second = (motion.knots[:, :, columns[part.columns][n_dims - 1]] for part, _ in blocks)
         relative = first - second
         relative[0] += np.subtract(*(part.points[i, n_dims - 1] for part, i in blocks))
-        error = largest_size(relative)
-    else:
-        gap = np.abs(position[:, c.first, n_dims - 1] - position[:, c.second, n_dims - 1])
-        bulge = INTERVAL**2 / 8 * (bounds.acceleration[:, c.first] + bounds.acceleration[:, c.second])
-        error = float((np.maximum(gap[1:], gap[:-1]) + bulge).max())
-    return error, "" if error <= max(c.tolerance, ROUNDING) else (
-        f"the heights of {_names(motion, c)} differ by up to {error:.3g} m (tolerance {c.tolerance:g} m)"
-    )
+        return largest_size(relative)
+    gap = np.abs(position[:, c.first, n_dims - 1] - position[:, c.second, n_dims - 1])
+    bulge = INTERVAL**2 / 8 * (bounds.acceleration[:, c.first] + bounds.acceleration[:, c.second])
+    return float((np.maximum(gap[1:], gap[:-1]) + bulge).max())
 
 
-_EXAMINERS: dict[type, Callable[..., tuple[float, str]]] = {
+_MEASURES: dict[type, Callable[..., float]] = {
     DistanceConstraint: _distance,
     RelativePoseConstraint: _relative_pose,
     SeparationConstraint: _separation,
     UprightConstraint: _upright,
     SameHeightConstraint: _same_height,
+}
+
+
+def _names(c: Constraint, manipulators: Sequence[str]) -> str:
+    return f"'{manipulators[c.first]}' and '{manipulators[c.second]}'"
+
+
+def _distance_off(c: DistanceConstraint, error: float, manipulators: Sequence[str]) -> str:
+    names = _names(c, manipulators)
+    return f"the distance between {names} is off by up to {error:.3g} m (tolerance {c.tolerance:g} m)"
+
+
+def _pose_not_held(c: RelativePoseConstraint, _: float, manipulators: Sequence[str]) -> str:
+    return f"the motion's coordinates do not hold the relative pose of {_names(c, manipulators)}"
+
+
+def _tilted(c: UprightConstraint, tilt: float, _: Sequence[str]) -> str:
+    if not np.isfinite(tilt):
+        return "the motion's coordinates let the load tilt, and it must stay upright"
+    return f"the load tilts by up to {degrees(tilt):.3g} deg (tolerance {degrees(c.tolerance):g} deg)"
+
+
+def _heights_differ(c: SameHeightConstraint, error: float, manipulators: Sequence[str]) -> str:
+    names = _names(c, manipulators)
+    return f"the heights of {names} differ by up to {error:.3g} m (tolerance {c.tolerance:g} m)"
+
+
+_TOLD: dict[type, Callable[..., str]] = {
+    DistanceConstraint: _distance_off,
+    RelativePoseConstraint: _pose_not_held,
+    UprightConstraint: _tilted,
+    SameHeightConstraint: _heights_differ,
 }
 
 
@@ -169,8 +212,3 @@ def _keeps_tilt(part: Part, n_dims: int) -> bool:
 
 def _apart(position: Array, i: int, j: int) -> Array:
     return lengths(position[:, i] - position[:, j])
-
-
-def _names(motion: CoordinatedMotion, c: Constraint) -> str:
-    names = motion.scene.manipulators
-    return f"'{names[c.first]}' and '{names[c.second]}'"

@@ -7,18 +7,30 @@ body strays from the chord of its step by ``|w|^2 |r| h^2 / 8`` at most, and the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.primitives.rotations import matrices, quaternion_product
-from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
+from comove.scenes.constraints import (
+    DistanceConstraint,
+    RelativePoseConstraint,
+    SameHeightConstraint,
+    SeparationConstraint,
+    UprightConstraint,
+)
+from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
-from comove.verification.certificate import Paths, certified_clearance, certified_solids
+from comove.verification.bounds import least_distance
+from comove.verification.certificate import Clearance, Paths, certify_nodes
+from comove.verification.constraints import judged, tilts, worst
 
 Array = NDArray[np.float64]
+
+PairConstraint = DistanceConstraint | RelativePoseConstraint | SeparationConstraint | SameHeightConstraint
 
 END_ERROR = 1e-3  # m, by which an execution may miss its goal
 END_SPEED = 1e-3  # m/s, below which it is at rest
@@ -49,13 +61,31 @@ class Record:
     @cached_property
     def nodes(self) -> Array:
         """Hands, then corners of the load; array, shape (n_steps, n_nodes, 3) [m]."""
-        nodes = np.zeros((len(self.time), self.scene.body.n_nodes, 3))
-        corner, turns = len(self.scene.manipulators), matrices(self.quaternion)
-        for g, group in enumerate(self.scene.groups):
-            own = [*group.members, *range(corner, corner + len(group.corners))]
-            nodes[:, own] = self.center[:, g, None] + np.einsum("tij,nj->tni", turns[:, g], group.points)
-            corner += len(group.corners)
+        nodes, turns = np.zeros((len(self.time), self.scene.body.n_nodes, 3)), matrices(self.quaternion)
+        for g, own in enumerate(self.scene.nodes_of_groups):
+            turned = np.einsum("tij,nj->tni", turns[:, g], self.scene.groups[g].points)
+            nodes[:, own] = self.center[:, g, None] + turned
         return nodes
+
+    @cached_property
+    def spins(self) -> Array:
+        """Angular velocities between the steps; array, shape (n_steps - 1, n_groups, 3) [rad/s]."""
+        before, after = self.quaternion[:-1], self.quaternion[1:]
+        turn = quaternion_product(after, before * [1.0, -1.0, -1.0, -1.0])
+        turn *= np.where(turn[..., :1] < 0, -1.0, 1.0)
+        size = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
+        angle = 2 * np.arctan2(size, turn[..., :1])
+        scale = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 2.0)
+        return turn[..., 1:] * scale / np.diff(self.time)[:, None, None]
+
+    @cached_property
+    def bulges(self) -> Array:
+        """How far nodes stray from their chords between the steps; array, shape (n_steps - 1, n_nodes) [m]."""
+        bulges = np.zeros((len(self.time) - 1, self.scene.body.n_nodes))
+        square = (self.spins**2).sum(axis=2) * np.diff(self.time)[:, None] ** 2 / 8
+        for g, own in enumerate(self.scene.nodes_of_groups):
+            bulges[:, own] = square[:, g, None] * np.linalg.norm(self.scene.groups[g].points, axis=1)
+        return bulges
 
     @property
     def position(self) -> Array:
@@ -65,28 +95,31 @@ class Record:
 
 @dataclass(frozen=True)
 class RecordReport:
-    """What was measured of an execution; bounds hold between the steps too.
+    """What was measured of an execution, between the steps too; accelerations are the jumps of velocity a step.
 
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    nearest, nearest_time : what came nearest, in words, and when [s]
     distance_error_max : of the distances that constraints and loads fix [m]
-    separation_spare_min : least of what hands kept beyond their separations [m]; None without any
-    end_error, end_speed : distance of the hands from their goals at the end [m], and their speed there [m/s]
+    start_error, end_error : distance of the hands from where they had to begin and to end [m]
+    end_speed : of the hands [m/s]
     speed_max, acceleration_max : of the hands [m/s], [m/s^2]
+    separation_spare_min : least of what hands kept beyond their separations [m]; None without any
+    tilt_max : of a load that must stay upright [rad]; None where none must
+    height_error_max : of hands at one height [m]; None without any
     reasons : what is wrong, in words; empty for an execution that was as it should be
     """
 
     clearance_min: float
-    nearest: str
-    nearest_time: float
     distance_error_max: float
-    separation_spare_min: float | None
+    start_error: float
     end_error: float
     end_speed: float
     speed_max: float
     acceleration_max: float
+    separation_spare_min: float | None
+    tilt_max: float | None
+    height_error_max: float | None
     reasons: tuple[str, ...]
 
 
@@ -101,49 +134,52 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
     hands = record.nodes[:, : len(scene.manipulators)]
     velocity = np.diff(hands, axis=0) / step[:, :, None]
     # An arc is longer than its chord by (w h)^2 / 24.
-    turned = (np.linalg.norm(_spins(record), axis=2) * step).max(initial=0.0)
+    turned = (np.linalg.norm(record.spins, axis=2) * step).max(initial=0.0)
     speeds = np.linalg.norm(velocity, axis=2) * (1 + turned**2 / 20)
-    lower, nearest, when = _clearance(record)
-    errors = [
-        np.abs(np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1) - c.distance).max()
-        for c in scene.constraints
-        if isinstance(c, DistanceConstraint)
-    ]
-    spare = [
-        float((np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1) - c.least).min())
-        for c in scene.constraints
-        if isinstance(c, SeparationConstraint)
-    ]
     changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
-    end_error = np.linalg.norm(hands[-1, :, : scene.n_dims] - scene.goal, axis=1).max()
+    misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
+    offsets = record.obstacles - scene.obstacles[:, CENTER : CENTER + 3]
+    paths = Paths(offsets if offsets.any() else offsets[:0], record.sag)
+    clearance = certify_nodes(scene, record.nodes, record.bulges, record.time, paths)
+    findings = [judged(c, _MEASURES[type(c)](record, c), scene.manipulators) for c in scene.constraints]
     report = RecordReport(
-        clearance_min=lower,
-        nearest=nearest,
-        nearest_time=when,
-        distance_error_max=float(max(errors, default=0.0)),
-        separation_spare_min=min(spare, default=None),
-        end_error=float(end_error),
+        clearance_min=clearance.lower,
+        distance_error_max=worst(findings, DistanceConstraint, max) or 0.0,
+        start_error=float(misses[0]),
+        end_error=float(misses[1]),
         end_speed=float(speeds[-1].max()),
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
+        separation_spare_min=worst(findings, SeparationConstraint, min),
+        tilt_max=worst(findings, UprightConstraint, max),
+        height_error_max=worst(findings, SameHeightConstraint, max),
         reasons=(),
     )
-    return _with_reasons(report, scene, blocker)
+    reasons = _contact(record, clearance)
+    reasons += [finding.reason for finding in findings if finding.reason]
+    return replace(report, reasons=(*reasons, *_off_limits(report, scene, blocker)))
 
 
-def _with_reasons(report: RecordReport, scene: Scene, blocker: str) -> RecordReport:
-    reasons, r = [], report
-    if not r.clearance_min >= scene.clearance:
-        how = f"reaches {-r.clearance_min:.3g} m into" if r.clearance_min < 0 else "comes too near to"
-        asked = f" ({scene.clearance:g} m of clearance are asked for)" if scene.clearance else ""
-        reasons.append(f"the load or a hand {how} {r.nearest} at {r.nearest_time:.2f} s{asked}")
-    tolerance = min(
-        (c.tolerance for c in scene.constraints if isinstance(c, DistanceConstraint)), default=np.inf
-    )
-    if not r.distance_error_max <= tolerance:
-        reasons.append(f"a distance is off by {r.distance_error_max:.3g} m (tolerance {tolerance:g} m)")
-    if r.separation_spare_min is not None and r.separation_spare_min < 0:
-        reasons.append(f"two hands come {-r.separation_spare_min:.3g} m nearer than they may")
+def _contact(record: Record, clearance: Clearance) -> list[str]:
+    scene, lower = record.scene, clearance.lower
+    unknown = np.flatnonzero(~np.isfinite(record.obstacles).all(axis=(0, 2)))
+    if len(unknown):
+        return [
+            f"nobody knows where {scene.name_of(int(unknown[0]))} really was: contact cannot be ruled out"
+        ]
+    if not (np.isfinite(record.center).all() and np.isfinite(record.quaternion).all()):
+        return ["the record holds what is no number"]
+    if lower >= scene.clearance:
+        return []
+    how = f"reaches {-lower:.3g} m into" if lower < 0 else "comes too near to"
+    asked = f" ({scene.clearance:g} m of clearance are asked for)" if scene.clearance else ""
+    return [f"the load or a hand {how} {scene.name_of(clearance.nearest)} at {clearance.time:.2f} s{asked}"]
+
+
+def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
+    reasons = []
+    if not r.start_error <= END_ERROR:
+        reasons.append(f"it begins {r.start_error:.3g} m from the start")
     if not r.end_error <= END_ERROR:
         reasons.append(f"the goal is missed by {r.end_error:.3g} m{blocker and f': {blocker}'}")
     if not r.end_speed <= END_SPEED:
@@ -154,42 +190,61 @@ def _with_reasons(report: RecordReport, scene: Scene, blocker: str) -> RecordRep
         reasons.append(
             f"a hand accelerates by {r.acceleration_max:.4g} m/s^2 (limit {scene.acceleration_limit:g} m/s^2)"
         )
-    return RecordReport(**{**vars(r), "reasons": tuple(reasons)})
+    return reasons
 
 
-def _spins(record: Record) -> Array:
-    """Angular velocities between the steps; array, shape (n_steps - 1, n_groups, 3) [rad/s]."""
-    before, after = record.quaternion[:-1], record.quaternion[1:]
-    turn = quaternion_product(after, before * [1.0, -1.0, -1.0, -1.0])
-    turn *= np.where(turn[..., :1] < 0, -1.0, 1.0)
-    size = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(size, turn[..., :1])
-    scale = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 2.0)
-    return turn[..., 1:] * scale / np.diff(record.time)[:, None, None]
+def _distance(record: Record, c: DistanceConstraint) -> float:
+    """Error [m]; between the steps one group keeps it, and two come nearer and part as their chords and arcs do."""
+    relative, stray = _relative(record, c)
+    apart = np.linalg.norm(relative, axis=1)
+    error = float(np.abs(apart - c.distance).max())
+    if _of_one_group(record, c):
+        return error
+    farthest = float((np.maximum(apart[1:], apart[:-1]) + stray).max())
+    return max(c.distance - least_distance(relative, stray), farthest - c.distance)
 
 
-def _clearance(record: Record) -> tuple[float, str, float]:
-    """Certified lower bound [m], what is nearest, and when [s]."""
-    scene, body, nodes = record.scene, record.scene.body, record.nodes
-    finite = (
-        np.isfinite(nodes).all() and np.isfinite(record.obstacles).all() and np.isfinite(record.sag).all()
-    )
-    if not finite:
-        return -np.inf, "something", 0.0
-    bulge, corner = np.zeros((len(nodes) - 1, nodes.shape[1])), len(scene.manipulators)
-    square = (_spins(record) ** 2).sum(axis=2) * np.diff(record.time)[:, None] ** 2 / 8
-    for g, group in enumerate(scene.groups):
-        own = [*group.members, *range(corner, corner + len(group.corners))]
-        bulge[:, own] = square[:, g, None] * np.linalg.norm(group.points, axis=1)
-        corner += len(group.corners)
-    offsets = record.obstacles - scene.obstacles[:, 1:4]
-    still = not offsets.any()
-    paths = Paths(offsets[:0] if still else offsets, record.sag)
-    around = scene.obstacles, paths, *scene.workspace, scene.clearance
-    found = certified_clearance(nodes, bulge, body.edges, body.radii, *around)
-    if len(body.solids):
-        found = certified_solids(nodes, bulge, body.solids, *around, *found)
-    lower, _, k, nearest = found
-    if body.filled:
-        lower = min(lower, scene.clearance_at(nodes[0])[0])
-    return float(lower), scene.name_of(int(nearest)), float(record.time[k])
+def _relative_pose(record: Record, c: RelativePoseConstraint) -> float:
+    return 0.0 if record.scene.n_dims == 2 or _of_one_group(record, c) else np.inf
+
+
+def _separation(record: Record, c: SeparationConstraint) -> float:
+    relative, stray = _relative(record, c)
+    if _of_one_group(record, c):
+        return float(np.linalg.norm(relative, axis=1).min()) - c.least
+    return least_distance(relative, stray) - c.least
+
+
+def _upright(record: Record, c: UprightConstraint) -> float:
+    """Tilt [rad]; a step adds at most half of its turn about what is not the vertical, to what its ends have."""
+    n_dims = record.scene.n_dims
+    (g,) = {g for g, own in enumerate(record.scene.nodes_of_groups) if set(c.members) & set(own)}
+    tilt = tilts(record.nodes, c.members, n_dims)
+    axes = slice(0, 2) if n_dims == 3 else slice(2, 3)
+    turn = np.linalg.norm(record.spins[:, g, axes], axis=1) * np.diff(record.time)
+    return float((np.maximum(tilt[1:], tilt[:-1]) + 0.5 * turn).max())
+
+
+def _same_height(record: Record, c: SameHeightConstraint) -> float:
+    relative, stray = _relative(record, c)
+    gap = np.abs(relative[:, record.scene.n_dims - 1])
+    return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
+
+
+_MEASURES: dict[type, Callable[..., float]] = {
+    DistanceConstraint: _distance,
+    RelativePoseConstraint: _relative_pose,
+    SeparationConstraint: _separation,
+    UprightConstraint: _upright,
+    SameHeightConstraint: _same_height,
+}
+
+
+def _relative(record: Record, c: PairConstraint) -> tuple[Array, Array]:
+    """One hand as seen from the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
+    nodes, bulges = record.nodes, record.bulges
+    return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]
+
+
+def _of_one_group(record: Record, c: PairConstraint) -> bool:
+    return any({c.first, c.second} <= set(own) for own in record.scene.nodes_of_groups)

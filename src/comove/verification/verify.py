@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
@@ -21,7 +21,7 @@ from comove.scenes.constraints import (
 from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
-from comove.verification.constraints import Finding, examine
+from comove.verification.constraints import examine, worst
 from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
@@ -142,14 +142,14 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     findings = examine(motion, bounds, position)
     report = Report(
         clearance_min=clearance.lower,
-        distance_error_max=_worst(findings, DistanceConstraint, max) or 0.0,
+        distance_error_max=worst(findings, DistanceConstraint, max) or 0.0,
         end_error=float(ends.max()),
         end_speed=float(lengths(velocity[-1]).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
-        separation_spare_min=_worst(findings, SeparationConstraint, min),
-        tilt_max=_worst(findings, UprightConstraint, max),
-        height_error_max=_worst(findings, SameHeightConstraint, max),
+        separation_spare_min=worst(findings, SeparationConstraint, min),
+        tilt_max=worst(findings, UprightConstraint, max),
+        height_error_max=worst(findings, SameHeightConstraint, max),
     )
     reasons = []
     if not _are_of_the_scene(motion):
@@ -185,15 +185,10 @@ def _are_of_the_scene(motion: CoordinatedMotion) -> bool:
         return False
 
 
-def _worst(findings: list[Finding], kind: type, worst: Callable[..., float]) -> float | None:
-    """The worst measure of the constraints of one kind, None where there is none."""
-    return worst((f.measure for f in findings if isinstance(f.constraint, kind)), default=None)
-
-
 def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:
     scene = motion.scene
     what = scene.name_of(clearance.nearest)
-    when = f"at {clearance.time * scene.duration:.2f} s"
+    when = f"at {clearance.time:.2f} s"
     if clearance.upper < 0:
         return f"the load or a hand reaches {-clearance.upper:.3g} m or more into {what} {when}"
     if clearance.upper < scene.clearance:
