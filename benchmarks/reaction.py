@@ -23,7 +23,7 @@ from timing import number, on_one_thread, print_table, quantile
 from comove.reaction import programme as tp
 from comove.reaction.nearness import moved_obstacles
 from comove.reaction.programme import Programme, Sighting
-from comove.reaction.twists import advanced, hand_velocities, poses_of
+from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 
 PERIOD = 0.01  # s
@@ -88,7 +88,8 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
         later = advanced(poses, allowed.twists, PERIOD)
         times.append(time.perf_counter() - started)
         relaxed += allowed.relaxed > 0.0
-        before, poses = hand_velocities(scene, poses, allowed.twists), later
+        before = (nodes_of(scene, later) - nodes_of(scene, poses))[:n_hands] / PERIOD
+        poses = later
         moved_obstacles(table, velocity, spin, PERIOD, after)
         table = after.copy()
     return times[10:], relaxed / n_steps

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from comove.reaction.programme import Programme, Sighting
-from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
+from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 from comove.scenes.distances import CENTER, ROTATION
 
@@ -123,11 +123,12 @@ def run(world, wanted, n_steps, *, period=0.01, settings=None, look=5, margin=0.
     for i in range(n_steps):
         asked = wanted(i, nodes_of(scene, poses)) if callable(wanted) else wanted
         allowed = programme.allowed(poses, before, asked, world.sighting(margin))
-        now = hand_velocities(scene, poses, allowed.twists)
+        later = advanced(poses, allowed.twists, period)
+        now = (nodes_of(scene, later) - nodes_of(scene, poses))[: len(before)] / period
         speed = max(speed, np.linalg.norm(now, axis=1).max())
         acceleration = max(acceleration, np.linalg.norm(now - before, axis=1).max() / period)
         relaxed, n_relaxed = max(relaxed, allowed.relaxed), n_relaxed + (allowed.relaxed > 0)
-        poses, before = advanced(poses, allowed.twists, period), now
+        poses, before = later, now
         world.go_on(period)
         if i % look == 0:
             clearance = min(clearance, world.clearance(nodes_of(scene, poses)))

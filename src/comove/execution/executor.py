@@ -139,7 +139,6 @@ class Executor:
         self.log, self.n_steps = Log(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
         self.twists = np.zeros((len(scene.groups), 6))
-        # As they were when the last step began: seen from there, turning on is an acceleration too.
         self._before = np.zeros((len(scene.manipulators), 3))
         self.plan: Plan | None = None
         self._interruption = Interruption()
@@ -173,8 +172,9 @@ class Executor:
             self.twists = twists_between(self.scene, self.poses, self.plan.poses(now + period), period)
         else:
             self.twists = self._dodged(now)
-        self._before = hand_velocities(self.scene, self.poses, self.twists)
-        self.poses = advanced(self.poses, self.twists, period)
+        poses = advanced(self.poses, self.twists, period)
+        self._before = (self._hands(poses) - self._hands(self.poses)) / period
+        self.poses = poses
         self.n_steps += 1
         self.log.control.append(clock.perf_counter() - begun)
 

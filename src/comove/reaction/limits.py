@@ -58,8 +58,7 @@ def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
             most = sqrt((0.5 if near else 1.0) * rates.acceleration * spread)
             balls[2 * n_hands + g, 3] = max(most, turn - 0.5 * free * rates.period)
     for b in range(2 * n_hands):
-        i = b % n_hands
-        m = _tangent(points, freedom, desk, m, b, wanted[i, 0], wanted[i, 1], wanted[i, 2])
+        m = _tangent(points, freedom, desk, m, b, wanted[b % n_hands], np.zeros(3))
     return m
 
 
@@ -75,12 +74,32 @@ def broken_limits(points, freedom, desk, m, x):
             y[axis] = 0.0
             for c in range(n):
                 y[axis] += _bound(freedom, desk, b, n_hands, axis, c) * x[c]
-        m = _tangent(points, freedom, desk, m, b, y[0], y[1], y[2])
+        m = _tangent(points, freedom, desk, m, b, y, np.zeros(3))
         away = (
             (y[0] - desk.balls[b, 0]) ** 2 + (y[1] - desk.balls[b, 1]) ** 2 + (y[2] - desk.balls[b, 2]) ** 2
         )
         far_out = far_out or away > (FAR_OUT * desk.balls[b, 3]) ** 2
     return m, far_out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def bent_limits(points, freedom, desk, m, x, dt):
+    """Tangents to the balls that the way of a hand to `desk.nodes_after`, by the time of the step, is outside of.
+
+    A hand goes round within a step, so its way differs from its first velocity to second order: by what is taken for
+    constant until the next round.
+    """
+    n, n_hands = x.shape[0], desk.hands.shape[0]
+    way, bend = np.empty(3), np.empty(3)
+    for b in range(2 * n_hands):
+        i = b % n_hands
+        for axis in range(3):
+            way[axis] = (desk.nodes_after[i, axis] - desk.nodes[i, axis]) / dt
+            bend[axis] = way[axis]
+            for c in range(n):
+                bend[axis] -= desk.hands[i, axis, c] * x[c]
+        m = _tangent(points, freedom, desk, m, b, way, bend)
+    return m
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -92,10 +111,10 @@ def _bound(freedom, desk, b, n_hands, axis, c):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tangent(points, freedom, desk, m, b, x, y, z):
-    """A row along the tangent plane of ball `b` towards (x, y, z) [m/s], if that is outside."""
+def _tangent(points, freedom, desk, m, b, y, bend):
+    """A row along the tangent plane of ball `b` towards y [m/s], if that is outside; `bend` is not linear in y."""
     ball, n_hands = desk.balls[b], desk.hands.shape[0]
-    x, y, z = x - ball[0], y - ball[1], z - ball[2]
+    x, y, z = y[0] - ball[0], y[1] - ball[1], y[2] - ball[2]
     length = sqrt(x * x + y * y + z * z)
     if not length > ball[3] * (1.0 + ROUND):
         return m
@@ -107,7 +126,8 @@ def _tangent(points, freedom, desk, m, b, x, y, z):
             + z * _bound(freedom, desk, b, n_hands, 2, c)
         )
     inside = INSIDE if b < n_hands else INSIDE_BENDS
-    desk.low[m] = -(1.0 - inside) * ball[3] - (x * ball[0] + y * ball[1] + z * ball[2])
+    off = x * (ball[0] - bend[0]) + y * (ball[1] - bend[1]) + z * (ball[2] - bend[2])
+    desk.low[m] = -(1.0 - inside) * ball[3] - off
     desk.owner[m] = LIMIT
     desk.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
     return m + 1

@@ -180,8 +180,7 @@ class Programme:
         Parameters
         ----------
         poses : of now
-        before : array, shape (n_hands, 3), velocities of the hands that are now, as `hand_velocities` of the last
-            step's twists are [m/s]
+        before : array, shape (n_hands, 3), velocities of the hands in the last step, their ways by its time [m/s]
         wanted : array, shape (n_hands, 3), velocities of the hands that are wanted [m/s]
         sighting : the obstacles
 

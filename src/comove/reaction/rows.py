@@ -25,7 +25,7 @@ import numba
 import numpy as np
 
 from comove.reaction.desk import BORDER, HANDS
-from comove.reaction.limits import broken_limits, length_of, limit_rows
+from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
 from comove.reaction.nearness import (
     N_PARTS,
     distance_and_gradient,
@@ -188,6 +188,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
     for g in range(n_groups):
         turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], desk.rotation_after[g])
     place(points.node_group, points.node_point, desk.center_after, desk.rotation_after, desk.nodes_after)
+    m = bent_limits(points, freedom, desk, m, x, dt)
     n_edges, near = points.edges.shape[0], np.empty(3)
     for j in range(n_obstacles):
         fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]

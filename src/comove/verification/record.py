@@ -95,7 +95,9 @@ class Record:
 
 @dataclass(frozen=True)
 class RecordReport:
-    """What was measured of an execution, between the steps too; accelerations are the jumps of velocity a step.
+    """What was measured of an execution, between the steps too.
+
+    Only velocities are those from step to step, and accelerations their changes from one step to the next.
 
     Attributes
     ----------
@@ -133,9 +135,7 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
     scene, step = record.scene, np.diff(record.time)[:, None]
     hands = record.nodes[:, : len(scene.manipulators)]
     velocity = np.diff(hands, axis=0) / step[:, :, None]
-    # An arc is longer than its chord by (w h)^2 / 24.
-    turned = (np.linalg.norm(record.spins, axis=2) * step).max(initial=0.0)
-    speeds = np.linalg.norm(velocity, axis=2) * (1 + turned**2 / 20)
+    speeds = np.linalg.norm(velocity, axis=2)
     changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
     offsets = record.obstacles - scene.obstacles[:, CENTER : CENTER + 3]
