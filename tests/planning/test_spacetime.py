@@ -52,6 +52,33 @@ def test_a_plan_keeps_its_margin_and_its_speed(seed):
         assert scene.clearance_at(nodes, 0.5 * (s + t) * scene.duration)[0] > -1e-3
 
 
+def test_what_was_planned_before_is_found_again_sooner():
+    scene = moving_scene(24)
+    coordinates = load_coordinates(scene)
+    space, ends = configuration_space(scene, coordinates), coordinates.boundary()
+    world = spacetime(scene, space)
+
+    def plans(max_nodes, before=None):
+        for seed in range(20):
+            yield plan_in_time(
+                world,
+                ends[0],
+                ends[2],
+                2.0,
+                0.01,
+                np.random.default_rng(seed),
+                max_nodes=max_nodes,
+                before=before,
+            )
+
+    (path, times), *_ = (found for found in plans(3000) if found is not None)
+    before = targets_in_time(space, path, times, 20)[0]
+    few = 100
+    again = sum(found is not None for found in plans(few, before))
+    anew = sum(found is not None for found in plans(few))
+    assert again >= anew + 10
+
+
 @pytest.mark.parametrize("ease", [0.06, 0.5, 1.0])
 def test_eased_times_begin_and_end_at_rest_and_never_go_back(ease):
     s = np.linspace(0.0, 1.0, 2001)

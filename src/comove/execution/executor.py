@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.execution.sight import Known, Sight
-from comove.planning.methods import Quick
+from comove.planning.methods import Guide, Quick
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
@@ -39,6 +39,7 @@ CAUTION = 0.5  # of the speed limit, without a plan
 LOST = 0.03  # m, behind a plan that was meant for something else
 SPARE = 5e-4  # m, kept on top of the scene's clearance: what happens between two steps is judged as well
 NO_PLAN = "no plan yet"
+N_REMEMBERED = 20  # configurations of the last plan that the next one may use
 AT_LEISURE = Quick(n_failures=24)  # of the first plan: nothing moves yet
 MOST_PATIENT = 2.0  # s, between two attempts to plan, after some have failed
 AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
@@ -141,6 +142,7 @@ class Executor:
         self.twists = np.zeros((len(scene.groups), 6))
         self._before = np.zeros((len(scene.manipulators), 3))
         self.plan: Plan | None = None
+        self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
         self._programme = Programme(scene, self.pace.period)
         self._watched = self._planned = -np.inf
@@ -290,15 +292,17 @@ class Executor:
             Pose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
+        method = self._method(now)
         for k, longer in enumerate(LONGER):
             duration = longer * self._shortest(now)
             later = expected.resumed(now, duration, starts, self.twists)
-            method = AT_LEISURE if self.n_steps == 0 and k == 0 else Quick()
             found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=30.0)
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
-            if found.motion is not None:
-                self.plan = Plan(found.attempt, now, self.sight.certain)
+            if found.motion is not None or (
+                isinstance(method, Guide) and method.will_do(found.report, later)
+            ):
+                self.plan = self._last = Plan(found.attempt, now, self.sight.certain)
                 self._tell(f"a plan that arrives at {now + duration:.2f} s")
                 break
         else:
@@ -307,6 +311,17 @@ class Executor:
         self.log.planning.append(clock.perf_counter() - begun)
         if self.plan is not None and self.log.first_plan is None:
             self.log.first_plan = sum(self.log.planning)
+
+    def _method(self, now: float) -> Quick:
+        """How to plan: what is not certain only guides, and the programme sees to the limits."""
+        if self.n_steps == 0:
+            return AT_LEISURE
+        if self.sight.certain:
+            return Quick()
+        if self._last is None:
+            return Guide()
+        s = (now - self._last.begins) / self._last.motion.scene.duration
+        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
 
     def _shortest(self, now: float) -> float:
         """Duration of the first plan to try [s]: what the scene leaves, or enough for the way."""

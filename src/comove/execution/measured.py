@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.sight import Sight, straight_on
+from comove.execution.sight import Sight, going_on
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.programme import Sighting
 from comove.scenes.distances import CENTER
@@ -137,7 +137,8 @@ class Observed:
 
     def ahead(self, time: float) -> Scene:
         """That they go on as they do."""
-        return straight_on(self.scene, self.seen(time), time)
+        seen = self.seen(time)
+        return going_on(self.scene, seen, np.zeros((len(seen.table), 3)), time)
 
     def true(self, time: Array) -> Array:
         """Nobody knows."""

@@ -25,6 +25,8 @@ Position = Callable[[float], ArrayLike]
 
 STILL = 1e-6  # m/s, below which an obstacle is taken to stand
 INSTANT = 1e-4  # s, over which the velocity of a function is taken
+TURN = 0.02  # s, over which its turning is
+SHARPEST = 10.0  # rad/s, of a turn that is expected to go on
 
 
 class Sight(Protocol):
@@ -131,20 +133,65 @@ class Functions:
         return _sighting(self.scene, now, (now - before) / INSTANT, 0.0)
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do."""
-        return straight_on(self.scene, self.seen(time), time)
+        """That they go on as they do, turns included."""
+        earlier, seen = self.seen(max(0.0, time - TURN)), self.seen(time)
+        before, now = earlier.velocity, seen.velocity
+        across, along = np.cross(before, now), (before * now).sum(axis=1)
+        sine = np.linalg.norm(across, axis=1)
+        angle = np.where(time > TURN, np.arctan2(sine, along), 0.0)
+        rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # what turns faster has jumped
+        return going_on(self.scene, seen, across * (rate / np.maximum(sine, 1e-300))[:, None], time)
 
 
-def straight_on(scene: Scene, seen: Sighting, time: float) -> Scene:
-    """The scene whose obstacles go on from what is seen at an instant [s], at the velocities seen."""
-    table = seen.table.copy()
-    table[:, CENTER : CENTER + 3] -= time * seen.velocity
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """A motion at a constant speed whose direction turns evenly, also before `since`; straight without a turn.
+
+    Trackers call it the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene asks of a
+    `comove.scenes.moving.Motion`; offsets are from where the centre is at `since`.
+
+    Attributes
+    ----------
+    velocity : array, shape (3,), at `since` [m/s]
+    spin : array, shape (3,), across the velocity [rad/s]
+    since : [s]
+    """
+
+    velocity: Array
+    spin: Array
+    since: float
+    kinks: ClassVar[tuple[float, ...]] = ()
+
+    def offsets(self, time: ArrayLike) -> Array:
+        """Of the centre; array, shape (n_times, 3) [m]."""
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
+        along, across = np.sinc(rate * time / np.pi), np.sinc(0.5 * rate * time / np.pi) ** 2
+        return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.spin, self.velocity)
+
+    def velocities(self, time: ArrayLike) -> Array:
+        """Of the centre; array, shape (n_times, 3) [m/s]."""
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
+        turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
+        return np.cos(rate * time) * self.velocity + turned
+
+    def sags(self, time: ArrayLike) -> Array:
+        """How far the centre strays at most from its chords between the times; array, shape (n_times - 1,) [m]."""
+        bend = np.linalg.norm(self.velocity) * np.linalg.norm(self.spin)
+        return bend * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
+
+
+def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
+    """The scene whose obstacles go on from what is seen at an instant [s].
+
+    Parameters
+    ----------
+    turn : array, shape (n_obstacles, 3), how fast their velocities turn [rad/s]
+    """
     moves = np.linalg.norm(seen.velocity, axis=1) > STILL
     motions = tuple(
-        Motion(velocity=tuple(v[: scene.n_dims].tolist())) if goes else None
-        for v, goes in zip(seen.velocity, moves, strict=True)
+        Turning(v, w, time) if goes else None for v, w, goes in zip(seen.velocity, turn, moves, strict=True)
     )
-    return replace(scene, obstacles=table, motions=motions)
+    return replace(scene, obstacles=seen.table, motions=motions)
 
 
 def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import ClassVar
 
@@ -28,6 +28,7 @@ from comove.planning.spacetime import (
 )
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
+from comove.verification.verify import Report
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,6 @@ N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the n
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
-FAILURES_TO_MEND = 3  # plans that nothing could carry, before one is mended
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -58,6 +58,7 @@ class Comove:
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
     n_restarts : of these, how many before the next may have twice as many nodes
+    n_unfit : plans that nothing could carry, before one is mended
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     polishing : how long and how widely a verified motion is improved
     """
@@ -69,8 +70,10 @@ class Comove:
     n_plans: int = 8
     n_failures: int = 12
     n_restarts: int = 2
+    n_unfit: float = 3
     n_polishings: int = 5
     polishing: Schedule = POLISHING
+    before: ClassVar[Array | None] = None
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
@@ -91,7 +94,9 @@ class Comove:
         basis = motion_basis(self.n_basis, "velocity")
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
-        targets_of = (_planner_in_time if in_time else _planner)(search, space, ends)
+        targets_of = (
+            _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
+        )
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit, pace = 0, 0, 0.0
         while len(starts) < self.n_plans and failures < self.n_failures:
@@ -102,9 +107,11 @@ class Comove:
             pace = max(pace, (begun - search.time_left()) / nodes**2)
             start = None
             if found is not None:
-                mend = search.best is None and (plans_are_dear or unfit >= FAILURES_TO_MEND)
+                mend = search.best is None and (plans_are_dear or unfit >= self.n_unfit)
                 start = self._certified_fit(search, *found, basis, mend)
                 unfit += start is None
+            if start is None and self._will_do(search):
+                return True
             if start is not None:
                 starts.append(start)
             elif starts:
@@ -114,6 +121,10 @@ class Comove:
         if starts:
             self._polish(search, min(starts, key=lambda start: start[0])[1])
         return bool(starts)
+
+    def _will_do(self, search: Search) -> bool:
+        """Whether what is not verified is good enough."""
+        return False
 
     def _nodes(self, time_left: float, failures: int, pace: float) -> int:
         """Nodes for the next plan: few at first, more after failures, but no more than there is time for.
@@ -225,6 +236,30 @@ class Quick(Comove):
         self._plan(search)
 
 
+@dataclass(frozen=True)
+class Guide(Quick):
+    """Plans for those who keep the limits themselves: what touches nothing may ask for more than there is.
+
+    Attributes
+    ----------
+    before : array, shape (n_before, n_columns), a path in load coordinates that may still be of use
+    excess : times the limits that it may ask for
+    """
+
+    name: ClassVar[str] = "guide"
+    n_unfit: float = np.inf
+    before: Array | None = field(default=None, compare=False)
+    excess: float = 2.0
+
+    def will_do(self, report: Report, scene: Scene) -> bool:
+        """Whether a motion with this report is good enough."""
+        excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+        return report.clearance_min >= scene.clearance and excess <= self.excess
+
+    def _will_do(self, search: Search) -> bool:
+        return search.attempt is not None and self.will_do(search.attempt_report, search.scene)
+
+
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
 
@@ -243,7 +278,7 @@ def _planner(search: Search, space: Space, ends: Array) -> Targets:
     return targets
 
 
-def _planner_in_time(search: Search, space: Space, ends: Array) -> Targets:
+def _planner_in_time(search: Search, space: Space, ends: Array, before: Array | None) -> Targets:
     """Plans in space and time, smoothed over several widths; `ends` as `Coordinates.boundary`."""
     scene, (start, velocity, goal, _) = search.scene, ends
     coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS)
@@ -252,7 +287,9 @@ def _planner_in_time(search: Search, space: Space, ends: Array) -> Targets:
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         speed, margin = limit * SHARES[failures % len(SHARES)], MARGINS[failures % len(MARGINS)]
-        found = plan_in_time(world, start, goal, speed, margin, search.rng, max_nodes=max_nodes)
+        found = plan_in_time(
+            world, start, goal, speed, margin, search.rng, max_nodes=max_nodes, before=before
+        )
         return None if found is None else (targets_in_time(space, *found, N_STEPS) + coasting, found[0][-1])
 
     return targets

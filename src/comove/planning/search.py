@@ -22,7 +22,7 @@ from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
-from comove.verification.verify import Check, Verdict, verify
+from comove.verification.verify import Check, Report, Verdict, verify
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class Search:
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
     best, best_motion, best_cost : the best motion so far, its verdict and J
-    attempt, attempt_violation : the motion nearest to being verified among the rejected
+    attempt, attempt_report, attempt_violation : the motion nearest to being verified among the rejected
     """
 
     objective: Objective
@@ -140,6 +140,7 @@ class Search:
     best_motion: CoordinatedMotion | None = None
     best_cost: float = np.inf
     attempt: CoordinatedMotion | None = None
+    attempt_report: Report | None = None
     attempt_violation: float = np.inf
 
     @property
@@ -180,7 +181,7 @@ class Search:
         if verdict.verified is None:
             violation = self._violation(verdict)
             if self.attempt is None or violation < self.attempt_violation:
-                self.attempt, self.attempt_violation = motion, violation
+                self.attempt, self.attempt_report, self.attempt_violation = motion, verdict.report, violation
         elif self.first_verified is None:
             self.first_verified = time.perf_counter() - self.started
         if verdict.verified is not None or not self.hard:

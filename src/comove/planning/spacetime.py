@@ -78,6 +78,7 @@ def plan_in_time(
     rng: np.random.Generator,
     *,
     max_nodes: int,
+    before: Array | None = None,
 ) -> tuple[Array, Array] | None:
     """A shortened path from the start at time 0 to the goal at time 1, or None where none was found.
 
@@ -86,6 +87,7 @@ def plan_in_time(
     start, goal : arrays, shape (n_columns,)
     speed : largest of a node [m a duration]
     margin : clearance kept [m] on top of the scene's; less where the ends have less
+    before : array, shape (n_before, n_columns), a path that was planned before, at even times from 0 to 1
 
     Returns
     -------
@@ -98,7 +100,8 @@ def plan_in_time(
         set_time(world, t)
         at_ends.append(clearance_of(space, q, scratch))
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
-    path, times = _grow(world, start, goal, speed, margin, rng, max_nodes)
+    before = np.empty((0, len(start))) if before is None else before
+    path, times = _grow(world, start, goal, speed, margin, rng, max_nodes, before)
     if len(path) == 0:
         return None
     path, times = _shortened(world, path, times, speed, margin, rng, N_SHORTCUTS)
@@ -191,7 +194,7 @@ def _share(world, p, s, q, t):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _grow(world, start, goal, speed, margin, rng, max_nodes):
+def _grow(world, start, goal, speed, margin, rng, max_nodes, before):
     """Path and times; empty where the trees do not meet."""
     space, n_columns = world.space, start.shape[0]
     trees, times = np.empty((2, max_nodes, n_columns)), np.zeros((2, max_nodes))
@@ -208,6 +211,10 @@ def _grow(world, start, goal, speed, margin, rng, max_nodes):
         copy_to(goal, trees[0, 1])
         times[0, 1] = 1.0
         return trees[0, :2].copy(), times[0, :2].copy()
+    for this in range(2):
+        _take_over(
+            world, trees[this], times[this], parents[this], counts[this:], before, speed, margin, this == 0
+        )
     this = 0
     for _ in range(40 * max_nodes):
         if counts[0] + counts[1] + 2 >= max_nodes:
@@ -255,6 +262,25 @@ def _grow(world, start, goal, speed, margin, rng, max_nodes):
                     return _joined(trees, times, parents, mine, theirs)
         this = 1 - this
     return nothing
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _take_over(world, tree, times, parents, count, before, speed, margin, forward):
+    """Make a branch of what was planned before, from the root on as far as it is still free."""
+    n, scratch = before.shape[0], np.empty(before.shape[1])
+    nodes = np.empty((world.space.blocks.node.shape[0], 3))
+    for k in range(1, n - 1):
+        row = k if forward else n - 1 - k
+        t, last = row / (n - 1), count[0] - 1
+        if count[0] >= tree.shape[0] // 2 or span(world.space, tree[last], before[row]) > speed * abs(
+            t - times[last]
+        ):
+            return
+        if not edge_is_free_in_time(world, tree[last], times[last], before[row], t, margin, scratch, nodes):
+            return
+        copy_to(before[row], tree[count[0]])
+        times[count[0]], parents[count[0]] = t, last
+        count[0] += 1
 
 
 @numba.njit(cache=True, error_model="numpy")
