@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Pace
-from comove.execution.executor import twists_between
 from comove.experiments.random_scenes import moving_scene
-from comove.reaction.twists import Poses, advanced, nodes_of, poses_of
+from comove.reaction.twists import Poses, advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import judge
 

@@ -20,9 +20,17 @@ from comove.planning.methods import Guide, Quick
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
-from comove.primitives.rotations import matrices, quaternion_product
+from comove.primitives.rotations import matrices
 from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme
-from comove.reaction.twists import Poses, advanced, hand_velocities, nodes_of, poses_at, poses_of
+from comove.reaction.twists import (
+    Poses,
+    advanced,
+    hand_velocities,
+    nodes_of,
+    poses_at,
+    poses_of,
+    twists_between,
+)
 from comove.scenes.distances import inflated
 from comove.scenes.groups import Pose
 from comove.scenes.scene import Scene
@@ -110,10 +118,10 @@ class Plan:
         """[s]"""
         return self.begins + self.motion.scene.duration
 
-    def poses(self, time: float) -> Poses:
-        """At an instant; those of the goal after the end."""
-        s = min(1.0, max(0.0, (time - self.begins) / self.motion.scene.duration))
-        return poses_at(self.motion.coordinates, self.motion.at(np.array([s]))[0, 0])
+    def poses(self, *time: float) -> list[Poses]:
+        """At some instants; those of the goal after the end."""
+        s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
+        return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
 
 
 class Executor:
@@ -171,7 +179,8 @@ class Executor:
         begun = clock.perf_counter()
         period, now = self.pace.period, self.time
         if self.plan is not None and self.plan.certain:
-            self.twists = twists_between(self.scene, self.poses, self.plan.poses(now + period), period)
+            (there,) = self.plan.poses(now + period)
+            self.twists = twists_between(self.scene, self.poses, there, period)
         else:
             self.twists = self._dodged(now)
         poses = advanced(self.poses, self.twists, period)
@@ -235,7 +244,7 @@ class Executor:
         if self.plan is None:
             wanted = self._homing()
         else:
-            here, there = self.plan.poses(now), self.plan.poses(now + period)
+            here, there = self.plan.poses(now, now + period)
             twists = twists_between(self.scene, here, there, period)
             twists = twists + twists_between(self.scene, self.poses, here, CATCH_UP)
             wanted = hand_velocities(self.scene, self.poses, twists)
@@ -271,7 +280,8 @@ class Executor:
 
     def _against(self, plan: Plan, now: float) -> str:
         """Why a plan does not hold any more; empty if it does."""
-        behind = self._hands(self.poses) - self._hands(plan.poses(now))
+        (there,) = plan.poses(now)
+        behind = self._hands(self.poses) - self._hands(there)
         if np.linalg.norm(behind, axis=1).max() > LOST:
             return f"the load is {np.linalg.norm(behind, axis=1).max():.3g} m behind it"
         if now >= plan.ends:
@@ -338,28 +348,3 @@ class Executor:
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))
-
-
-def twists_between(scene: Scene, here: Poses, there: Poses, duration: float) -> Array:
-    """Constant twists from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
-
-    A body whose roll nobody sees does not roll.
-    """
-    twists = np.zeros((len(scene.groups), 6))
-    twists[:, :3] = (there.center - here.center) / duration
-    for g, group in enumerate(scene.groups):
-        if group.orientation in ("none", "fixed"):
-            continue
-        p, q = here.quaternion[g], there.quaternion[g]
-        if group.orientation == "axis":
-            a, b = (matrices(x)[:, 0] for x in (p, q))
-            across, along = np.cross(a, b), float(a @ b)
-        else:
-            turn = quaternion_product(q, p * np.array([1.0, -1.0, -1.0, -1.0]))
-            turn = turn if turn[0] >= 0 else -turn
-            size = np.linalg.norm(turn[1:])
-            twists[g, 3:] = turn[1:] * (2 * np.arctan2(size, turn[0]) / max(size, 1e-300)) / duration
-            continue
-        size = np.linalg.norm(across)
-        twists[g, 3:] = across * (np.arctan2(size, along) / max(size, 1e-300)) / duration
-    return twists

@@ -9,7 +9,7 @@ however many steps are taken. In the plane this is SE(2), with v and w about z a
 from __future__ import annotations
 
 from functools import lru_cache
-from math import cos, sin, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numba
@@ -19,11 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from comove.coordination.coordinates import ANGLE, DIRECTION, QUATERNION, Coordinates
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers
-from comove.primitives.rotations import matrices, similarity
+from comove.primitives.rotations import similarity
 from comove.scenes.groups import RigidGroup, fit_pose, orientation_of, quaternion_of_rotation
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
+
+STAYS, POINTS, TURNS = range(3)
+"""What a group can do about its centre: nothing; point elsewhere, its roll being nobody's business; turn."""
 
 
 class Poses(NamedTuple):
@@ -179,10 +182,32 @@ def hand_velocities(scene: Scene, poses: Poses, twists: Array) -> Array:
     ----------
     twists : array, shape (n_groups, 6)
     """
-    nodes, n = group_nodes(scene), len(scene.manipulators)
-    own, held = twists[nodes.group[:n]], nodes.point[:n]
-    arms = np.einsum("nij,nj->ni", matrices(poses.quaternion)[nodes.group[:n]], held)
-    return own[:, :3] + np.cross(own[:, 3:], arms)
+    nodes, velocities = group_nodes(scene), np.empty((len(scene.manipulators), 3))
+    velocities_into(
+        nodes.group, nodes.point, turns(poses.quaternion), np.asarray(twists, dtype=float), velocities
+    )
+    return velocities
+
+
+def twists_between(scene: Scene, here: Poses, there: Poses, duration: float) -> Array:
+    """Constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
+
+    A body whose roll nobody sees does not roll.
+
+    Parameters
+    ----------
+    duration : [s]
+    """
+    twists = np.empty((len(scene.groups), 6))
+    twists_into(_turning(scene), *here, *there, float(duration), twists)
+    return twists
+
+
+@lru_cache(maxsize=16)
+def _turning(scene: Scene) -> NDArray[np.int64]:
+    """How groups turn: `STAYS`, `POINTS` or `TURNS`."""
+    how = {"none": STAYS, "fixed": STAYS, "axis": POINTS}
+    return np.array([how.get(group.orientation, TURNS) for group in scene.groups])
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -250,3 +275,45 @@ def place(group, point, center, rotation, placed):
             placed[i, axis] = (
                 center[group[i], axis] + turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z
             )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def velocities_into(group, point, rotation, twists, velocities):
+    """Write in `velocities` those of the first points (n, 3) of groups' frames [m/s]."""
+    for i in range(velocities.shape[0]):
+        turn, twist = rotation[group[i]], twists[group[i]]
+        x = turn[0, 0] * point[i, 0] + turn[0, 1] * point[i, 1] + turn[0, 2] * point[i, 2]
+        y = turn[1, 0] * point[i, 0] + turn[1, 1] * point[i, 1] + turn[1, 2] * point[i, 2]
+        z = turn[2, 0] * point[i, 0] + turn[2, 1] * point[i, 1] + turn[2, 2] * point[i, 2]
+        velocities[i, 0] = twist[0] + twist[4] * z - twist[5] * y
+        velocities[i, 1] = twist[1] + twist[5] * x - twist[3] * z
+        velocities[i, 2] = twist[2] + twist[3] * y - twist[4] * x
+
+
+@numba.njit(cache=True, error_model="numpy")
+def twists_into(turning, center, quaternion, next_center, next_quaternion, duration, twists):
+    """Write in `twists` those that lead from some poses to others."""
+    for g in range(center.shape[0]):
+        for axis in range(3):
+            twists[g, axis] = (next_center[g, axis] - center[g, axis]) / duration
+        x, y, z, along = 0.0, 0.0, 0.0, 1.0  # sine of the angle by the axis, and cosine
+        p, q = quaternion[g], next_quaternion[g]
+        if turning[g] == POINTS:
+            a, b = np.empty(3), np.empty(3)
+            for r, axis in ((p, a), (q, b)):
+                axis[0] = 1 - 2 * (r[2] * r[2] + r[3] * r[3])
+                axis[1] = 2 * (r[1] * r[2] + r[0] * r[3])
+                axis[2] = 2 * (r[1] * r[3] - r[0] * r[2])
+            x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+            along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        elif turning[g] == TURNS:  # q conj(p), of half the angle
+            along = q[0] * p[0] + q[1] * p[1] + q[2] * p[2] + q[3] * p[3]
+            sign = 1.0 if along >= 0.0 else -1.0
+            x = sign * (-q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2])
+            y = sign * (-q[0] * p[2] + q[1] * p[3] + q[2] * p[0] - q[3] * p[1])
+            z = sign * (-q[0] * p[3] - q[1] * p[2] + q[2] * p[1] + q[3] * p[0])
+            along *= sign
+        sine = sqrt(x * x + y * y + z * z)
+        angle = atan2(sine, along) * (2.0 if turning[g] == TURNS else 1.0)
+        scale = angle / max(sine, 1e-300) / duration
+        twists[g, 3], twists[g, 4], twists[g, 5] = x * scale, y * scale, z * scale
