@@ -14,14 +14,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.execution.evasion import evasive_twists, prospect
 from comove.execution.sight import Known, Sight
 from comove.planning.methods import Guide, Quick
+from comove.planning.objective import Objective
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.rotations import matrices
-from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme
+from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme, ProgrammeSettings, Sighting
 from comove.reaction.twists import (
     Poses,
     advanced,
@@ -152,8 +155,10 @@ class Executor:
         self.plan: Plan | None = None
         self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
-        self._programme = Programme(scene, self.pace.period)
-        self._watched = self._planned = -np.inf
+        self._programme = Programme(scene, self.pace.period, ProgrammeSettings(spare=SPARE))
+        self._watched = self._planned = self._evaded = -np.inf
+        self._evasion: Array | None = None  # where to go without a plan
+        self._rng = np.random.default_rng(seed)
         self._patience = self.pace.patience
 
     @property
@@ -240,9 +245,11 @@ class Executor:
     def _dodged(self, now: float) -> Array:
         """The twists that the programme allows of what the plan, or the way to the goal, asks for."""
         seen, period = self.sight.seen(now), self.pace.period
-        seen = seen._replace(margin=seen.margin + SPARE)
         if self.plan is None:
-            wanted = self._homing()
+            if now - self._evaded >= self.pace.watch - 1e-9:
+                self._evaded, self._evasion = now, self._evasive(now, seen)
+            evades = self._evasion is not None
+            wanted = hand_velocities(self.scene, self.poses, self._evasion) if evades else self._homing()
         else:
             here, there = self.plan.poses(now, now + period)
             twists = twists_between(self.scene, here, there, period)
@@ -253,6 +260,14 @@ class Executor:
             self.log.blocking[allowed.blocking] = self.log.blocking.get(allowed.blocking, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
+
+    def _evasive(self, now: float, seen: Sighting) -> Array | None:
+        """Where to go for the next moment; None to the goal."""
+        expected = self.sight.ahead(now)
+        expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
+        objective = Objective(expected, load_coordinates(expected))
+        offsets = expected.offsets(now + prospect())
+        return evasive_twists(objective, self.poses, self.twists, self.goal, offsets, self._rng)
 
     def _homing(self) -> Array:
         """Velocities of the hands straight to the goal, without haste; array, shape (n_hands, 3) [m/s]."""

@@ -1,8 +1,9 @@
 """Obstacles of which only measurements are known: noisy, late, and now and then none at all.
 
-Every obstacle is tracked by a Kalman filter (1960) that takes its acceleration for white noise. What the filter does
-not know of where it is now, after the delay and whatever has been missed, is the margin that is kept on top of the
-scene's clearance: `SIGMAS` standard deviations.
+Every obstacle is tracked by a Kalman filter (1960) of position, velocity and acceleration, which sees turns come. It
+would be too sure of itself where a velocity jumps. So the margin that is kept on top of the scene's clearance, for
+where an obstacle is now, after the delay and whatever has been missed, is `SIGMAS` standard deviations of a second
+filter, that takes the acceleration for white noise.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 SIGMAS = 3.0
+MOST = {"noise": 10.0, "agility": 1e6, "jerk": 1e6, "fastest": 1e3, "quickest": 1e3}
 UNSEEN = 10.0  # m, standard deviation of what has never been seen
 
 
@@ -34,18 +36,21 @@ class Sensor:
     noise : standard deviation of a coordinate [m]
     delay : between an instant and the arrival of what was measured then [s]
     dropout : share of measurements that never arrive
-    agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
-    fastest : standard deviation of a velocity of which nothing is known yet [m/s]
+    agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly velocities change
+    jerk : spectral density of their jerk [m^2/s^5]: how suddenly accelerations change while nothing sudden happens
+    fastest, quickest : standard deviations of velocity and acceleration of what has just been seen [m/s], [m/s^2]
     """
 
     noise: float = 0.01
     delay: float = 0.05
     dropout: float = 0.0
     agility: float = 0.5
+    jerk: float = 0.3
     fastest: float = 0.5
+    quickest: float = 2.0
 
     def __post_init__(self) -> None:
-        for name, most in (("noise", 10.0), ("agility", 1e6), ("fastest", 1e3)):
+        for name, most in MOST.items():
             require_positive(name, getattr(self, name), most)
         for name, most in (("delay", 10.0), ("dropout", 0.99)):
             if not is_number(getattr(self, name)) or not 0 <= getattr(self, name) <= most:
@@ -69,10 +74,12 @@ class Observed:
         self.scene, self.sensor = scene, sensor or Sensor()
         n = len(scene.obstacles)
         self._when = np.full(n, -np.inf)
-        self._state = np.zeros((n, 2, 3))  # position and velocity
+        self._state = np.zeros((n, 3, 3))  # position, velocity and acceleration
         self._state[:, 0] = scene.obstacles[:, CENTER : CENTER + 3]
-        self._covariance = np.zeros((n, 2, 2))  # of each coordinate, all alike
-        self._covariance[scene.moving] = np.diag([UNSEEN**2, self.sensor.fastest**2])
+        # Of each coordinate, all alike: what the filter believes, and what it would if velocities might jump about.
+        self._covariance, self._doubt = np.zeros((n, 3, 3)), np.zeros((n, 2, 2))
+        unknown = UNSEEN**2, self.sensor.fastest**2, self.sensor.quickest**2
+        self._covariance[scene.moving], self._doubt[scene.moving] = np.diag(unknown), np.diag(unknown[:2])
 
     def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
@@ -108,37 +115,51 @@ class Observed:
                 f"{self._when[obstacle]:g} s",
                 way_out="pass on measurements in their order, each once",
             )
-        state, covariance = self._predicted(obstacle, time)
-        gain = covariance[:, 0] / (covariance[0, 0] + self.sensor.noise**2)
-        surprise = np.zeros(3)
-        surprise[:n_dims] = center - state[0, :n_dims]
-        self._state[obstacle] = state + gain[:, None] * surprise
-        self._covariance[obstacle] = covariance - np.outer(gain, covariance[0])
-        self._when[obstacle] = time
+        self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
-    def _predicted(self, j: int, time: float) -> tuple[Array, Array]:
-        """State, array of shape (2, 3), and covariance, (2, 2), of an obstacle at a later instant [s]."""
-        if not np.isfinite(self._when[j]):
-            return self._state[j], self._covariance[j]
-        dt, q = max(0.0, time - self._when[j]), self.sensor.agility
-        forward = np.array([[1.0, dt], [0.0, 1.0]])
-        noise = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        return forward @ self._state[j], forward @ self._covariance[j] @ forward.T + noise
+    def _take_in(self, which: NDArray[np.int64], centers: Array, time: float) -> None:
+        """Centres, (n_measured, 3) [m], of some obstacles at one instant [s]."""
+        state, covariance, doubt = self._predicted(which, time)
+        gain, variance = covariance[:, :, 0], self.sensor.noise**2
+        gain = gain / (gain[:, :1] + variance)
+        self._state[which] = state + gain[:, :, None] * (centers - state[:, 0])[:, None]
+        self._covariance[which] = covariance - gain[:, :, None] * covariance[:, :1]
+        gain = doubt[:, :, 0] / (doubt[:, :1, 0] + variance)
+        self._doubt[which] = doubt - gain[:, :, None] * doubt[:, :1]
+        self._when[which] = time
+
+    def _predicted(self, which: NDArray[np.int64], time: float) -> tuple[Array, Array, Array]:
+        """States, (n, 3, 3), and covariances, (n, 3, 3) and (n, 2, 2), of some obstacles at a later instant [s]."""
+        when, sensor = self._when[which], self.sensor
+        dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
+        forward, noise = _step(dt, 3, sensor.jerk)
+        state = forward @ self._state[which]
+        covariance = forward @ self._covariance[which] @ forward.swapaxes(1, 2) + noise
+        forward, noise = _step(dt, 2, sensor.agility)
+        return state, covariance, forward @ self._doubt[which] @ forward.swapaxes(1, 2) + noise
 
     def seen(self, time: float) -> Sighting:
         """Where the filters believe them to be, with the margin for what they do not know."""
-        table, n = self.scene.obstacles.copy(), len(self._when)
+        table, n, moving = self.scene.obstacles.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
-        for j in np.flatnonzero(self.scene.moving):
-            state, covariance = self._predicted(j, time)
-            table[j, CENTER : CENTER + 3], velocity[j] = state
-            margin[j] = SIGMAS * np.sqrt(covariance[0, 0])
+        state, covariance, doubt = self._predicted(moving, time)
+        table[moving, CENTER : CENTER + 3], velocity[moving] = state[:, 0], state[:, 1]
+        margin[moving] = SIGMAS * np.sqrt(np.maximum(covariance[:, 0, 0], doubt[:, 0, 0]))
         return Sighting(table, velocity, np.zeros((n, 3)), margin)
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do."""
-        seen = self.seen(time)
-        return going_on(self.scene, seen, np.zeros((len(seen.table), 3)), time)
+        """That they go on as they do, turns included as far as these stand out from the noise."""
+        seen, moving = self.seen(time), np.flatnonzero(self.scene.moving)
+        state, covariance, _ = self._predicted(moving, time)
+        spin = np.zeros((len(seen.table), 3))
+        spin[moving] = np.cross(state[:, 1], state[:, 2])
+        speed = np.linalg.norm(seen.velocity, axis=1, keepdims=True)
+        spin /= np.maximum(speed, self.sensor.noise) ** 2
+        noise = np.zeros((len(spin), 1))
+        noise[moving] = covariance[:, 2:, 2]
+        across = np.maximum((np.linalg.norm(spin, axis=1, keepdims=True) * speed) ** 2, 1e-12)
+        spin *= np.maximum(0.0, 1.0 - noise / across)  # shrunk as by James and Stein (1961)
+        return going_on(self.scene, seen, spin, time)
 
     def true(self, time: Array) -> Array:
         """Nobody knows."""
@@ -167,12 +188,29 @@ class Measured(Observed):
         if then >= 0.0 or not np.isfinite(self._when[self.scene.moving]).all():
             then = max(then, 0.0)  # before it begins, everything stands as it does at 0 s
             places = self._truth.true(np.array([then]))[0]
-            for j in np.flatnonzero(self.scene.moving & (self._when < then)):
-                noise = self.sensor.noise * self._rng.standard_normal(self.scene.n_dims)
-                if self._rng.random() >= self.sensor.dropout:
-                    self.observe(int(j), places[j, : self.scene.n_dims] + noise, then)
+            noise, n_dims = self.sensor.noise * self._rng.standard_normal(places.shape), self.scene.n_dims
+            noise[:, n_dims:] = 0.0
+            arrives = self._rng.random(len(places)) >= self.sensor.dropout
+            which = np.flatnonzero(self.scene.moving & (self._when < then) & arrives)
+            self._take_in(which, places[which] + noise[which], then)
         return super().seen(time)
 
     def true(self, time: Array) -> Array:
         """What is."""
         return self._truth.true(time)
+
+
+def _step(dt: Array, order: int, density: float) -> tuple[Array, Array]:
+    """What leads from a state of `order` derivatives to the one after dt, and the covariance that is added.
+
+    The last derivative is a Wiener process of that spectral density (Bar-Shalom, Li and Kirubarajan, 2001, 6.2).
+    Arrays, shape (n, order, order).
+    """
+    i, j = np.indices((order, order))
+    faculties = np.array([1.0, 1.0, 2.0])
+    forward = np.where(
+        j >= i, dt[:, None, None] ** np.maximum(j - i, 0) / faculties[np.maximum(j - i, 0)], 0.0
+    )
+    a, b = order - 1 - i, order - 1 - j
+    noise = dt[:, None, None] ** (a + b + 1) / (faculties[a] * faculties[b] * (a + b + 1))
+    return forward, density * noise

@@ -111,7 +111,7 @@ def empty_desk(points: LoadPoints, freedom: Freedom, n_hands: int, n_obstacles: 
     n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
     parts = len(points.edges) + N_PARTS * len(points.solids)
     first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
-    later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands + n_groups
+    later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
     n_rows = first + n_rounds * later
     return Desk(
         np.zeros((n, n)),

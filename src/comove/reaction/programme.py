@@ -14,8 +14,9 @@ balls of the limits are bounded by tangents, written where a solution leaves a b
 2 % for accelerations: whatever is inside passes unchanged, and one or two rows do what fixed facets would need
 dozens for in space. After every solution the exact step is tried, and what it breaks becomes a row.
 
-Where no twist is admissible the order is strict: limits of the hands before clearances, and what a load itself drives
-into before what comes upon it. First those rows alone give way that ask for a retreat; then, where the load cannot
+Where no twist is admissible the order is strict: limits of the hands before clearances, these before margins for what
+is not known, and what a load itself drives into before what comes upon it. First those rows alone give way that ask
+for a retreat; then margins, for which such an obstacle is there a second time, without; then, where the load cannot
 brake in time, all clearances; the limits only where they contradict each other. Rows give way by one slack for every
 body and obstacle, and the squares of these are the least possible.
 """
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.arguments import require_positive
+from comove.primitives.arguments import is_number, require_positive
 from comove.reaction.desk import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.nearness import load_points
 from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
@@ -47,9 +48,10 @@ MAX_PERIOD = 1.0  # s, far beyond where steps are small
 MAX_ROUNDS = 20  # of solving and adding what is missing
 ENDLESS = 1e30  # what the solver takes for infinite
 TOLERANCE = 1e-9  # m/s, of rows in the solver
-GIVES_WAY, LIMITS_GIVE_WAY = 1e6, 1e8  # weights of squared slack against the objective's squared velocities
+# Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
+MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 TOLD = 1e-8  # m/s, relaxing by less is rounding
-HARD, RETREATS, CLEARANCES, LIMITS = range(4)  # what gives way
+HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # what gives way
 
 
 class Sighting(NamedTuple):
@@ -104,6 +106,7 @@ class ProgrammeSettings:
     retreat_speed : largest speed with which a lost clearance is restored [m/s]
     n_points : points of a body's longest edge that are looked at from the start, and as close ones on the others
     turning_weight : of turning that moves no hand, as a part of the load's extent squared
+    spare : kept on top of the scene's clearance [m]
     """
 
     gain: float = 10.0
@@ -111,6 +114,7 @@ class ProgrammeSettings:
     retreat_speed: float = 0.25
     n_points: int = 15
     turning_weight: float = 1e-4
+    spare: float = 0.0
 
     def __post_init__(self) -> None:
         for name, most in (
@@ -120,6 +124,8 @@ class ProgrammeSettings:
             ("turning_weight", 1.0),
         ):
             require_positive(name, getattr(self, name), most)
+        if not is_number(self.spare) or not 0.0 <= self.spare <= 1.0:
+            raise OptionError(f"spare = {self.spare!r}", key="spare", way_out="give 0 to 1 m")
         if (
             isinstance(self.n_points, bool)
             or not isinstance(self.n_points, int)
@@ -158,7 +164,7 @@ class Programme:
             settings.retreat_speed,
             scene.speed_limit,
             scene.acceleration_limit,
-            scene.clearance + RESERVE,
+            scene.clearance + settings.spare + RESERVE,
         )
         self._hands = (len(scene.manipulators), 3)
         self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
@@ -166,7 +172,6 @@ class Programme:
 
     def _prepare(self, n_obstacles: int) -> None:
         """Lay out the arrays for so many obstacles."""
-        self._sighting = ((n_obstacles, N_COLUMNS), (n_obstacles, 3), (n_obstacles, 3), (n_obstacles,))
         self._desk: Desk = empty_desk(
             self._points, self._freedom, self._hands[0], n_obstacles, MAX_ROUNDS + 1
         )
@@ -190,6 +195,12 @@ class Programme:
             If an array has another shape, or something in it is not finite.
         """
         poses, before, wanted, sighting = self._checked(poses, before, wanted, sighting)
+        n_obstacles, unsure = len(sighting.margin), np.flatnonzero(sighting.margin > 0.0)
+        if len(unsure):
+            sighting = Sighting(*(np.concatenate([array, array[unsure]]) for array in sighting))
+            sighting.margin[n_obstacles:] = 0.0
+        if len(sighting.margin) != self._desk.left.shape[1]:
+            self._prepare(len(sighting.margin))
         points, freedom, rates, desk = self._points, self._freedom, self._rates, self._desk
         m, clearance = first_rows(points, freedom, rates, desk, poses, before, wanted, sighting)
         if m < 0:
@@ -197,7 +208,7 @@ class Programme:
             raise OptionError(wrong, way_out=way_out)
         twists, gives_way = np.empty((len(poses.center), 6)), HARD
         for _ in range(MAX_ROUNDS):
-            x, multipliers, gives_way = self._solved(m, gives_way, before)
+            x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
             n_rows, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
             if n_rows == m:
                 break
@@ -207,9 +218,10 @@ class Programme:
             _, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
         relaxed = float(desk.slack.max(initial=0.0)) if gives_way else 0.0
         relaxed = max(relaxed, missed)
-        return Allowed(
-            twists, relaxed if relaxed > TOLD else 0.0, self._blocking(multipliers), float(clearance)
-        )
+        blocking = self._blocking(multipliers)
+        if blocking >= n_obstacles:
+            blocking = int(unsure[blocking - n_obstacles])
+        return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking, float(clearance))
 
     def _checked(
         self, poses: Poses, before: Array, wanted: Array, sighting: Sighting
@@ -223,17 +235,16 @@ class Programme:
             raise OptionError(
                 f"what is no array of numbers ({error})", way_out="give arrays of numbers"
             ) from None
-        if sighting.margin.ndim == 1 and len(sighting.margin) != self._sighting[0][0]:
-            self._prepare(len(sighting.margin))
+        n = len(sighting.margin) if sighting.margin.ndim == 1 else len(self.scene.obstacles)
         for name, given, shape in (
             ("poses.center", poses.center, self._poses[0]),
             ("poses.quaternion", poses.quaternion, self._poses[1]),
             ("before", before, self._hands),
             ("wanted", wanted, self._hands),
-            ("sighting.table", sighting.table, self._sighting[0]),
-            ("sighting.velocity", sighting.velocity, self._sighting[1]),
-            ("sighting.spin", sighting.spin, self._sighting[2]),
-            ("sighting.margin", sighting.margin, self._sighting[3]),
+            ("sighting.table", sighting.table, (n, N_COLUMNS)),
+            ("sighting.velocity", sighting.velocity, (n, 3)),
+            ("sighting.spin", sighting.spin, (n, 3)),
+            ("sighting.margin", sighting.margin, (n,)),
         ):
             if given.shape != shape:
                 raise OptionError(
@@ -241,7 +252,7 @@ class Programme:
                 )
         return poses, before, wanted, sighting
 
-    def _solved(self, m: int, gives_way: int, before: Array) -> tuple[Array, Array, int]:
+    def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
         """The solution with the first m rows, its multipliers, and what had to give way."""
         desk = self._desk
         if gives_way == HARD:
@@ -258,7 +269,7 @@ class Programme:
                 return x, info["lam"], HARD
             gives_way = RETREATS
         for stage in range(gives_way, LIMITS + 1):
-            found = self._relaxed(m, stage)
+            found = self._relaxed(m, stage, margin)
             if found is not None:
                 return *found, stage
         # The solver has failed in numbers: slow down on the spot.
@@ -282,11 +293,13 @@ class Programme:
         allowed = self._desk.balls[: len(hands), 3]  # speeds
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
-    def _relaxed(self, m: int, stage: int) -> tuple[Array, Array] | None:
+    def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """The solution where rows give way, None where that is not enough; slacks go on the desk."""
         desk, n = self._desk, len(self._desk.linear)
         owner, body = desk.owner[:m], desk.body[:m]
-        soft = (owner != LIMIT) & ((desk.low[:m] > 0.0) | (stage >= CLEARANCES))
+        unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
+        gives = (desk.low[:m] > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
+        soft = (owner != LIMIT) & gives
         key = body * (desk.slack.shape[1]) + owner % desk.slack.shape[1]
         if stage == LIMITS:
             key[owner == LIMIT] = desk.slack.size
@@ -296,6 +309,7 @@ class Programme:
         quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
         quadratic[:n, :n], linear[:n], rows[:, :n] = desk.quadratic, desk.linear, desk.rows[:m]
         weights = np.where(kinds == desk.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
+        weights[which[unsure[soft]]] = MARGINS_GIVE_WAY
         quadratic[range(n, size), range(n, size)] = 1.0
         rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
         x, _, flag, info = daqp.solve(
