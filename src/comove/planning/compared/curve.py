@@ -67,14 +67,13 @@ def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) ->
     else:
         boundary[2], boundary[3] = coordinates.from_hands(np.stack([hands[-1], slope]))
     stride = -(-(len(s) - 1) // (MAX_SAMPLES - 1))
-    q, s = coordinates.from_hands(hands)[::stride], s[::stride]
+    s, hands = s[::stride], hands[::stride]
     for n_basis in N_BASES:
         basis = motion_basis(n_basis, "velocity")
-        of_boundary, of_shape = basis.at(s)
-        rest = q - of_boundary[0] @ boundary
-        weights = np.linalg.lstsq(of_shape[0], rest, rcond=None)[0]
+        base, phi = (of[0] for of in basis.at(s))
+        weights = np.linalg.lstsq(phi, coordinates.from_hands(hands) - base @ boundary, rcond=None)[0]
         motion = CoordinatedMotion(scene, coordinates, basis, boundary, weights.T)
-        error = float(np.linalg.norm(motion.hands(s)[0] - hands[::stride], axis=2).max())
+        error = float(np.linalg.norm(motion.hands(s)[0] - hands, axis=2).max())
         if error <= CLOSE:
             break
     return Fit(motion, error, miss)

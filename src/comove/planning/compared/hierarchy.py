@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ENDLESS = 1e30  # what the solver takes for infinite
-REGULAR = 1e-9  # added to the quadratic form: what a task leaves open stays small
+REGULAR = 1e-7  # added to the quadratic form: what a task leaves open stays small
 RANK = 1e-9  # of the largest singular value, below which a direction is free
 TOLERANCE = 1e-10  # of rows, in the solver
 SPARE = 1e-9  # by which rows are loosened from one level to the next, for rounding
