@@ -9,8 +9,8 @@ R the Frenet-Serret frame and nu > 1 where it is slow. (The phase is linear here
 phase alone, so that y is the path p(s) of the primitive at whatever pace. This much is the source's structure. The
 laws below are ours.
 
-**Together.** The human is a spring of stiffness k_h towards a path h(s) and a pace mu(s) of her own; the load has unit
-mass. Across the path it deviates by e, along it both agree on a pace,
+**Together.** The human is a spring of stiffness k_h towards a path h(s) and a pace mu(s) of her own; the load has
+unit mass. Across the path it deviates by e, along it both agree on a pace,
 
     e'' = -K e - D e' + k_h (1 - t t^T) (h(s) - p(s) - e) - 2 sqrt(k_h) (1 - t t^T) e',
     T_pace d(s')/dt = (k_t / nu + k_h mu) / (k_t + k_h) - s',
@@ -115,7 +115,9 @@ class Skill:
     def taught(cls, path: Array, laws: Laws) -> Skill:
         """What is known before the first cycle."""
         _, n_samples, n_paths, n_dims = path.shape
-        covariance = np.broadcast_to(laws.first_spread**2 * np.eye(n_dims), (n_samples, n_paths, n_dims, n_dims))
+        covariance = np.broadcast_to(
+            laws.first_spread**2 * np.eye(n_dims), (n_samples, n_paths, n_dims, n_dims)
+        )
         return cls(path, np.ones(n_samples), covariance, np.full(n_samples, laws.first_pace_spread**2))
 
     def frames(self) -> Array:

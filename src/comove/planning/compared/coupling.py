@@ -61,7 +61,12 @@ class Gains:
     learning: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, most in (("coupling", np.inf), ("derivative", np.inf), ("forgetting", 1.0), ("learning", 2.0)):
+        for name, most in (
+            ("coupling", np.inf),
+            ("derivative", np.inf),
+            ("forgetting", 1.0),
+            ("learning", 2.0),
+        ):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value <= most:
                 way_out = "give a number, 0 or more" + ("" if most == np.inf else f", at most {most:g}")

@@ -1,8 +1,8 @@
 """What was integrated step by step, as the curve that is judged, stored and drawn.
 
 A motion is judged as a curve with exact ends. An integrated one draws near its goal and is never quite there, so one
-that has arrived but for a little (`END_ERROR`, `END_SPEED`) is led to the goal over its last part by minimum jerk; one
-that has not keeps its own end, for the judge to see. Then shape weights are fitted, as many as it takes.
+that has arrived but for a little (`END_ERROR`, `END_SPEED`) is led to the goal over its last part by minimum jerk;
+one that has not keeps its own end, for the judge to see. Then shape weights are fitted, as many as it takes.
 """
 
 from __future__ import annotations

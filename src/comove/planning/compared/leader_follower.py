@@ -1,8 +1,8 @@
 """Iterative learning of a coupling between a leader and a follower, or between equals; reference [7].
 
-The primitives are taught jointly. In every epoch they run coupled (see `coupling`), and what the coupling had to do is
-learned for the next one. The last epoch is handed out. The source knows pairs of hands, distances between them, and
-no obstacles.
+The primitives are taught jointly. In every epoch they run coupled (see `coupling`), and what the coupling had to do
+is learned for the next one. The last epoch is handed out. The source knows pairs of hands, distances between them,
+and no obstacles.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 N_LEAST, N_MOST = 200, 100_000  # steps of an epoch
+GAINS = Gains()
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,14 @@ class LeaderFollower(Method):
     epochs: int = 20
     mutual: bool = False
     leader: str | None = None
-    gains: Gains = Gains()
+    gains: Gains = GAINS
     period: float = 0.002
 
     def __post_init__(self) -> None:
         if isinstance(self.epochs, bool) or not isinstance(self.epochs, int) or self.epochs < 1:
-            raise OptionError(f"epochs = {self.epochs!r}", key="epochs", way_out="give a whole number from 1 on")
+            raise OptionError(
+                f"epochs = {self.epochs!r}", key="epochs", way_out="give a whole number from 1 on"
+            )
         if not is_number(self.period) or not self.period > 0:
             raise OptionError(
                 f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
@@ -90,7 +93,9 @@ class LeaderFollower(Method):
         """Who leads, who follows and at which distance [m], for every pair."""
         names = scene.manipulators
         if self.leader is not None and self.leader not in names:
-            raise OptionError(f"there is no hand '{self.leader}'", key="leader", way_out=near_name(self.leader, names))
+            raise OptionError(
+                f"there is no hand '{self.leader}'", key="leader", way_out=near_name(self.leader, names)
+            )
         if not scene.distances:
             raise OptionError(
                 "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
@@ -115,8 +120,8 @@ class LeaderFollower(Method):
         growth = spectral_radius(self.gains, 2 if self.mutual else 1, h)
         if not growth < 1.0:
             raise OptionError(
-                f"with c = {self.gains.coupling:g} and c_2 = {self.gains.derivative:g} an error of the distance grows "
-                f"by a factor of {growth:.3g} in every control period of {1e3 * h * duration:.3g} ms",
+                f"with c = {self.gains.coupling:g} and c_2 = {self.gains.derivative:g} an error of the distance "
+                f"grows by a factor of {growth:.3g} in every control period of {1e3 * h * duration:.3g} ms",
                 key="gains",
                 way_out="give a shorter period or smaller gains",
             )

@@ -44,7 +44,9 @@ class Approach(NamedTuple):
     def rate(self, left: Array) -> Array:
         """Largest approach speed by what is left of the clearance; arrays of one shape, [m] and [m/s]."""
         braked = np.sqrt(2.0 * self.braking * np.maximum(left, 0.0)) if self.braking < np.inf else np.inf
-        return np.where(left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -RETREAT))
+        return np.where(
+            left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -RETREAT)
+        )
 
 
 def clearance_rows(

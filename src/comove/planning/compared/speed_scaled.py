@@ -67,8 +67,13 @@ class Human:
     def care(self, s: Array) -> Array:
         """By which the variation is multiplied at phases s; array, shape (n_samples,)."""
         low, high = self.precise
-        inside = 0.5 * (np.tanh((s - low) / 0.02) - np.tanh((s - high) / 0.02)) if high > low else np.zeros_like(s)
+        inside = (
+            0.5 * (np.tanh((s - low) / 0.02) - np.tanh((s - high) / 0.02)) if high > low else np.zeros_like(s)
+        )
         return 1.0 - 0.9 * inside
+
+
+HUMAN, LAWS = Human(), Laws()
 
 
 @dataclass(frozen=True)
@@ -87,14 +92,16 @@ class SpeedScaled(Method):
     name: ClassVar[str] = "speed-scaled"
     coordinates = staticmethod(arms_coordinates)
     cycles: int = 20
-    human: Human = Human()
-    laws: Laws = Laws()
+    human: Human = HUMAN
+    laws: Laws = LAWS
     n_basis: int = N_BASIS
     period: float = 0.002
 
     def __post_init__(self) -> None:
         if isinstance(self.cycles, bool) or not isinstance(self.cycles, int) or self.cycles < 1:
-            raise OptionError(f"cycles = {self.cycles!r}", key="cycles", way_out="give a whole number from 1 on")
+            raise OptionError(
+                f"cycles = {self.cycles!r}", key="cycles", way_out="give a whole number from 1 on"
+            )
         if not is_number(self.period) or not self.period > 0:
             raise OptionError(
                 f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
@@ -107,7 +114,9 @@ class SpeedScaled(Method):
         taught = taught_primitives(search).rollout()
         skill = Skill.taught(middles(scene, taught.hands(s)), self.laws)
         shape = motion_basis(self.n_basis, "velocity").at(s)[1]
-        follow = shape @ np.linalg.pinv(shape[0])  # a deviation as the primitive can follow it, and two derivatives
+        follow = shape @ np.linalg.pinv(
+            shape[0]
+        )  # a deviation as the primitive can follow it, and two derivatives
         intend = self._intentions(search, skill.path[0])
         cycles: list[Cycle] = []
         stiffness = []

@@ -70,7 +70,7 @@ class TaskPriority(Method):
     approach: float = 10.0
     margin: float = 0.002
     acceleration: float = 5.0
-    period: float = 0.002
+    period: float = 0.004
 
     def __post_init__(self) -> None:
         for name in ("posture", "approach", "margin", "acceleration", "period"):
@@ -97,7 +97,10 @@ class TaskPriority(Method):
         count_execution(search, hands)
         fit = fit_curve(scene, search.objective.coordinates, s, hands)
         search.log |= {**self._measures(scene, s * scene.duration, hands, followed), **fit.log()}
-        search.log["slack_max_m_per_s"] = max(slacks)
+        search.log |= {
+            "slack_max_m_per_s": max(slacks),
+            "carried_out_share": (len(slacks) - 1) / (n_steps - 1),
+        }
         search.judge(fit.motion)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:

@@ -24,6 +24,8 @@ from comove.planning.search import OutOfTime, Schedule, Search, improve
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Body, Scene
 
+OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
+
 
 @dataclass(frozen=True)
 class Unconstrained(Method):
@@ -40,7 +42,7 @@ class Unconstrained(Method):
     name: ClassVar[str] = "unconstrained"
     coordinates = staticmethod(arms_coordinates)
     n_basis: int = N_BASIS
-    schedule: Schedule = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
+    schedule: Schedule = OPTIMISING
     restarts: int = 20
 
     def run(self, search: Search, *, planner: bool) -> None:
@@ -55,7 +57,7 @@ class Unconstrained(Method):
                 value = search.evaluate(objective, found, found.weights[None])
                 if objective.search_value(value)[0] < least:
                     best, least = found, float(objective.search_value(value)[0])
-                if objective.feasible(value)[0]:
+                if objective.feasible(value)[0] or not search.hard:
                     break
                 start = threaded(search, objective, taught) or start
         search.judge(best.rollout())
