@@ -16,7 +16,9 @@ def derivatives(path):
 
 def test_the_frame_of_a_helix():
     radius, pitch, w = 0.3, 0.1, 5.0
-    slope, bend = derivatives(lambda t: np.stack([radius * np.cos(w * t), radius * np.sin(w * t), pitch * t], axis=1))
+    slope, bend = derivatives(
+        lambda t: np.stack([radius * np.cos(w * t), radius * np.sin(w * t), pitch * t], axis=1)
+    )
     frames = frenet_frames(slope, bend)
     normal = np.stack([-np.cos(w * T), -np.sin(w * T), 0 * T], axis=1)
     speed = np.hypot(radius * w, pitch)
@@ -50,4 +52,6 @@ def test_a_straight_path_keeps_its_normal():
 
 
 def test_a_path_that_never_moves_has_a_frame():
-    assert frenet_frames(np.zeros((5, 3)), np.zeros((5, 3))) == pytest.approx(np.tile(np.eye(3), (5, 1, 1)), abs=1) 
+    assert frenet_frames(np.zeros((5, 3)), np.zeros((5, 3))) == pytest.approx(
+        np.tile(np.eye(3), (5, 1, 1)), abs=1
+    )

@@ -41,7 +41,7 @@ N_LEAST, N_MOST = 200, 20_000  # steps
 ROUNDS = 12  # of solving and adding tangents of the limits
 INSIDE = 0.99  # of the limits, that is used
 CATCHING_UP = 2.0  # times the taught pace, at most
-REACH = 0.1  # m, beyond which obstacles are left out
+REACH = 0.1  # m beyond the way to brake, from which on obstacles are left out
 RELATIVE = Performance(first=0.02, last=1e-3, decay=2.0, gain=100.0)
 ABSOLUTE = Performance(first=0.05, last=0.02, decay=2.0, gain=5.0)
 
@@ -157,16 +157,24 @@ class Controller:
         scene, before, phase = self.scene, np.zeros(reference.shape[1:]), 0.0
         moving = bool(scene.moving.any())
         table, speeds = scene.obstacles, np.zeros((len(scene.obstacles), 3))
+        reach = REACH + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
         for k in range(len(reference) - 1):
             time = k * self.period
             if moving:
                 table, speeds = scene.obstacles_at(time), scene.obstacle_velocities(np.array([time]))[0]
-            rows, low = clearance_rows(scene, hands[k], table, speeds, self.approach, REACH)
+            rows, low = clearance_rows(scene, hands[k], table, speeds, self.approach, reach)
             here, next_phase = self._at(reference, phase), self._next_phase(hands[k], reference, phase, k)
             slope = (self._at(reference, next_phase) - here) / self.period
             before, slack = self._limited(self._tasks(hands[k], here, slope, before, time), rows, low, before)
             yield before, slack, here
             phase = next_phase
+
+    def _fastest(self, reference: Array) -> float:
+        """Speed with which hands and obstacles may approach each other [m/s]."""
+        scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
+        time = np.linspace(0.0, scene.duration, len(reference))
+        coming = np.linalg.norm(scene.obstacle_velocities(time), axis=2).max(initial=0.0)
+        return min(CATCHING_UP * step / self.period, scene.speed_limit) + coming
 
     @staticmethod
     def _at(reference: Array, phase: float) -> Array:
