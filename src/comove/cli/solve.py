@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from comove.errors import OptionError, near_name
 
 SAVING = 1.5  # s, kept back from the budget for the files and pictures
 METHODS = ("comove", "projection", "paper")
+COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
 
 
 class ObstacleMode(StrEnum):
@@ -27,7 +29,7 @@ def solve(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
     out: Annotated[Path, typer.Option(help="Folder for the result.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join((*METHODS, *COMPARED))}.")] = "comove",
     no_planner: Annotated[
         bool, typer.Option("--no-planner", help="Do not start from a planned path.")
     ] = False,
@@ -46,7 +48,8 @@ def solve(
     library: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration."
+            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration; "
+            "the method 'single' combines several."
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
@@ -57,6 +60,7 @@ def solve(
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
+    from comove.scenes.model import canonical
 
     chosen = method_named(method)
     check_budget(budget)
@@ -65,7 +69,9 @@ def solve(
     check_target(out)
     loaded = Scene.load(scene)
     chosen_movement = None
-    if library is not None:
+    if library is not None and method == "single":
+        chosen = replace(chosen, movements=Library(library))
+    elif library is not None:
         source = loaded.file.demonstration
         plane = None if source is None else source.plane
         chosen_movement = best_movement(Library(library), loaded, plane=plane).best
@@ -93,6 +99,8 @@ def solve(
         )
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, dmp)
+        if solution.scene is not loaded:  # what was judged, so that `comove verify` can judge it again
+            (draft / "scene.json").write_bytes(canonical(solution.scene.file) + b"\n")
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
@@ -115,8 +123,10 @@ def check_budget(budget: float) -> None:
 def method_named(name: str):
     """The method object of a name."""
     from comove.planning import Comove, Paper, Projection
+    from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 
-    methods = dict(zip(METHODS, (Comove, Projection, Paper), strict=True))
+    kinds = (Comove, Projection, Paper, Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
+    methods = {kind.name: kind for kind in kinds}
     if name not in methods:
         raise OptionError(f"unknown method '{name}'", key="--method", way_out=near_name(name, methods))
     return methods[name]()

@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,31 +126,22 @@ def combine(
         checks=checks,
         progress=progress,
     )
-    span = _Span.of(suited, scene, coordinates)
-    single = best_movement(suited, scene, cost=cost).best.name
-    attempts = _Attempts(search, span)
-    restarts = 0
+    attempts = Attempts(search, suited)
     with suppress(OutOfTime), search.interruption.noticed():
-        for restarts in range(1, RESTARTS + 1):
-            begin = span.begin(restarts, list(suited).index(single), search.rng)
-            attempts.run(begin, min(LARGEST, POPULATION * 2 ** ((restarts - 1) // 2)))
-            if attempts.enough:
-                break
-    coefficients = attempts.best if attempts.best is not None else span.begin(1, 0, search.rng)
-    dmp = span.combined(coefficients)
-    motion = span.motion(dmp)
-    verdict = verify(motion, checks)
+        attempts.run()
+    found = attempts.found()
+    verdict = verify(found.motion, checks)
     return Combination(
-        dmp=dmp,
+        dmp=found.dmp,
         names=tuple(suited),
-        coefficients=coefficients,
-        attempt=motion,
+        coefficients=found.coefficients,
+        attempt=found.motion,
         motion=verdict.verified,
         reasons=verdict.reasons,
-        cost=search.objective.cost(motion).total,
+        cost=search.objective.cost(found.motion).total,
         evaluations=search.evaluations,
         generations=search.generations,
-        restarts=restarts,
+        restarts=attempts.restarts,
         seed=int(seed),
         interrupted=search.interruption.wished,
     )
@@ -223,14 +215,51 @@ class _Span:
         return coefficients
 
 
-class _Attempts:
-    """Runs of CMA-ES over the coefficients; keeps the best verified combination, or else the best attempt."""
+class Found(NamedTuple):
+    """A combination on a scene.
 
-    def __init__(self, search: Search, span: _Span):
-        self.search, self.span = search, span
+    Attributes
+    ----------
+    coefficients : array, shape (n_movements, n_dims)
+    dmp : the combination, at the ends of the hand that goes farthest
+    motion : the same carried to every hand
+    """
+
+    coefficients: Array
+    dmp: DMP
+    motion: CoordinatedMotion
+
+
+class Attempts:
+    """Runs of CMA-ES over the coefficients; keeps the best verified combination, or else the best attempt.
+
+    Parameters
+    ----------
+    search : with an objective in load coordinates
+    movements : by name, all of the scene's dimension
+    """
+
+    def __init__(self, search: Search, movements: dict[str, DMP]):
+        self.search, self.span = search, _Span.of(movements, search.scene, search.objective.coordinates)
+        best = best_movement(movements, search.scene, cost=search.objective.weights).best.name
+        self.first = list(movements).index(best)
         self.best: Array | None = None
         self.least = np.inf
         self.costs: list[float] = []
+        self.restarts = 0
+
+    def run(self) -> None:
+        """Run until further runs promise nothing better, or time is up (`OutOfTime`)."""
+        while self.restarts < RESTARTS and not self.enough:
+            self.restarts += 1
+            begin = self.span.begin(self.restarts, self.first, self.search.rng)
+            self._run_once(begin, min(LARGEST, POPULATION * 2 ** ((self.restarts - 1) // 2)))
+
+    def found(self) -> Found:
+        """The best so far, the best movement alone before there is any."""
+        coefficients = self.span.begin(1, self.first, self.search.rng) if self.best is None else self.best
+        dmp = self.span.combined(coefficients)
+        return Found(coefficients, dmp, self.span.motion(dmp))
 
     @property
     def enough(self) -> bool:
@@ -238,7 +267,7 @@ class _Attempts:
         alike = sum(cost <= (1 + ALIKE) * min(self.costs) for cost in self.costs)
         return len(self.costs) >= COMPARED or alike >= AGREEING
 
-    def run(self, begin: Array, population: int) -> None:
+    def _run_once(self, begin: Array, population: int) -> None:
         """Improve coefficients until they are verified, more strictly each time they are rejected."""
         objective, coefficients, sigma = self.search.objective, begin, SIGMA
         for _ in range(1 + STRICTER):

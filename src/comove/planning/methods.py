@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space, configuration_space, span
+from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
@@ -47,7 +48,7 @@ REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
 
 @dataclass(frozen=True)
-class Comove:
+class Comove(Method):
     """The default: planner, fit, certificate, polishing; growing the load where planning is off or fails.
 
     Attributes

@@ -21,6 +21,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start
+from comove.planning.method import Method
 from comove.planning.methods import first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import SMALLEST_LOAD, Search, stricter
@@ -41,7 +42,7 @@ NARROWED, GROWN = 0.95, 0.4  # progress at which the band has its final width, a
 
 
 @dataclass(frozen=True)
-class Paper:
+class Paper(Method):
     """CCMA-ES (paper, III) from the demonstration, or from straight lines.
 
     Attributes

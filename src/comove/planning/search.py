@@ -120,6 +120,7 @@ class Search:
     first_verified : time from the start to the first verified motion [s]
     best, best_motion, best_cost : the best motion so far, its verdict and J
     attempt, attempt_report, attempt_violation : the motion nearest to being verified among the rejected
+    log : what a method tells of its run, numbers or lists of them by name
     """
 
     objective: Objective
@@ -142,6 +143,7 @@ class Search:
     attempt: CoordinatedMotion | None = None
     attempt_report: Report | None = None
     attempt_violation: float = np.inf
+    log: dict[str, float | list[float]] = field(default_factory=dict)
 
     @property
     def scene(self) -> Scene:

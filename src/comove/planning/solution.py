@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objective import Cost
@@ -52,6 +52,7 @@ class Solution:
     time_to_first_verified_s : from scene and demonstration in memory to the first verified motion [s]
     solve_time_s : time spent in `solve` [s]
     interrupted : stopped by the user
+    log : what the method tells of its run, numbers or lists of them by name
     """
 
     scene: Scene
@@ -67,6 +68,7 @@ class Solution:
     time_to_first_verified_s: float | None
     solve_time_s: float
     interrupted: bool = False
+    log: Mapping[str, float | list[float]] = field(default_factory=dict)
 
     @property
     def verified(self) -> bool:

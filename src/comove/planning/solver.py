@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion, modulate
 from comove.errors import OptionError, near_name
 from comove.planning.kernels import load_kernels
+from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
-from comove.planning.paper import Paper
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
@@ -32,7 +32,7 @@ def solve(
     *,
     demonstration: DMP | None = None,
     seed: int = 0,
-    method: Comove | Paper | None = None,
+    method: Method | None = None,
     planner: bool = True,
     budget: float = 30.0,
     cost: CostWeights | None = None,
@@ -54,7 +54,7 @@ def solve(
         Of all random numbers: the same inputs, seed and version give the same motion unless time runs
         short, which makes the planner modest before it ends the search.
     method
-        `Comove()` unless given.
+        `Comove()` unless given. Some solve a part of the scene: the solution's own scene says which.
     planner
         Start from a path planned in the load's own configuration space.
     budget
@@ -78,9 +78,10 @@ def solve(
         If an argument is out of range.
     """
     _check_options(scene, demonstration, seed, method, budget, obstacles, checks)
+    method = method or Comove()
+    scene = method.scene_of(scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
-    method = method or Comove()
     weights = cost or CostWeights()
     taught = None if demonstration is None else carried_demonstration(demonstration, scene)
     penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
@@ -120,6 +121,7 @@ def solve(
         time_to_first_verified_s=search.first_verified,
         solve_time_s=time.perf_counter() - started,
         interrupted=search.interruption.wished,
+        log=search.log,
     )
 
 
@@ -146,7 +148,7 @@ def _check_options(
         raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
-    if method is not None and not isinstance(method, (Comove, Paper)):
+    if method is not None and not isinstance(method, Method):
         raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
     if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")

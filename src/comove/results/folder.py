@@ -190,6 +190,7 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         **{name: _finite(value) for name, value in report.asdict().items()},
         "evaluations": solution.evaluations,
         "generations": solution.generations,
+        **({"log": dict(solution.log)} if solution.log else {}),
         "time_to_first_verified_s": solution.time_to_first_verified_s,
         "wall_time_s": wall_time_s,
         "scene_sha256": solution.scene.sha256,

@@ -1,0 +1,187 @@
+"""Coupling of two primitives, learned over epochs by iterative learning control (Gams et al., T-RO 2014; [7]).
+
+In unit duration, with r = y_2 - y_1 and u = r/|r|, the hands i of a pair move as
+
+    y_i' = z_i + w_i C_i                              F   = (D - |r|) u
+    z_i' = alpha (beta (g_i - y_i) - z_i) + f_i(s)    C_2 = c F + F_c,   C_1 = -C_2
+           + w_i c_2 C_i'
+
+where w is 0 for a leader and 1 for who follows; both are 1 in mutual coupling. F is the virtual force that draws the
+hands to their distance, and F_c what former epochs have learned, at every step k of an epoch i,
+
+    F_c,i+1(k) = Q (F_c,i(k) + L c F_i(k + 1)).
+
+The transformed system is linear, so a hand is where the uncoupled primitive would be plus a deviation that obeys the
+same equation without goal and forcing. C is held over a control period and the deviation is advanced exactly, as a
+controller in discrete time would see it; C' is an impulse at each change of C.
+
+How strongly C follows F is bound from above by the period. Along u the three numbers (deviation, its z, last C) obey
+a linear recursion; `spectral_radius` says by which factor it grows in a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number
+from comove.primitives.flow import OMEGA
+
+Array = NDArray[np.float64]
+
+TINY = 1e-9  # m, a distance that has no direction
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What may be chosen of the coupling.
+
+    Attributes
+    ----------
+    coupling : c, of the force in the velocity [1]
+    derivative : c_2, of the coupling's derivative by normalised time in the acceleration [1]; 0 for a coupling of
+        the velocity alone
+    forgetting : Q
+    learning : L
+
+    Raises
+    ------
+    OptionError
+        If a number is out of range.
+    """
+
+    coupling: float = 20.0
+    derivative: float = 0.0
+    forgetting: float = 0.99
+    learning: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("coupling", np.inf),
+            ("derivative", np.inf),
+            ("forgetting", 1.0),
+            ("learning", 2.0),
+        ):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= value <= most:
+                way_out = "give a number, 0 or more" + ("" if most == np.inf else f", at most {most:g}")
+                raise OptionError(f"{name} = {value!r}", key=name, way_out=way_out)
+
+
+def transition(h: float) -> tuple[Array, Array]:
+    """The exact step of a deviation (e, zeta), ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``, C held.
+
+    Parameters
+    ----------
+    h : of the step [durations]
+
+    Returns
+    -------
+    of_state : array, shape (2, 2)
+    of_coupling : array, shape (2,)
+    """
+    x, decay = OMEGA * h, exp(-OMEGA * h)
+    of_state = decay * np.array([[1.0 + x, h], [-OMEGA * x, 1.0 - x]])
+    of_coupling = np.array([(2.0 * (1.0 - decay) - x * decay) / OMEGA, decay - 1.0 + x * decay])
+    return of_state, of_coupling
+
+
+def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
+    """Growth of a small error of the distance in a step of h durations; below 1 the coupling is stable.
+
+    Parameters
+    ----------
+    n_following : 1 where one hand leads, 2 in mutual coupling
+    """
+    of_state, of_coupling = transition(h)
+    c, kick = gains.coupling, n_following * gains.derivative
+    # C_k = -c e_k; zeta is kicked by c_2 (C_k - C_k-1) before the step.
+    kicked = np.array([[1.0, 0.0, 0.0], [-kick * c, 1.0, -kick]])
+    held = np.array([-c, 0.0, 0.0])
+    step = np.vstack([of_state @ kicked + n_following * np.outer(of_coupling, held), held])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """One execution of a coupled pair.
+
+    Attributes
+    ----------
+    position : array, shape (n_steps, 2, n_dims), of both hands [m]
+    force : array, shape (n_steps, n_dims), F [m]
+    error : array, shape (n_steps,), |r| - D [m]
+    """
+
+    position: Array
+    force: Array
+    error: Array
+
+    @property
+    def error_rms(self) -> float:
+        """Root mean square of the error [m]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+
+def run_epoch(uncoupled: Array, distance: float, following: Array, learned: Array, gains: Gains) -> Epoch:
+    """Execute a pair once.
+
+    Parameters
+    ----------
+    uncoupled : array, shape (n_steps, 2, n_dims), where the primitives would be without coupling, at even times [m]
+    distance : D [m]
+    following : array, shape (2,), w: 1 for who follows, 0 for who leads
+    learned : array, shape (n_steps, n_dims), F_c [m]
+    """
+    of_state, of_coupling = transition(1.0 / (len(uncoupled) - 1))
+    position, force, error = _execute(
+        np.ascontiguousarray(uncoupled),
+        float(distance),
+        np.asarray(following, dtype=float),
+        np.ascontiguousarray(learned),
+        gains.coupling,
+        gains.derivative,
+        of_state,
+        of_coupling,
+    )
+    return Epoch(position, force, error)
+
+
+def learn(learned: Array, force: Array, gains: Gains) -> Array:
+    """F_c of the next epoch from that of this one and its force F; arrays, shape (n_steps, n_dims), [m]."""
+    ahead = np.concatenate([force[1:], force[-1:]])
+    return gains.forgetting * (learned + gains.learning * gains.coupling * ahead)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _execute(uncoupled, distance, following, learned, c, c2, of_state, of_coupling):
+    n_steps, _, n_dims = uncoupled.shape
+    position, force = np.empty(uncoupled.shape), np.empty((n_steps, n_dims))
+    error, deviation = np.empty(n_steps), np.zeros((2, 2, n_dims))  # hand; e and zeta
+    held = np.zeros(n_dims)
+    for k in range(n_steps):
+        square = 0.0
+        for d in range(n_dims):
+            for i in range(2):
+                position[k, i, d] = uncoupled[k, i, d] + deviation[i, 0, d]
+            square += (position[k, 1, d] - position[k, 0, d]) ** 2
+        length = sqrt(square)
+        error[k] = length - distance
+        for d in range(n_dims):
+            force[k, d] = -error[k] * (position[k, 1, d] - position[k, 0, d]) / max(length, TINY)
+            coupling = c * force[k, d] + learned[k, d]
+            change = coupling - held[d] if k > 0 else 0.0
+            held[d] = coupling
+            for i in range(2):
+                sign = following[i] if i == 1 else -following[i]
+                e, zeta = deviation[i, 0, d], deviation[i, 1, d] + sign * c2 * change
+                for row in range(2):
+                    deviation[i, row, d] = (
+                        of_state[row, 0] * e + of_state[row, 1] * zeta + of_coupling[row] * sign * coupling
+                    )
+    return position, force, error

@@ -1,0 +1,96 @@
+"""What was integrated step by step, as the curve that is judged, stored and drawn.
+
+A motion is judged as a curve with exact ends. An integrated one draws near its goal and is never quite there, so one
+that has arrived but for a little (`END_ERROR`, `END_SPEED`) is led to the goal over its last part by minimum jerk;
+one that has not keeps its own end, for the judge to see. Then shape weights are fitted, as many as it takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning.objective import N_STEPS
+from comove.planning.search import Search
+from comove.planning.seeds import minimum_jerk
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+END_ERROR, END_SPEED = 5e-3, 1e-2  # m and m/s, within which an integrated motion has arrived
+LED = 0.2  # durations, over which the rest of the way is led
+N_BASES, CLOSE = (30, 60, 120, 200), 1e-6  # shape weights tried in turn, until the fit is that close [m]
+MAX_SAMPLES = 4001  # that a fit looks at
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An integrated motion as a curve.
+
+    Attributes
+    ----------
+    motion : the curve
+    error : largest distance of a hand on the curve from where it was integrated, after what was led [m]
+    end_miss : distance from the goal at which the integration ended [m]
+    """
+
+    motion: CoordinatedMotion
+    error: float
+    end_miss: float
+
+    def log(self) -> dict[str, float]:
+        """Both measures by name."""
+        return {"fit_error_max_m": self.error, "integration_end_miss_m": self.end_miss}
+
+
+def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) -> Fit:
+    """Fit the curve of free hands to samples.
+
+    Parameters
+    ----------
+    coordinates : those of free hands
+    s : array, shape (n_steps,), normalised times, even, from 0 to 1
+    hands : array, shape (n_steps, n_manipulators, n_dims), [m]
+    """
+    miss = float(np.linalg.norm(hands[-1] - scene.goal, axis=1).max())
+    slope = (3.0 * hands[-1] - 4.0 * hands[-2] + hands[-3]) / (2.0 * (s[-1] - s[-2]))
+    speed = float(np.linalg.norm(slope, axis=1).max()) / scene.duration
+    boundary = coordinates.boundary()
+    if miss <= END_ERROR and speed <= END_SPEED:
+        share = minimum_jerk((s - (1.0 - LED)) / LED)[:, None, None]
+        hands = hands + share * (scene.goal - hands[-1])
+    else:
+        boundary[2], boundary[3] = coordinates.from_hands(np.stack([hands[-1], slope]))
+    stride = -(-(len(s) - 1) // (MAX_SAMPLES - 1))
+    s, hands = s[::stride], hands[::stride]
+    for n_basis in N_BASES:
+        basis = motion_basis(n_basis, "velocity")
+        base, phi = (of[0] for of in basis.at(s))
+        weights = np.linalg.lstsq(phi, coordinates.from_hands(hands) - base @ boundary, rcond=None)[0]
+        motion = CoordinatedMotion(scene, coordinates, basis, boundary, weights.T)
+        error = float(np.linalg.norm(motion.hands(s)[0] - hands, axis=2).max())
+        if error <= CLOSE:
+            break
+    return Fit(motion, error, miss)
+
+
+def count_execution(search: Search, hands: Array) -> None:
+    """Count one execution as a generation, and tell what it costs.
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators, n_dims), at even times [m]
+    """
+    scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
+    flat, steps = hands.reshape(len(hands), -1), np.arange(len(hands))
+    sampled = np.stack([np.interp(even, steps, column) for column in flat.T], axis=1)
+    nodes = np.zeros((1, N_STEPS, hands.shape[1], 3))
+    nodes[0, :, :, : scene.n_dims] = sampled.reshape(N_STEPS, *hands.shape[1:])
+    search.evaluations += 1
+    value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
+    search.tell(float(value.cost[0]), float(value.penalty[0]))

@@ -1,0 +1,107 @@
+"""Lexicographic quadratic programmes: tasks in a strict order, under inequalities that come before all.
+
+    level k = 1, 2, ..:   minimise |A_k x - b_k|^2   such that   G x >= h   and   A_j x = A_j x_j for j < k,
+
+where x_j is the solution of level j. The equalities are held by writing x = x_j + N z, N spanning what all former
+tasks leave free, so that every level is a smaller programme (Escande et al., 2014, solve the same in one sweep).
+Where G x >= h has no solution, the least slack in squares is taken from h first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ENDLESS = 1e30  # what the solver takes for infinite
+REGULAR = 1e-7  # added to the quadratic form: what a task leaves open stays small
+RANK = 1e-9  # of the largest singular value, below which a direction is free
+TOLERANCE = 1e-10  # of rows, in the solver
+SPARE = 1e-9  # by which rows are loosened from one level to the next, for rounding
+
+
+class Task(NamedTuple):
+    """Minimise |A x - b|^2.
+
+    Attributes
+    ----------
+    matrix : array, shape (n_rows, n), A
+    target : array, shape (n_rows,), b
+    """
+
+    matrix: Array
+    target: Array
+
+
+def lexicographic(tasks: Sequence[Task], rows: Array, low: Array) -> tuple[Array, float]:
+    """Solve tasks in their order.
+
+    Parameters
+    ----------
+    rows, low : arrays, shapes (n_rows, n), (n_rows,), G and h
+
+    Returns
+    -------
+    x : array, shape (n,)
+    slack : largest by which a row of G had to give way
+    """
+    n = rows.shape[1]
+    slack = _least_slack(rows, low)
+    low = low - slack - SPARE * (slack > 0.0)
+    x, free = np.zeros(n), np.eye(n)
+    for number, (matrix, target) in enumerate(tasks):
+        if free.shape[1] == 0:
+            break
+        reduced = matrix @ free
+        z = _solve(reduced, target - matrix @ x, rows @ free, low - rows @ x - (SPARE if number else 0.0))
+        if z is not None:
+            x = x + free @ z
+        free = free @ _null_space(reduced)
+    return x, float(slack.max(initial=0.0))
+
+
+def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | None:
+    """The z of least |matrix z - target|^2 with rows z >= low; None where the solver finds none."""
+    quadratic = matrix.T @ matrix + REGULAR * np.eye(matrix.shape[1])
+    z, _, flag, _ = daqp.solve(
+        quadratic,
+        -matrix.T @ target,
+        np.ascontiguousarray(rows),
+        np.full(len(rows), ENDLESS),
+        low,
+        np.zeros(len(rows), dtype=np.int32),
+        primal_tol=TOLERANCE,
+    )
+    return z if flag > 0 else None
+
+
+def _least_slack(rows: Array, low: Array) -> Array:
+    """The w >= 0 of least squares for which rows x >= low - w has a solution; array, shape (n_rows,)."""
+    m, n = rows.shape
+    if not m or _solve(np.eye(n), np.zeros(n), rows, low) is not None:
+        return np.zeros(m)
+    # Over x and w: |w|^2 + REGULAR |x|^2.
+    size = np.concatenate([np.full(n, REGULAR), np.ones(m)])
+    whole = np.block([[rows, np.eye(m)], [np.zeros((m, n)), np.eye(m)]])
+    solution, _, flag, _ = daqp.solve(
+        np.diag(size),
+        np.zeros(n + m),
+        whole,
+        np.full(2 * m, ENDLESS),
+        np.concatenate([low, np.zeros(m)]),
+        np.zeros(2 * m, dtype=np.int32),
+        primal_tol=TOLERANCE,
+    )
+    return np.maximum(solution[n:], 0.0) if flag > 0 else np.maximum(low, 0.0)
+
+
+def _null_space(matrix: Array) -> Array:
+    """Orthonormal columns that `matrix` takes to nothing; array, shape (n, n_free)."""
+    _, singular, right = np.linalg.svd(matrix, full_matrices=True)
+    rank = int((singular > RANK * max(singular.max(initial=0.0), 1e-300)).sum())
+    return right[rank:].T

@@ -1,0 +1,127 @@
+"""Iterative learning of a coupling between a leader and a follower, or between equals; reference [7].
+
+The primitives are taught jointly. In every epoch they run coupled (see `coupling`), and what the coupling had to do
+is learned for the next one. The last epoch is handed out. The source knows pairs of hands, distances between them,
+and no obstacles.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.errors import OptionError, near_name
+from comove.planning.compared.coupling import Gains, learn, run_epoch, spectral_radius
+from comove.planning.compared.curve import count_execution, fit_curve
+from comove.planning.compared.taught import taught_primitives
+from comove.planning.method import Method
+from comove.planning.search import Search
+from comove.primitives.arguments import is_number
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_LEAST, N_MOST = 200, 100_000  # steps of an epoch
+GAINS = Gains()
+
+
+@dataclass(frozen=True)
+class LeaderFollower(Method):
+    """Leader and follower, their coupling learned over epochs.
+
+    Attributes
+    ----------
+    epochs : executions, the last of which is handed out
+    mutual : both hands of a pair give way, instead of one
+    leader : name of the hand that leads its pair; the first of every pair unless given
+    gains : of coupling and learning
+    period : of the control step [s]; shorter where the movement lasts fewer than 200 of them, longer where it lasts
+        more than 100 000
+    """
+
+    name: ClassVar[str] = "leader-follower"
+    coordinates = staticmethod(arms_coordinates)
+    epochs: int = 20
+    mutual: bool = False
+    leader: str | None = None
+    gains: Gains = GAINS
+    period: float = 0.002
+
+    def __post_init__(self) -> None:
+        if isinstance(self.epochs, bool) or not isinstance(self.epochs, int) or self.epochs < 1:
+            raise OptionError(
+                f"epochs = {self.epochs!r}", key="epochs", way_out="give a whole number from 1 on"
+            )
+        if not is_number(self.period) or not self.period > 0:
+            raise OptionError(
+                f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
+            )
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Run the epochs and have the last one judged; nothing is ever planned."""
+        scene, pairs = search.scene, self._pairs(search.scene)
+        n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
+        self._require_stable(1.0 / (n_steps - 1), scene.duration)
+        s = np.linspace(0.0, 1.0, n_steps)
+        uncoupled = taught_primitives(search).rollout().hands(s)[0]
+        learned = np.zeros((len(pairs), n_steps, scene.n_dims))
+        following = np.ones(2) if self.mutual else np.array([0.0, 1.0])
+        rms, worst, hands = [], [], uncoupled.copy()
+        for epoch in range(self.epochs):
+            search.stage = f"epoch {epoch + 1} of {self.epochs}"
+            runs = []
+            for p, (lead, follow, distance) in enumerate(pairs):
+                run = run_epoch(uncoupled[:, [lead, follow]], distance, following, learned[p], self.gains)
+                hands[:, [lead, follow]] = run.position
+                learned[p] = learn(learned[p], run.force, self.gains)
+                runs.append(run)
+            rms.append(max(run.error_rms for run in runs))
+            worst.append(max(float(np.abs(run.error).max()) for run in runs))
+            count_execution(search, hands)
+            if search.over():
+                break
+        fit = fit_curve(scene, search.objective.coordinates, s, hands)
+        search.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst, **fit.log()}
+        search.judge(fit.motion)
+
+    def _pairs(self, scene: Scene) -> list[tuple[int, int, float]]:
+        """Who leads, who follows and at which distance [m], for every pair."""
+        names = scene.manipulators
+        if self.leader is not None and self.leader not in names:
+            raise OptionError(
+                f"there is no hand '{self.leader}'", key="leader", way_out=near_name(self.leader, names)
+            )
+        if not scene.distances:
+            raise OptionError(
+                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
+            )
+        tied = Counter(hand for c in scene.distances for hand in (c.first, c.second))
+        for hand, count in tied.items():
+            if count > 1:
+                raise OptionError(
+                    f"a coupling is learned between two hands, and '{names[hand]}' is tied to {count}",
+                    key="method",
+                    way_out="use the method 'comove' or 'task-priority'",
+                )
+        pairs = []
+        for c in scene.distances:
+            lead, follow = sorted((c.first, c.second))
+            if self.leader == names[follow]:
+                lead, follow = follow, lead
+            pairs.append((lead, follow, c.distance))
+        return pairs
+
+    def _require_stable(self, h: float, duration: float) -> None:
+        growth = spectral_radius(self.gains, 2 if self.mutual else 1, h)
+        if not growth < 1.0:
+            raise OptionError(
+                f"with c = {self.gains.coupling:g} and c_2 = {self.gains.derivative:g} an error of the distance "
+                f"grows by a factor of {growth:.3g} in every control period of {1e3 * h * duration:.3g} ms",
+                key="gains",
+                way_out="give a shorter period or smaller gains",
+            )

@@ -1,0 +1,153 @@
+"""A library of primitives, combined and optimised by CMA-ES for one manipulator; reference [6], the paper's Figure 3.
+
+Two stages, on the scene as the first manipulator sees it alone:
+
+1. the coefficients of a combination of movements that gets through, w_d = sum_k c_kd w_kd (see `combination`);
+2. the weights of that movement themselves, on the cost (4).
+
+The source builds its movement for an environment, without a load and without a second hand; and so is it judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.demonstrations import Demonstration
+from comove.errors import OptionError
+from comove.planning.choice import Movements, best_movement, suitable
+from comove.planning.combination import Attempts
+from comove.planning.method import Method
+from comove.planning.methods import POLISHING
+from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
+from comove.primitives import DMP, Library, motion_basis
+from comove.scenes.scene import Scene
+
+SHAPES = (
+    "Angle",
+    "CShape",
+    "GShape",
+    "JShape",
+    "LShape",
+    "NShape",
+    "PShape",
+    "RShape",
+    "Sine",
+    "Spoon",
+    "Sshape",
+    "WShape",
+)
+PLANES = ("xy", "xz")  # in which planar movements are laid into space
+N_TRIES = 5  # of the second stage, more strictly each time its result is rejected
+TAUGHT = "demonstration"
+
+
+@dataclass(frozen=True)
+class Single(Method):
+    """A combination of library movements for the first manipulator alone.
+
+    Attributes
+    ----------
+    movements : a library, primitives, or DMPs (by name, or numbered); unless given, a dozen people's handwritten
+        shapes. The demonstration joins them, where there is one
+    n_movements : how many of them are combined, those that suit the scene best
+    n_basis : shape weights a dimension in the second stage
+    schedule : of the second stage
+    """
+
+    name: ClassVar[str] = "single"
+    coordinates = staticmethod(load_coordinates)
+    movements: Movements | None = field(default=None, repr=False)
+    n_movements: int = 6
+    n_basis: int = 30
+    schedule: Schedule = POLISHING
+
+    def __post_init__(self) -> None:
+        if (
+            isinstance(self.n_movements, bool)
+            or not isinstance(self.n_movements, int)
+            or self.n_movements < 1
+        ):
+            raise OptionError(
+                f"n_movements = {self.n_movements!r}",
+                key="n_movements",
+                way_out="give a whole number from 1 on",
+            )
+
+    def scene_of(self, scene: Scene) -> Scene:
+        """The scene of the first manipulator alone."""
+        return alone(scene)
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Combine, then optimise; nothing is ever planned."""
+        search.objective = search.objective.with_penalty(along_path=True)
+        attempts = Attempts(search, self._suited(search))
+        with suppress(OutOfTime):
+            attempts.run()
+        found = attempts.found()
+        if search.best is None:
+            search.judge(found.motion)
+        basis, coordinates = motion_basis(self.n_basis, "velocity"), search.objective.coordinates
+        self._optimised(
+            search, CoordinatedDMP.from_demonstration(found.dmp, search.scene, coordinates, basis)
+        )
+
+    def _suited(self, search: Search) -> dict[str, DMP]:
+        """The movements that suit the scene best, by name."""
+        scene = search.scene
+        given = _handwriting() if self.movements is None else self.movements
+        if not isinstance(given, (Library, Mapping)):
+            given = list(given)
+        suited = suitable(given, scene, PLANES[0])
+        if scene.n_dims == 3:  # planar movements once more, in another plane
+            across = suitable(given, scene, PLANES[1])
+            planar = [
+                name for name in suited if not np.array_equal(suited[name].weights, across[name].weights)
+            ]
+            suited = suited | {f"{name} in {PLANES[1]}": across[name] for name in planar}
+        ranking = best_movement(suited, scene, cost=search.objective.weights).ranking
+        chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
+        return chosen if search.taught is None else {TAUGHT: search.taught, **chosen}
+
+    def _optimised(self, search: Search, dmp: CoordinatedDMP) -> None:
+        """Improve the weights, more strictly each time the result is rejected."""
+        objective = search.objective
+        for _ in range(N_TRIES):
+            search.stage = "optimising the weights"
+            dmp = improve(search, objective, dmp, self.schedule)
+            verdict = search.judge(dmp.rollout())
+            if verdict.verified is not None or not search.hard:
+                return
+            objective = stricter(search, objective, verdict)
+
+
+def alone(scene: Scene) -> Scene:
+    """The scene of the first manipulator: the same obstacles, limits and clearance, no load and nobody else."""
+    if scene.begins or any(group.start_twist.any() for group in scene.groups):
+        raise OptionError(
+            "the scene goes on from another movement, and movements of a library begin at rest",
+            key="method",
+            way_out="use the method 'comove'",
+        )
+    hand = scene.file.manipulators[0]
+    ends = {"start": scene.start[0].tolist(), "goal": scene.goal[0].tolist()}
+    data = scene.file.model_dump() | {
+        "manipulators": [hand.model_dump() | ends],
+        "load": None,
+        "constraints": [],
+        "demonstration": None,
+        "robot": None,
+        "grasp": None,
+    }
+    return Scene.from_dict(data, folder=scene.folder)
+
+
+def _handwriting() -> dict[str, DMP]:
+    """A dozen people's handwritten shapes, as primitives."""
+    return {name: DMP.fit(Demonstration.from_lasa(name)) for name in SHAPES}

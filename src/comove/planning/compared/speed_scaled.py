@@ -1,0 +1,207 @@
+"""Speed-scaled primitives whose stiffness is learned in cycles with a human; reference [8].
+
+The hands of one rigid group move their middle (the absolute motion) as robot and human agree, and keep among each
+other what was taught (the relative motion), as in the source's bimanual task. The human is simulated: she wants
+another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path. What the robot
+has learned after the last cycle it carries out alone, in the scene's duration. Laws: `cooperation`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
+from comove.planning.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
+from comove.planning.compared.curve import count_execution, fit_curve
+from comove.planning.compared.taught import N_BASIS, taught_primitives
+from comove.planning.method import Method
+from comove.planning.search import Search
+from comove.primitives.arguments import is_number
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_SAMPLES = 401  # of the phase
+N_WAVES = 3  # of which the human's wishes are made
+MAX_STEPS = 20_000  # of a duration
+N_TIMES = 2001  # at which the last motion is sampled
+
+
+@dataclass(frozen=True)
+class Human:
+    """A simulated human; everything fades towards the ends of the movement.
+
+    Attributes
+    ----------
+    offset : size of the change of the path that she always wants [m]
+    spread : size of the variation of the path from cycle to cycle [m]
+    pace_offset, pace_spread : likewise of the pace, relative to what was taught
+    precise : from which to which phase she varies a tenth as much
+    stiffness : k_h [N/m, with a unit mass]
+    """
+
+    offset: float = 0.03
+    spread: float = 0.02
+    pace_offset: float = 0.3
+    pace_spread: float = 0.1
+    precise: tuple[float, float] = (0.4, 0.6)
+    stiffness: float = 300.0
+
+    def __post_init__(self) -> None:
+        for name in ("offset", "spread", "pace_offset", "pace_spread", "stiffness"):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= value < np.inf:
+                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a number, 0 or more")
+        if not (len(self.precise) == 2 and 0.0 <= self.precise[0] <= self.precise[1] <= 1.0):
+            raise OptionError(
+                f"precise = {self.precise!r}", key="precise", way_out="give two phases in order, from 0 to 1"
+            )
+
+    def care(self, s: Array) -> Array:
+        """By which the variation is multiplied at phases s; array, shape (n_samples,)."""
+        low, high = self.precise
+        inside = (
+            0.5 * (np.tanh((s - low) / 0.02) - np.tanh((s - high) / 0.02)) if high > low else np.zeros_like(s)
+        )
+        return 1.0 - 0.9 * inside
+
+
+HUMAN, LAWS = Human(), Laws()
+
+
+@dataclass(frozen=True)
+class SpeedScaled(Method):
+    """Speed-scaled primitives with learned stiffness.
+
+    Attributes
+    ----------
+    cycles : executions together with the human
+    human : who moves along
+    laws : of cooperation and learning
+    n_basis : shape weights a dimension of the path that is learned
+    period : of the steps [s]; shorter where a movement lasts fewer than 200 of them
+    """
+
+    name: ClassVar[str] = "speed-scaled"
+    coordinates = staticmethod(arms_coordinates)
+    cycles: int = 20
+    human: Human = HUMAN
+    laws: Laws = LAWS
+    n_basis: int = N_BASIS
+    period: float = 0.002
+
+    def __post_init__(self) -> None:
+        if isinstance(self.cycles, bool) or not isinstance(self.cycles, int) or self.cycles < 1:
+            raise OptionError(
+                f"cycles = {self.cycles!r}", key="cycles", way_out="give a whole number from 1 on"
+            )
+        if not is_number(self.period) or not self.period > 0:
+            raise OptionError(
+                f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
+            )
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Run the cycles and have what was learned judged; nothing is ever planned."""
+        scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
+        period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
+        taught = taught_primitives(search).rollout()
+        skill = Skill.taught(middles(scene, taught.hands(s)), self.laws)
+        shape = motion_basis(self.n_basis, "velocity").at(s)[1]
+        follow = shape @ np.linalg.pinv(
+            shape[0]
+        )  # a deviation as the primitive can follow it, and two derivatives
+        intend = self._intentions(search, skill.path[0])
+        cycles: list[Cycle] = []
+        stiffness = []
+        for number in range(self.cycles):
+            search.stage = f"cycle {number + 1} of {self.cycles}"
+            stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
+            cycle = run_cycle(skill, intend(), self.laws, scene.duration, period)
+            skill = learned(skill, cycle, np.einsum("kst,tpd->kspd", follow, cycle.deviation), self.laws)
+            cycles.append(cycle)
+            times, hands = alone(scene, taught, skill, s)
+            count_execution(search, hands)
+            if search.over():
+                break
+        stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
+        fit = fit_curve(scene, search.objective.coordinates, times, hands)
+        search.log |= {
+            "cycle_deviation_rms_m": [
+                float(np.sqrt(np.square(cycle.deviation).sum(axis=2).mean())) for cycle in cycles
+            ],
+            "cycle_human_force_rms_N": [cycle.effort for cycle in cycles],
+            "cycle_duration_s": [cycle.duration * scene.duration for cycle in cycles],
+            **{
+                f"stiffness_{name}_N_per_m": [float(k[i]) for k in stiffness]
+                for i, name in enumerate(("tangent", "normal", "binormal")[: scene.n_dims])
+            },
+            **fit.log(),
+        }
+        search.judge(fit.motion)
+
+    def _intentions(self, search: Search, path: Array):
+        """What the human wants in the next cycle, by calls."""
+        rng, human, s = search.rng, self.human, np.linspace(0.0, 1.0, N_SAMPLES)
+        fade = 16.0 * s**2 * (1.0 - s) ** 2
+        care = human.care(s)
+
+        def wish(shape: tuple[int, ...]) -> Array:
+            """A smooth random function of unit size; array, shape (N_SAMPLES, *shape)."""
+            waves = np.sin(np.pi * s[:, None] * np.arange(1, N_WAVES + 1))
+            return np.tensordot(waves, rng.standard_normal((N_WAVES, *shape)) / np.sqrt(N_WAVES / 2), axes=1)
+
+        always = path + human.offset * fade[:, None, None] * wish(path.shape[1:])
+        pace = human.pace_offset * fade * np.tanh(wish(()))
+
+        def intend() -> Intention:
+            varied = human.spread * (fade * care)[:, None, None] * wish(path.shape[1:])
+            mu = np.exp(pace + human.pace_spread * fade * care * np.tanh(wish(())))
+            return Intention(always + varied, mu, human.stiffness)
+
+        return intend
+
+
+def middles(scene: Scene, hands: Array) -> Array:
+    """Middle of the hands of every rigid group.
+
+    Parameters
+    ----------
+    hands : array, shape (..., n_manipulators, n_dims), [m]
+
+    Returns
+    -------
+    array, shape (..., n_groups, n_dims), [m]
+    """
+    return np.stack([hands[..., list(group.members), :].mean(axis=-2) for group in scene.groups], axis=-2)
+
+
+def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tuple[Array, Array]:
+    """What was learned as the robot carries it out alone, in the scene's duration.
+
+    Parameters
+    ----------
+    s : array, shape (n_samples,), the phases of the skill
+
+    Returns
+    -------
+    times : array, shape (N_TIMES,), normalised, even
+    hands : array, shape (N_TIMES, n_manipulators, n_dims), [m]
+    """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    steps = 0.5 * (skill.slowness[1:] + skill.slowness[:-1]) * np.diff(s)
+    clock = np.concatenate([[0.0], np.cumsum(steps)])
+    times = np.linspace(0.0, 1.0, N_TIMES)
+    phase = np.clip(PchipInterpolator(clock / clock[-1], s)(times), 0.0, 1.0)
+    moved = CubicSpline(s, skill.path[0] - middles(scene, taught.hands(s)[0]))(phase)
+    hands = taught.hands(phase)[0]
+    for g, group in enumerate(scene.groups):
+        hands[:, list(group.members)] += moved[:, g, None]
+    return times, hands
