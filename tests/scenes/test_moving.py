@@ -1,11 +1,13 @@
 """Obstacles go where their motion says."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.errors import SceneError
+from comove.errors import ComoveWarning, SceneError
 from comove.scenes import Scene
 
 DISC = {"shape": "circle", "center": [0.5, 0.9], "radius": 0.05}
@@ -131,3 +133,29 @@ def test_what_is_wrong_with_a_motion(motion, key, words):
         scene(motion)
     assert str(caught.value).startswith(f"obstacles[0].{key}: ")
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("motion", "speed"),
+    [
+        ({"velocity": [0.3, 0.4]}, "0.5"),
+        ({"waypoints": [[0.5, 0.9], [0.5, 0.5]], "times": [1.0, 1.5]}, "0.8"),
+        ({"circle": {"radius": 0.1, "period_s": 1.0}}, "0.628"),
+    ],
+)
+def test_what_no_hand_gets_away_from_is_warned_of(motion, speed):
+    hands = [{"name": "a", "start": [0.1, 0.1], "goal": [0.9, 0.1]}]
+    data = {
+        "name": "chased",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "obstacles": [{"shape": "circle", "center": [0.5, 0.9], "radius": 0.05, "motion": motion}],
+        "manipulators": hands,
+        "limits": {"speed": 0.45},
+    }
+    words = rf"obstacles\[0\]\.motion: up to {speed} m/s, faster than the hands may move \(0\.45 m/s\)"
+    with pytest.warns(ComoveWarning, match=words):
+        Scene.from_dict(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Scene.from_dict({**data, "limits": {"speed": 0.85}})

@@ -9,6 +9,7 @@ from the present state on.
 from __future__ import annotations
 
 import time as clock
+from array import array
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -65,15 +66,20 @@ class Pace:
     period : of control [s]
     watch : between two looks at whether the plan still holds [s]
     patience : between two attempts to plan [s]; it doubles while they fail
+    leisure, haste : that the first attempt to plan and any later one may take [s]; the clock of a simulation waits
     """
 
     period: float = 0.01
     watch: float = 0.1
     patience: float = 0.25
+    leisure: float = 10.0
+    haste: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("period", "watch", "patience"):
             require_positive(name, getattr(self, name), MAX_PERIOD)
+        for name in ("leisure", "haste"):
+            require_positive(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ class Log:
     """
 
     events: list[Event] = field(default_factory=list)
-    control: list[float] = field(default_factory=list)
+    control: array[float] = field(default_factory=lambda: array("d"))
     planning: list[float] = field(default_factory=list)
     blocking: dict[int, int] = field(default_factory=dict)
     relaxed: float = 0.0
@@ -317,11 +323,13 @@ class Executor:
             Pose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
-        method = self._method(now)
+        method, deadline = self._method(now), begun + (self.pace.haste if self.n_steps else self.pace.leisure)
         for k, longer in enumerate(LONGER):
             duration = longer * self._shortest(now)
             later = expected.resumed(now, duration, starts, self.twists)
-            found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=30.0)
+            # What is left, half of it unless nothing is to be tried afterwards.
+            budget = max((deadline - clock.perf_counter()) / (1 + (longer != LONGER[-1])), 1e-3)
+            found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=budget)
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
             if found.motion is not None or (

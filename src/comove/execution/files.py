@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def _cost(record: Record) -> dict[str, Any]:
     return {"cost": cost.total, "cost_terms": terms}
 
 
-def _quantile(values: list[float], q: float) -> float | None:
+def _quantile(values: Sequence[float], q: float) -> float | None:
     return float(np.quantile(values, q)) if values else None
 
 

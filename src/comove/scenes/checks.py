@@ -239,10 +239,18 @@ def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
     return None
 
 
-def warn_of_units(scene: SceneFile, file: str | Path | None) -> None:
-    """Warn of lengths that look like millimetres."""
+def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
+    """Warn of lengths that look like millimetres, and of obstacles from which no hand gets away."""
+    place = f"{file}: " if file is not None else ""
     extent = max(high - low for low, high in zip(scene.workspace.lower, scene.workspace.upper, strict=True))
     if extent > LARGE_WORKSPACE:
-        place = f"{file}: workspace" if file is not None else "workspace"
-        message = f"{place}: {extent:g} m wide, which looks like millimetres; lengths are in metres"
+        message = f"{place}workspace: {extent:g} m wide, which looks like millimetres; lengths are in metres"
         warnings.warn(message, ComoveWarning, stacklevel=3)
+    limit = scene.limits.speed
+    for i, obstacle in enumerate(scene.obstacles):
+        if limit is not None and obstacle.motion is not None and obstacle.motion.speed > limit * (1 + 1e-9):
+            message = (
+                f"{place}obstacles[{i}].motion: up to {obstacle.motion.speed:.3g} m/s, faster than the hands may "
+                f"move ({limit:g} m/s): they cannot get away from it"
+            )
+            warnings.warn(message, ComoveWarning, stacklevel=3)

@@ -28,7 +28,7 @@ from pydantic import (
     model_validator,
 )
 
-from comove.scenes.checks import cross_checked, warn_of_units
+from comove.scenes.checks import cross_checked, warn_of_what_is_odd
 from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
 from comove.scenes.keys import (
     UNTURNED,
@@ -514,7 +514,7 @@ def parse_scene(
         flaws = cross_checked(scene, Path(folder) if folder is not None else None)
     if flaws:
         raise scene_error(flaws, file, lines or {})
-    warn_of_units(scene, file)
+    warn_of_what_is_odd(scene, file)
     return scene
 
 
