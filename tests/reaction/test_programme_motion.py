@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comove.reaction.programme import Programme
 from comove.reaction.twists import nodes_of, poses_of
 
 from .moving import World, run, scene_of
@@ -275,3 +276,15 @@ def test_a_narrow_wedge_is_entered_only_as_fast_as_one_can_stop():
     assert found.clearance > 0.0
     assert found.relaxed < 0.01
     assert nodes_of(scene, found.poses)[0, 0] > 3.0  # it went in
+
+
+def test_margins_give_way_before_what_is_certain():
+    """Too fast before a wall the load brakes as hard as it can, though what comes from behind may be nearer than it seems."""
+    wall = {"shape": "box", "center": [2.51, 2.0], "size": [0.2, 2.0]}
+    disc = {"shape": "circle", "center": [1.5, 2.0], "radius": 0.1}
+    scene = scene_of([wall, disc], limits={"acceleration": 2.0})
+    world, before = World(scene, velocity=[[0.0] * 3, [0.9, 0.0, 0.0]]), np.tile([0.9, 0.0, 0.0], (2, 1))
+    sighting = world.sighting()
+    sighting.margin[1] = 0.5
+    allowed = Programme(scene).allowed(poses_of(scene, "start"), before, before, sighting)
+    assert allowed.twists[0, 0] == pytest.approx(0.9 - 0.02, abs=1e-3)
