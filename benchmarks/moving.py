@@ -18,12 +18,12 @@ import warnings
 import numpy as np
 
 from comove.execution import Executor, Functions, Known, Measured, Sensor
-from comove.execution.modulated import run_modulated
+from comove.execution.comparison import loose_run
 from comove.experiments.random_scenes import moving_scene
 from comove.planning import load_kernels
 from comove.reaction import Sharing
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import Record, judge
 
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)
 LONGEST = 3.0  # times the duration
@@ -33,7 +33,18 @@ SHARINGS = {"same matrix": Sharing.SAME, "own matrix each": Sharing.OWN, "no mod
 def executed(scene: Scene, sight) -> dict[str, float]:
     """One execution and what was measured of it."""
     executor = Executor(scene, sight)
-    report = judge(executor.run(LONGEST * scene.duration))
+    measured = measures(executor.run(LONGEST * scene.duration))
+    return {**measured, "plans": executor.log.planning, "control": executor.log.control}
+
+
+def modulated_run(scene: Scene, sharing: Sharing) -> dict[str, float]:
+    """The same of the paper's modulation; the load is what is straight between the hands."""
+    return {**measures(loose_run(scene, sharing, LONGEST * scene.duration)), "plans": [], "control": []}
+
+
+def measures(record: Record) -> dict[str, float]:
+    """What the judge says of a record."""
+    scene, report = record.scene, judge(record)
     return {
         "contact": report.clearance_min < 0.0,
         "arrived": report.end_error <= 1e-3,
@@ -42,30 +53,6 @@ def executed(scene: Scene, sight) -> dict[str, float]:
         "limits": max(
             report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit
         ),
-        "plans": executor.log.planning,
-        "control": executor.log.control,
-    }
-
-
-def modulated_run(scene: Scene, sharing: Sharing) -> dict[str, float]:
-    """The same of the paper's modulation; the load is what is straight between the hands."""
-    time_, hands = run_modulated(scene, Known(scene), sharing, LONGEST * scene.duration)
-    nodes = np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - scene.n_dims))], axis=2)
-    clearance = min(
-        scene.clearance_at(np.ascontiguousarray(x), t)[0] for x, t in zip(nodes, time_, strict=True)
-    )
-    error = max(
-        np.abs(np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1) - c.distance).max()
-        for c in scene.distances
-    )
-    return {
-        "contact": clearance < 0.0,
-        "arrived": np.linalg.norm(hands[-1] - scene.goal, axis=1).max() <= 1e-3,
-        "distance": error,
-        "clearance": clearance,
-        "limits": np.nan,
-        "plans": [],
-        "control": [],
     }
 
 

@@ -1,11 +1,13 @@
 """Online execution among obstacles that move."""
 
+from comove.execution.comparison import Compared, compare, write_comparison
 from comove.execution.executor import Event, Executor, Log, Pace, Plan
 from comove.execution.files import write_run
 from comove.execution.measured import Measured, Observed, Sensor
 from comove.execution.sight import Functions, Known, Sight
 
 __all__ = [
+    "Compared",
     "Event",
     "Executor",
     "Functions",
@@ -17,5 +19,7 @@ __all__ = [
     "Plan",
     "Sensor",
     "Sight",
+    "compare",
+    "write_comparison",
     "write_run",
 ]
