@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.execution.clouds import Clouds
 from comove.execution.sight import Known, Sight
 from comove.planning.methods import Quick
 from comove.planning.search import Interruption
@@ -80,7 +81,8 @@ class Log:
     ----------
     events : in their order
     control, planning : what every control step and every attempt to plan took [s]
-    blocking : how often which obstacle hindered most, by number; -1 for the border
+    blocking : how often which obstacle hindered most, by number; -1 for the border, the number
+        of the file's obstacles for all that clouds show
     relaxed : by how much the programme had to give way at most [m/s]
     evaluations, generations : of all plans
     first_plan : what finding the first plan took [s], None where there was none
@@ -146,6 +148,7 @@ class Executor:
         self._programme = Programme(scene, self.pace.period)
         self._watched = self._planned = -np.inf
         self._patience = self.pace.patience
+        self._tell_where()
 
     @property
     def time(self) -> float:
@@ -176,6 +179,7 @@ class Executor:
         self._before = hand_velocities(self.scene, self.poses, self.twists)
         self.poses = advanced(self.poses, self.twists, period)
         self.n_steps += 1
+        self._tell_where()
         self.log.control.append(clock.perf_counter() - begun)
 
     def run(self, budget: float) -> Record:
@@ -239,7 +243,8 @@ class Executor:
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
-            self.log.blocking[allowed.blocking] = self.log.blocking.get(allowed.blocking, 0) + 1
+            who = min(allowed.blocking, len(self.scene.obstacles))  # what clouds show has no lasting number
+            self.log.blocking[who] = self.log.blocking.get(who, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
 
@@ -320,6 +325,11 @@ class Executor:
     def _hands(self, poses: Poses) -> Array:
         """Hands at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
+
+    def _tell_where(self) -> None:
+        """Where the load is, so that its own points in a cloud are not taken for obstacles."""
+        if isinstance(self.sight, Clouds):
+            self.sight.carried(self.time, nodes_of(self.scene, self.poses))
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))
