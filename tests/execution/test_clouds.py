@@ -369,7 +369,7 @@ def test_a_load_arrives_by_clouds_alone(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 3, 8, 16])
+@pytest.mark.parametrize("seed", [0, 5, 7, 8, 9])
 def test_more_loads_arrive_by_clouds_alone(seed):
     """In space as well, and three hands."""
     test_a_load_arrives_by_clouds_alone(seed)

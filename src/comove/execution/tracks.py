@@ -55,7 +55,7 @@ class Scanner:
     most: int = 64
     own: float = 0.01
     memory: float = 0.5
-    agility: float = 0.5
+    agility: float = 0.1
     fastest: float = 0.5
 
     def __post_init__(self) -> None:
