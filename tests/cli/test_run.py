@@ -59,6 +59,24 @@ def test_a_run_that_arrives(invoke, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"run.npz", "run.json", "run.png", "run.gif"}
 
 
+def test_all_methods_side_by_side(invoke, tmp_path):
+    result = invoke(SCENE, "--compare")
+    assert result.exit_code == 0, result.output
+    table = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert [row["method"] for row in table["methods"]] == [
+        *("no modulation", "own matrix each", "same matrix on all", "obstacles seen only", "motions known")
+    ]
+    for row in table["methods"]:
+        assert row["method"] in result.output
+        assert row["contact"] == (row["clearance_min"] < 0)
+    own = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert table["methods"][-1]["clearance_min"] == own["clearance_min"]
+    for suffix in ("png", "gif"):
+        assert (tmp_path / "out" / f"comparison.{suffix}").stat().st_size > 1000
+    assert invoke().exit_code == 0, "such a folder may be replaced"
+    assert not (tmp_path / "out" / "comparison.json").exists()
+
+
 def test_json_is_printed_alone_and_the_period_is_kept(invoke, tmp_path):
     result = invoke(SCENE, "--json", "--period", "0.02")
     assert json.loads(result.stdout)["verified"] is True

@@ -279,7 +279,7 @@ def test_a_narrow_wedge_is_entered_only_as_fast_as_one_can_stop():
 
 
 def test_margins_give_way_before_what_is_certain():
-    """Too fast before a wall the load brakes as hard as it can, though what comes from behind may be nearer than it seems."""
+    """Too fast before a wall the load brakes as hard as it can, whatever may be close behind."""
     wall = {"shape": "box", "center": [2.51, 2.0], "size": [0.2, 2.0]}
     disc = {"shape": "circle", "center": [1.5, 2.0], "radius": 0.1}
     scene = scene_of([wall, disc], limits={"acceleration": 2.0})

@@ -25,15 +25,22 @@ def run(
             help="Seconds of simulated time that the run may last; 3 times the duration unless given."
         ),
     ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare", help="Do it with every other method too, draw all side by side and judge them alike."
+        ),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, record and draw it."""
-    from comove.execution import Executor, Pace, write_run
+    from comove.execution import Executor, Pace, write_comparison, write_run
+    from comove.execution.comparison import compare as compare_all
     from comove.planning import load_kernels
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
     from comove.verification.record import judge
-    from comove.views import animate_run, draw_run, save
+    from comove.views import animate_comparison, animate_run, draw_comparison, draw_run, save
 
     pace = Pace(period=period)
     if budget is not None:
@@ -42,25 +49,32 @@ def run(
     loaded = Scene.load(scene)
     load_kernels(loaded.n_dims, bool(loaded.moving.any()))
     executor = Executor(loaded, seed=seed, pace=pace)
-    record = executor.run(LONGEST * loaded.duration if budget is None else budget)
-    report = judge(record, executor.blocker)
+    budget = LONGEST * loaded.duration if budget is None else budget
+    record = executor.run(budget)
+    report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
+    if compare and not interrupted:
+        compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)
     with whole_folder(out) as draft:
         save(draw_run(record), draft / "run.png")
         animate_run(record, draft / "run.gif")
+        if compared:
+            save(draw_comparison(compared), draft / "comparison.png")
+            animate_comparison(compared, draft / "comparison.gif")
+            table = write_comparison(draft, compared, seed=seed)
         summary = write_run(
             draft,
             record,
             report,
             executor.log,
             seed=seed,
-            interrupted=executor.interrupted,
+            interrupted=interrupted,
             wall_time_s=since_process_start(),
         )
-    print(
-        (out / "run.json").read_text(encoding="utf-8") if json else run_text(summary, out),
-        end="" if json else "\n",
-    )
-    if executor.interrupted:
+    if json:
+        print((out / "run.json").read_text(encoding="utf-8"), end="")
+    else:
+        print(run_text(summary, out) + (comparison_text(table, out) if compared else ""))
+    if interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED
 
@@ -82,4 +96,17 @@ def run_text(summary: dict[str, Any], folder: Path) -> str:
         f"{1e3 * summary['control_s_p999']:.3g} ms",
         f"  record                  {folder / 'run.npz'}, drawn in {folder / 'run.png'} and {folder / 'run.gif'}",
     ]
+    return "\n".join(lines)
+
+
+def comparison_text(table: dict[str, Any], folder: Path) -> str:
+    """All methods on one scene for people."""
+    lines = ["", "", f"  {'':24s}{'distance off':>14s}{'clearance':>14s}{'goal missed by':>18s}{'time':>10s}"]
+    for row in table["methods"]:
+        clearance = "-" if row["clearance_min"] is None else f"{1e3 * row['clearance_min']:.2f} mm"
+        lines.append(
+            f"  {row['method']:24s}{1e3 * row['distance_error_max']:11.3f} mm{clearance:>14s}"
+            f"{1e3 * row['end_error']:15.3f} mm{row['duration_s']:8.2f} s"
+        )
+    lines += ["", f"  side by side            {folder / 'comparison.png'} and {folder / 'comparison.gif'}"]
     return "\n".join(lines)

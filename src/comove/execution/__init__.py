@@ -1,11 +1,16 @@
 """Online execution among obstacles that move."""
 
+from comove.execution.clouds import Clouds, Scanned
+from comove.execution.comparison import Compared, compare, write_comparison
 from comove.execution.executor import Event, Executor, Log, Pace, Plan
 from comove.execution.files import write_run
 from comove.execution.measured import Measured, Observed, Sensor
 from comove.execution.sight import Functions, Known, Sight
+from comove.execution.tracks import Scanner
 
 __all__ = [
+    "Clouds",
+    "Compared",
     "Event",
     "Executor",
     "Functions",
@@ -15,7 +20,11 @@ __all__ = [
     "Observed",
     "Pace",
     "Plan",
+    "Scanned",
+    "Scanner",
     "Sensor",
     "Sight",
+    "compare",
+    "write_comparison",
     "write_run",
 ]

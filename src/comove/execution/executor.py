@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.execution.clouds import Clouds
 from comove.execution.evasion import evasive_twists, prospect
 from comove.execution.sight import Known, Sight
 from comove.planning.methods import Guide, Quick
@@ -98,7 +99,8 @@ class Log:
     ----------
     events : in their order
     control, planning : what every control step and every attempt to plan took [s]
-    blocking : how often which obstacle hindered most, by number; -1 for the border
+    blocking : how often which obstacle hindered most, by number; -1 for the border, the number
+        of the file's obstacles for all that clouds show
     relaxed : by how much the programme had to give way at most [m/s]
     evaluations, generations : of all plans
     first_plan : what finding the first plan took [s], None where there was none
@@ -166,6 +168,7 @@ class Executor:
         self._evasion: Array | None = None  # where to go without a plan
         self._rng = np.random.default_rng(seed)
         self._patience = self.pace.patience
+        self._tell_where()
 
     @property
     def time(self) -> float:
@@ -198,6 +201,7 @@ class Executor:
         self._before = (self._hands(poses) - self._hands(self.poses)) / period
         self.poses = poses
         self.n_steps += 1
+        self._tell_where()
         self.log.control.append(clock.perf_counter() - begun)
 
     def run(self, budget: float) -> Record:
@@ -263,7 +267,8 @@ class Executor:
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
-            self.log.blocking[allowed.blocking] = self.log.blocking.get(allowed.blocking, 0) + 1
+            who = min(allowed.blocking, len(self.scene.obstacles))  # what clouds show has no lasting number
+            self.log.blocking[who] = self.log.blocking.get(who, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
 
@@ -368,6 +373,11 @@ class Executor:
     def _hands(self, poses: Poses) -> Array:
         """Hands at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
+
+    def _tell_where(self) -> None:
+        """Where the load is, so that its own points in a cloud are not taken for obstacles."""
+        if isinstance(self.sight, Clouds):
+            self.sight.carried(self.time, nodes_of(self.scene, self.poses))
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))

@@ -38,6 +38,7 @@ ARRAYS, SUMMARY = "solution.npz", "solution.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
 RUN_ARRAYS, RUN_SUMMARY = "run.npz", "run.json"
 FILES |= {RUN_ARRAYS, RUN_SUMMARY, "run.png", "run.gif"}  # of an execution
+FILES |= {f"comparison.{suffix}" for suffix in ("json", "png", "gif")}
 FILES |= {"joints.npz", "robot.json", "scene.json", "joints.png"}  # of a robot
 FILES |= {f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")}
 FILES |= {f"{part}.csv{more}" for part in ("baxter", "approach", "release") for more in ("", ".json")}

@@ -305,9 +305,11 @@ class Scene:
         return clearance, self.name_of(nearest)
 
     def name_of(self, obstacle: int) -> str:
-        """An obstacle in words, the border of the workspace where it is -1."""
+        """An obstacle in words, the border of the workspace where it is -1; beyond the file's, what was seen."""
         if obstacle < 0:
             return "the border of the workspace"
+        if obstacle >= len(self.file.obstacles):
+            return "something that was seen"
         return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
 
     def _nearest(self, nodes: Array, table: Array) -> tuple[float, int]:

@@ -1,12 +1,15 @@
 """Pictures; the only room that imports matplotlib."""
 
+from comove.views.comparison import animate_comparison, draw_comparison
 from comove.views.joints import draw_joints
 from comove.views.motion import draw_motion, draw_progress, draw_side_by_side, save
 from comove.views.primitives import draw_library, draw_primitive
 from comove.views.run import animate_run, draw_run
 
 __all__ = [
+    "animate_comparison",
     "animate_run",
+    "draw_comparison",
     "draw_joints",
     "draw_library",
     "draw_motion",

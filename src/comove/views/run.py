@@ -89,13 +89,23 @@ def _draw_obstacles(
         )
 
 
-def _draw_load(axes: Axes, scene: Scene, nodes: Array, share: float) -> None:
+def load_lines(scene: Scene, nodes: Array) -> list[Array]:
+    """What of a load is drawn, or of what is held apart where there is none: lines, each of shape (2, n).
+
+    Parameters
+    ----------
+    nodes : array, shape (n_nodes, n), hands first, then corners of the load [m]
+    """
     pairs = [e for e in scene.body.edges if e[0] != e[1]]
     pairs += [
         (corners[i], corners[i ^ bit]) for corners in scene.body.solids for i in range(8) for bit in (1, 2, 4)
     ]
     pairs = pairs or [(c.first, c.second) for c in scene.distances]
-    lines = [nodes[list(pair)] for pair in pairs]
+    return [nodes[list(pair)] for pair in pairs]
+
+
+def _draw_load(axes: Axes, scene: Scene, nodes: Array, share: float) -> None:
+    lines = load_lines(scene, nodes)
     axes.add_collection(
         LineCollection(lines, colors="0.1", linewidths=1.2, alpha=0.25 + 0.75 * share, zorder=3)
     )

@@ -1,0 +1,81 @@
+"""What one cloud of points costs: thinning, following and covering it, and asking for the spheres.
+
+    python benchmarks/clouds.py
+    python benchmarks/clouds.py --points 100000
+
+Ten balls or discs move through the workspace; times are of the processor, so that others on the machine do not count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from comove.execution import Clouds, Scanner
+from comove.reaction.twists import nodes_of, poses_of
+from comove.scenes import Scene
+
+N_BODIES, PERIOD = 10, 0.05  # s
+
+
+def empty_scene(n_dims: int) -> Scene:
+    """A bar in an empty square or cube."""
+    hands = [
+        {"name": name, "start": [0.05, y, 0.5][:n_dims], "goal": [0.95, y, 0.5][:n_dims]}
+        for name, y in (("left", 0.4), ("right", 0.6))
+    ]
+    return Scene.from_dict(
+        {
+            "name": "empty",
+            "duration": 5.0,
+            "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
+            "obstacles": [],
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": hands,
+        }
+    )
+
+
+def main() -> None:
+    """Measure what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=10_000)
+    parser.add_argument("--clouds", type=int, default=40)
+    options = parser.parse_args()
+    print(
+        "| dimensions | points | spheres | cloud, median [ms] | 90 % within [ms] | spheres asked for [ms] |"
+    )
+    print("|---|---|---|---|---|---|")
+    for n_dims in (2, 3):
+        scene, rng = empty_scene(n_dims), np.random.default_rng(0)
+        sight = Clouds(scene, Scanner())
+        nodes = nodes_of(scene, poses_of(scene, "start"))
+        way = rng.standard_normal((N_BODIES, options.points // N_BODIES, n_dims))
+        body = 0.06 * way / np.linalg.norm(way, axis=2, keepdims=True)
+        center, velocity = (
+            rng.uniform(0.2, 0.8, (N_BODIES, 1, n_dims)),
+            rng.uniform(-0.1, 0.1, (N_BODIES, 1, n_dims)),
+        )
+        taken, asked = [], []
+        for k in range(options.clouds):
+            now = k * PERIOD
+            points = (center + now * velocity + body).reshape(-1, n_dims)
+            points = points + 0.002 * rng.standard_normal(points.shape)
+            sight.carried(now, nodes)
+            begun = time.thread_time()
+            sight.observe(points, now)
+            taken.append(1e3 * (time.thread_time() - begun))
+            begun = time.thread_time()
+            seen = sight.seen(now + 0.01)
+            asked.append(1e3 * (time.thread_time() - begun))
+        taken, asked = taken[3:], asked[3:]
+        print(
+            f"| {n_dims} | {options.points} | {len(seen.margin)} | {np.median(taken):.1f} "
+            f"| {np.quantile(taken, 0.9):.1f} | {np.median(asked):.2f} |"
+        )
+
+
+if __name__ == "__main__":
+    main()

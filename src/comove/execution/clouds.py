@@ -1,0 +1,313 @@
+"""Obstacles of which only clouds of points are known, as a depth camera or a laser scanner gives them.
+
+Every cloud is covered by spheres (`comove.execution.cover`), which are followed over time
+(`comove.execution.tracks`): there are as many obstacles as there are spheres now. What stands, as the scene's file
+says, remains as it is.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import OptionError
+from comove.execution.sight import Sight, going_on
+from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
+from comove.primitives.arguments import is_number, numbers
+from comove.reaction.programme import Sighting
+from comove.scenes import distances as sd
+from comove.scenes.scene import FAR, Scene
+
+Array = NDArray[np.float64]
+
+AROUND = 0.2  # m beyond the workspace, in which points count
+FUTURE = 1.0  # s, by which a cloud may be ahead of the clock
+AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # the ones of a rotation that is none
+HISTORY = 2.0  # s, for which it is known where the load was
+
+
+class Clouds:
+    """Obstacles that are seen as clouds of points, which somebody passes on as they come.
+
+    The obstacles of a scene that stand are known; of those with a `motion` nothing is known but what clouds show.
+    Points of the load and the hands are left out: an `Executor` says where these are. Points of the arms are not;
+    leave them out before. What no cloud shows, as the far side of things, is not avoided.
+
+    Parameters
+    ----------
+    scene : in which the load moves
+    scanner : what clouds are worth
+    """
+
+    certain = False
+
+    def __init__(self, scene: Scene, scanner: Scanner | None = None):
+        self.scene, self.scanner = scene, scanner or Scanner()
+        self._memory: Memory = blank()
+        self._carried: deque[tuple[float, Array]] = deque()
+        self._standing = np.ascontiguousarray(scene.obstacles[~scene.moving])
+        self._named = (
+            scene.obstacles.copy()
+        )  # the file's rows keep their numbers; what moves there is not known
+        away = np.zeros(sd.N_COLUMNS)
+        away[sd.KIND], away[sd.CENTER], away[[sd.SIZE, sd.REACH]] = sd.SPHERE, FAR, 1e-3
+        away[AXES] = 1.0
+        self._named[scene.moving] = away
+
+    def carried(self, time: float, nodes: Array) -> None:
+        """Take in where the load is.
+
+        Parameters
+        ----------
+        time : of now [s]
+        nodes : array, shape (n_nodes, 3), hands first, then corners of the load [m]
+        """
+        self._carried.append((time, nodes))
+        while self._carried[0][0] < time - HISTORY:
+            self._carried.popleft()
+
+    def observe(self, points: ArrayLike, time: float) -> None:
+        """Take in one cloud.
+
+        Points with NaN or infinite coordinates, as cameras give them where they see nothing, are ignored, and so is a
+        cloud that is not later than the last one. An empty cloud says that nothing is in sight.
+
+        Parameters
+        ----------
+        points : array, shape (n_points, n_dims), [m]
+        time : at which they were there, on the clock of the execution [s]
+
+        Raises
+        ------
+        OptionError
+            If the array has another shape, or the time is none or lies in the future.
+        """
+        n_dims, points = self.scene.n_dims, numbers(points)
+        if points.shape == (0,):
+            points = points.reshape(0, n_dims)
+        if points.ndim != 2 or points.shape[1] != n_dims:
+            raise OptionError(
+                f"a cloud of shape {points.shape}", way_out=f"give an array of shape (n_points, {n_dims})"
+            )
+        if not is_number(time):
+            raise OptionError(f"a cloud at {time!r} s", way_out="give the time at which it was measured [s]")
+        if self._carried and time > self._carried[-1][0] + FUTURE:
+            raise OptionError(
+                f"a cloud at {time:g} s lies in the future, it is {self._carried[-1][0]:g} s",
+                way_out="give times on the clock of the execution",
+            )
+        if time > self._memory.time:
+            self._memory = updated(self._memory, self._others(points, time), float(time), self.scanner)
+
+    def seen(self, time: float) -> Sighting:
+        """Spheres where they are believed to be, with the margin for how else their points may have moved."""
+        memory = self._memory
+        now = moved(memory, max(time, memory.time), 0.0) if np.isfinite(memory.time) else memory
+        n, m = len(self._named), len(memory.spheres.radius)
+        table, velocity, margin = np.zeros((n + m, sd.N_COLUMNS)), np.zeros((n + m, 3)), np.zeros(n + m)
+        table[:n] = self._named
+        table[n:, sd.KIND] = sd.SPHERE
+        table[n:, sd.CENTER : sd.CENTER + 3] = now.spheres.center
+        table[n:, AXES] = 1.0
+        table[n:, sd.SIZE] = table[n:, sd.REACH] = memory.spheres.radius
+        velocity[n:] = memory.tracks.velocity[memory.spheres.track]
+        margin[n:] = margins(memory, time, self.scanner.agility)
+        return Sighting(table, velocity, np.zeros((n + m, 3)), margin)
+
+    def ahead(self, time: float) -> Scene:
+        """That they go on as they do."""
+        seen = self.seen(time)
+        return going_on(self.scene, seen, np.zeros((len(seen.table), 3)), time)
+
+    def true(self, time: Array) -> Array:
+        """Of the file's obstacles; nobody knows of those that move."""
+        centers = np.full((len(time), len(self._named), 3), np.nan)
+        centers[:, ~self.scene.moving] = self._standing[:, sd.CENTER : sd.CENTER + 3]
+        return centers
+
+    def _others(self, points: Array, time: float) -> Array:
+        """The points, spatial, that are neither the load's nor an obstacle's of the file, nor far away."""
+        scene, body = self.scene, self.scene.body
+        near_by = (points >= scene.lower - AROUND) & (points <= scene.upper + AROUND)  # and a number
+        points = points[np.logical_and.reduce(near_by.T)]
+        points = np.concatenate([points, np.zeros((len(points), 3 - scene.n_dims))], axis=1)
+        nodes, near = self._nodes(time), self.scanner.own
+        if nodes is not None:
+            mine = _of_body(points, nodes, body.edges, body.radii, body.solids, body.filled, near)
+            points = points[~mine]
+        return points[~_of_obstacles(points, self._standing, near)]
+
+    def _nodes(self, time: float) -> Array | None:
+        """Where the load was at an instant [s]; array, shape (n_nodes, 3) [m]; None where nobody has said."""
+        if not self._carried:
+            return None
+        times = np.array([t for t, _ in self._carried])
+        k = int(np.clip(np.searchsorted(times, time), 1, max(len(times) - 1, 1)))
+        if len(times) == 1 or time >= times[-1] or time <= times[0]:
+            return self._carried[-1 if time >= times[-1] else 0][1]
+        (before, first), (after, last) = self._carried[k - 1], self._carried[k]
+        return first + (time - before) / (after - before) * (last - first)
+
+
+class Scanned(Clouds):
+    """Clouds made up from where obstacles really are, to try out what a scanner is good for.
+
+    Points lie all around on the obstacles, those that stand too, on the load and on the hands.
+
+    Parameters
+    ----------
+    truth : where obstacles really are
+    scanner : its noise and spacing are the clouds'
+    rng : of noise, and of where on the surfaces points lie
+    period : between two clouds [s]
+    delay : between an instant and the arrival of its cloud [s]
+    """
+
+    def __init__(
+        self,
+        truth: Sight,
+        scene: Scene,
+        scanner: Scanner | None,
+        rng: np.random.Generator,
+        *,
+        period: float = 0.05,
+        delay: float = 0.03,
+    ):
+        super().__init__(scene, scanner)
+        self._truth, self._rng, self._period, self._delay = truth, rng, period, delay
+        self._next = 0.0
+
+    def seen(self, time: float) -> Sighting:
+        """Scan where it is time to, and believe."""
+        if time >= self._next - 1e-9:
+            self._next = time + self._period
+            then = max(time - self._delay, 0.0)  # before it begins, everything stands as it does at 0 s
+            self.observe(self.cloud(then), then)
+        return super().seen(time)
+
+    def true(self, time: Array) -> Array:
+        """What is."""
+        return self._truth.true(time)
+
+    def cloud(self, time: float) -> Array:
+        """The points of an instant [s]; array, shape (n_points, n_dims) [m]."""
+        n, table = self.scene.n_dims, self.scene.obstacles.copy()
+        table[:, sd.CENTER : sd.CENTER + 3] = self._truth.true(np.array([time]))[0]
+        spacing, nodes = self.scanner.spacing, self._nodes(time)
+        parts = [surface(row, n, spacing, self._rng) for row in table]
+        for a, b in self.scene.body.edges if nodes is not None else ():
+            count = int(np.linalg.norm(nodes[b] - nodes[a]) / spacing) + 2
+            parts.append(nodes[a] + np.linspace(0.0, 1.0, count)[:, None] * (nodes[b] - nodes[a]))
+        points = np.concatenate([np.zeros((0, 3)), *parts])[:, :n]
+        return points + self.scanner.noise * self._rng.standard_normal(points.shape)
+
+
+def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -> Array:
+    """Points all around on an obstacle, no farther apart than a spacing [m]; array, shape (n_points, 3) [m].
+
+    On boxes they lie on grids; on other shapes rays from the centre, evenly spread, end in them.
+
+    Parameters
+    ----------
+    row : of the obstacle's table, array of shape (distances.N_COLUMNS,)
+    """
+    table, center = np.ascontiguousarray(row[None]), row[sd.CENTER : sd.CENTER + 3]
+    if row[sd.KIND] == sd.BOX:
+        return (
+            center
+            + _on_box(row[sd.SIZE : sd.SIZE + n_dims], spacing) @ row[AXES[0] : AXES[0] + 9].reshape(3, 3).T
+        )
+    inner = -sd.point_distance(table, 0, *center)
+    reach = row[sd.REACH]
+    angle = spacing * inner / reach**2  # between rays that end at grazing incidence
+    if n_dims == 2:
+        turn = 2 * np.pi * (np.arange(np.ceil(2 * np.pi / angle)) + rng.random()) / np.ceil(2 * np.pi / angle)
+        rays = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+    else:
+        count = int(np.ceil(4 * np.pi / angle**2))
+        z, turn = (2 * np.arange(count) + 1) / count - 1, np.pi * (3 - sqrt(5)) * np.arange(count)
+        across = np.sqrt(1 - z**2)
+        rays = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+        rays = rays @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    return center + _along(table, rays, reach)[:, None] * rays
+
+
+def _on_box(half: Array, spacing: float) -> Array:
+    """Points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3) [m]."""
+    grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
+    faces = []
+    for axis, h in enumerate(half):
+        for side in (-h, h):
+            across = [np.array([side]) if k == axis else grid for k, grid in enumerate(grids)]
+            faces.append(np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, len(half)))
+    points = np.concatenate(faces)
+    return np.pad(points, ((0, 0), (0, 3 - len(half))))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _along(table, rays, reach):
+    """How far from its centre rays (n, 3) leave the first obstacle of a table (n,) [m], found by bisection."""
+    lengths = np.empty(rays.shape[0])
+    for i in range(rays.shape[0]):
+        low, high = 0.0, 1.01 * reach
+        for _ in range(40):
+            t = 0.5 * (low + high)
+            x, y, z = table[0, 1] + t * rays[i, 0], table[0, 2] + t * rays[i, 1], table[0, 3] + t * rays[i, 2]
+            if sd.point_distance(table, 0, x, y, z) < 0.0:
+                low = t
+            else:
+                high = t
+        lengths[i] = low
+    return lengths
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_obstacles(points, table, near):
+    """Which points (n, 3) lie as near as that to an obstacle of a table [m]."""
+    found = np.zeros(points.shape[0], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        for j in range(table.shape[0]):
+            if sd.point_distance(table, j, points[i, 0], points[i, 1], points[i, 2]) <= near:
+                found[i] = True
+                break
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_body(points, nodes, edges, radii, solids, filled, near):
+    """Which points (n, 3) lie as near as that to a body [m], see `comove.scenes.scene.Body`."""
+    found = np.zeros(points.shape[0], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        p, crossings = points[i], 0
+        for e in range(edges.shape[0]):
+            a, b = nodes[edges[e, 0]], nodes[edges[e, 1]]
+            along, length, away = 0.0, 0.0, 0.0
+            for axis in range(3):
+                along += (p[axis] - a[axis]) * (b[axis] - a[axis])
+                length += (b[axis] - a[axis]) ** 2
+            share = min(1.0, max(0.0, along / length)) if length > 0.0 else 0.0
+            for axis in range(3):
+                away += (p[axis] - a[axis] - share * (b[axis] - a[axis])) ** 2
+            if sqrt(away) <= radii[e] + near:
+                found[i] = True
+            if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]):
+                crossings += 1
+        if filled and crossings % 2 == 1:
+            found[i] = True
+        for corners in solids:
+            outside = 0.0
+            for k in range(3):
+                along, square = 0.0, 0.0
+                for axis in range(3):
+                    half = 0.5 * (nodes[corners[1 << k], axis] - nodes[corners[0], axis])
+                    middle = 0.5 * (nodes[corners[7], axis] + nodes[corners[0], axis])
+                    along += (p[axis] - middle) * half
+                    square += half * half
+                outside += max(0.0, abs(along) / sqrt(square) - sqrt(square)) ** 2
+            if sqrt(outside) <= near:
+                found[i] = True
+    return found

@@ -1,0 +1,198 @@
+"""Point clouds covered by few spheres.
+
+A sphere about some points is halved, along the longest side of their box, while its surface lies farther from the
+nearest of them than `detail`, the worst first. So a disc or a ball seen from all around stays one sphere, and a wall
+becomes a row of small ones. Every sphere is found by Badoiu & Clarkson's (2003) iteration, and its radius is the
+distance of the farthest point: whatever was split, the union holds all points.
+"""
+
+from __future__ import annotations
+
+from math import cos, pi, sin, sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HOLLOW = 10.0  # times the detail: no sphere of points is larger, there might be something inside
+N_ITERATIONS = 24  # of one sphere
+N_DIRECTIONS = 26  # in which it is looked at how far a sphere sticks out
+
+
+class Cells(NamedTuple):
+    """Points thinned to one mean a cell of a grid.
+
+    Attributes
+    ----------
+    point : array, shape (n_cells, 3), means [m]
+    key : array of int, shape (n_cells, 3), the cells' places in the grid
+    of : array of int, shape (n_points,), the cell of every point
+    """
+
+    point: Array
+    key: NDArray[np.int64]
+    of: NDArray[np.int64]
+
+
+class Cover(NamedTuple):
+    """Spheres.
+
+    Attributes
+    ----------
+    center : array, shape (n_spheres, 3), [m]
+    radius : array, shape (n_spheres,), [m]
+    group : array of int, shape (n_spheres,), whose points they hold
+    """
+
+    center: Array
+    radius: Array
+    group: NDArray[np.int64]
+
+
+def thinned(points: Array, edge: float) -> Cells:
+    """Sort points, array of shape (n_points, 3), into cells of a given edge [m]."""
+    key = np.floor(points / edge).astype(np.int64)
+    low = key.min(axis=0, initial=0)
+    span = key.max(axis=0, initial=0) - low + 1
+    flat = ((key[:, 0] - low[0]) * span[1] + key[:, 1] - low[1]) * span[2] + key[:, 2] - low[2]
+    _, first, of = np.unique(flat, return_index=True, return_inverse=True)
+    counts = np.bincount(of, minlength=len(first))
+    sums = [np.bincount(of, weights=column, minlength=len(first)) for column in points.T]
+    return Cells(np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None], key[first], of)
+
+
+def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float, most: int) -> Cover:
+    """Spheres that hold all points, each those of one group.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3), [m]
+    cells : of these points
+    group : array of int, shape (n_cells,), from 0 on, each of them with a cell
+    detail : how far spheres may stick out [m]
+    most : how many spheres there may be; more than that only where there are more groups
+    """
+    if not len(points):
+        return Cover(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
+    counts = np.bincount(group)
+    order = np.argsort(group, kind="stable")
+    ends = np.cumsum(counts)
+    center, sphere, n = _split(cells.point, order, ends - counts, ends, detail, max(most, len(counts)))
+    center, mine = center[:n], sphere[cells.of]
+    radius = np.zeros(n)
+    np.maximum.at(radius, mine, np.linalg.norm(points - center[mine], axis=1))
+    owner = np.zeros(n, dtype=np.int64)
+    owner[sphere] = group
+    return Cover(center, radius * (1 + 1e-12), owner)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _split(points, order, firsts, lasts, detail, most):
+    """Centres (most, 3) of spheres, the sphere of every point, and how many there are.
+
+    Parameters
+    ----------
+    order : array of int, shape (n_points,), points group by group; it is sorted on
+    firsts, lasts : arrays of int, shape (n_groups,), where the groups lie in it
+    """
+    directions = _directions(np.ptp(points[:, 2]) == 0.0)
+    center, excess = np.zeros((most, 3)), np.zeros(most)
+    first, last = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
+    n = firsts.shape[0]
+    for k in range(n):
+        first[k], last[k] = firsts[k], lasts[k]
+        excess[k] = _sphere(points, order, first[k], last[k], directions, detail, center[k])
+    while n < most:
+        k = excess[:n].argmax()
+        if not excess[k] > detail:
+            break
+        middle = _halved(points, order, first[k], last[k])
+        first[n], last[n], last[k] = middle, last[k], middle
+        for i in (k, n):
+            excess[i] = _sphere(points, order, first[i], last[i], directions, detail, center[i])
+        n += 1
+    sphere = np.zeros(points.shape[0], dtype=np.int64)
+    for k in range(n):
+        for i in range(first[k], last[k]):
+            sphere[order[i]] = k
+    return center, sphere, n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _directions(flat):
+    """Unit vectors, even on the circle or the sphere (Fibonacci's lattice)."""
+    directions = np.zeros((N_DIRECTIONS, 3))
+    for i in range(N_DIRECTIONS):
+        if flat:
+            angle = 2 * pi * i / N_DIRECTIONS
+            directions[i, 0], directions[i, 1] = cos(angle), sin(angle)
+        else:
+            z, angle = (2 * i + 1) / N_DIRECTIONS - 1, pi * (3 - sqrt(5)) * i
+            across = sqrt(1 - z * z)
+            directions[i, 0], directions[i, 1], directions[i, 2] = across * cos(angle), across * sin(angle), z
+    return directions
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _sphere(points, order, first, last, directions, detail, center):
+    """Write the centre of a sphere about some points; how far it sticks out [m]."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(first, last):
+        for axis in range(3):
+            low[axis] = min(low[axis], points[order[i], axis])
+            high[axis] = max(high[axis], points[order[i], axis])
+    here, best = 0.5 * (low + high), np.inf
+    for step in range(N_ITERATIONS):
+        farthest, at = -1.0, first
+        for i in range(first, last):
+            square = square_of(points[order[i]], here)
+            if square > farthest:
+                farthest, at = square, i
+        if farthest < best:
+            best = farthest
+            center[:] = here
+        for axis in range(3):
+            here[axis] += (points[order[at], axis] - here[axis]) / (step + 3)
+    radius, out = sqrt(best), 0.0
+    if radius <= 0.5 * detail or last - first == 1:
+        return 0.0
+    if radius > HOLLOW * detail:
+        return radius
+    for k in range(directions.shape[0]):
+        here[:] = center + radius * directions[k]
+        nearest = np.inf
+        for i in range(first, last):
+            nearest = min(nearest, square_of(points[order[i]], here))
+            if nearest <= out:  # elsewhere it sticks out more
+                break
+        out = max(out, nearest)
+    return sqrt(out)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _halved(points, order, first, last):
+    """Sort some points by the two halves of their box; where the second half begins."""
+    axis, low, longest = 0, 0.0, -1.0
+    for column in range(3):
+        least, most = np.inf, -np.inf
+        for i in range(first, last):
+            least, most = min(least, points[order[i], column]), max(most, points[order[i], column])
+        if most - least > longest:
+            axis, low, longest = column, least, most - least
+    i, j = first, last - 1
+    while i <= j:
+        if points[order[i], axis] <= low + 0.5 * longest:
+            i += 1
+        else:
+            order[i], order[j] = order[j], order[i]
+            j -= 1
+    return min(max(i, first + 1), last - 1)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def square_of(p, q):
+    """Squared distance [m^2] of two points."""
+    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2

@@ -1,0 +1,338 @@
+"""What clouds show, followed over time: groups of points with velocities, and the spheres that hold them.
+
+A cloud's cells belong to the track whose spheres, moved on, are nearest; what is near to none begins a new track, and
+a track that has come apart becomes two with one velocity. Two that touch and move alike become one. The middle of a
+track's points is the measurement of a Kalman filter (1960) that takes accelerations for white noise; where a track
+has grown or shrunk by much, its middle says nothing of its motion, and the filter goes on without.
+
+A sphere that holds no point of a new cloud deep inside, and is nearest to none, is kept for a while and moves on with
+its track, for what is hidden has not gone; but no longer than it had been seen before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.execution.cover import Cells, covered, square_of, thinned
+from comove.primitives.arguments import require_positive
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+SIGMAS = 3.0
+OTHER = 0.25  # of its points, by which a track must grow or shrink for its middle to say nothing
+DEEP = 0.5  # of a sphere's radius: points so near to its centre say that it is still seen
+ALIKE = 0.05  # m/s, by which the velocities of tracks that touch may differ to be one
+FORGOTTEN = 0.5  # of what a track was seen to stray, from one cloud to the next
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """What clouds of points are worth.
+
+    Attributes
+    ----------
+    noise : standard deviation of a point's coordinate [m]
+    spacing : between neighbouring points on a surface at most [m]
+    detail : how far spheres may stick out of what was seen [m], noise and spacing aside
+    most : how many spheres there may be
+    own : how near to the load or a hand points are taken to be theirs, and to an obstacle of the file [m]
+    memory : how long what is out of sight is kept [s]
+    agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
+    fastest : standard deviation of a velocity of which nothing is known yet [m/s]
+    """
+
+    noise: float = 0.002
+    spacing: float = 0.01
+    detail: float = 0.02
+    most: int = 64
+    own: float = 0.01
+    memory: float = 0.5
+    agility: float = 0.1
+    fastest: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("noise", 1.0),
+            ("spacing", 1.0),
+            ("detail", 10.0),
+            ("own", 10.0),
+            ("memory", 60.0),
+        ):
+            require_positive(name, getattr(self, name), most)
+        for name, most in (("agility", 1e6), ("fastest", 1e3)):
+            require_positive(name, getattr(self, name), most)
+        if isinstance(self.most, bool) or not isinstance(self.most, int) or not 1 <= self.most <= 1000:
+            raise OptionError(
+                f"most = {self.most!r}", key="most", way_out="give a whole number from 1 to 1000"
+            )
+        if self.spacing > self.detail:
+            raise OptionError(
+                f"detail = {self.detail:g} m is finer than spacing = {self.spacing:g} m",
+                key="detail",
+                way_out="give at least the spacing",
+            )
+
+
+class Tracks(NamedTuple):
+    """Groups of points that move together, at the instant of the last cloud.
+
+    Attributes
+    ----------
+    position : array, shape (n_tracks, 3), middles of their points [m]
+    velocity : array, shape (n_tracks, 3), [m/s]
+    covariance : array, shape (n_tracks, 2, 2), of position and velocity of each coordinate, all alike
+    size : array, shape (n_tracks,), points
+    begun : array, shape (n_tracks,), when each was seen first [s]
+    stray : array, shape (n_tracks,), how fast its points were seen to leave where its motion puts them [m/s]
+    """
+
+    position: Array
+    velocity: Array
+    covariance: Array
+    size: Array
+    begun: Array
+    stray: Array
+
+    def at(self, which: Numbers) -> Tracks:
+        """Some of them, in that order."""
+        return Tracks(*(field[which] for field in self))
+
+
+class Spheres(NamedTuple):
+    """What must not be touched, at the instant of the last cloud.
+
+    Attributes
+    ----------
+    center : array, shape (n_spheres, 3), [m]
+    radius : array, shape (n_spheres,), [m]
+    track : array of int, shape (n_spheres,)
+    seen : array, shape (n_spheres,), when points were last seen in each [s]
+    """
+
+    center: Array
+    radius: Array
+    track: Numbers
+    seen: Array
+
+
+class Memory(NamedTuple):
+    """All that is known, at an instant [s]; minus infinity before the first cloud."""
+
+    time: float
+    tracks: Tracks
+    spheres: Spheres
+
+
+def blank() -> Memory:
+    """Nothing seen yet."""
+    none, no_place = np.zeros(0), np.zeros((0, 3))
+    tracks = Tracks(no_place, no_place, np.zeros((0, 2, 2)), none, none, none)
+    return Memory(-np.inf, tracks, Spheres(no_place, none, np.zeros(0, dtype=np.int64), none))
+
+
+def moved(memory: Memory, time: float, agility: float) -> Memory:
+    """The same at a later instant [s], everything going on as it did."""
+    dt = time - memory.time if np.isfinite(memory.time) else 0.0
+    tracks, spheres = memory.tracks, memory.spheres
+    forward = np.array([[1.0, dt], [0.0, 1.0]])
+    noise = agility * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    tracks = tracks._replace(
+        position=tracks.position + dt * tracks.velocity,
+        covariance=forward @ tracks.covariance @ forward.T + noise,
+    )
+    center = spheres.center + dt * tracks.velocity[spheres.track]
+    return Memory(time, tracks, spheres._replace(center=center))
+
+
+def margins(memory: Memory, time: float, agility: float) -> Array:
+    """How far what is in a sphere may have left it at a later instant [s]; array, shape (n_spheres,) [m].
+
+    The points are known up to the noise, which the radii hold; what is not known is how they have moved since.
+    """
+    tracks, (_, _, track, seen) = memory.tracks, memory.spheres
+    age = np.maximum(time - seen, 0.0)
+    variance = tracks.covariance[track, 1, 1] * age**2 + agility * age**3 / 3
+    return SIGMAS * np.sqrt(variance) + tracks.stray[track] * age
+
+
+def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Memory:
+    """What is known after a cloud, array of shape (n_points, 3) [m], of a later instant [s]."""
+    edge, lapse = 0.5 * scanner.detail, time - memory.time
+    cells, now = thinned(points, edge), moved(memory, time, scanner.agility)
+    tracks, spheres = now.tracks, now.spheres
+    reach = margins(now, time, scanner.agility) + scanner.spacing
+    nearest, beyond, confirmed = _nearest_spheres(cells.point, spheres.center, spheres.radius, reach)
+    known = nearest >= 0
+    label = np.where(known, spheres.track[nearest] if len(spheres.track) else -1, -1)
+    # How far points lie out of where the motion puts them, margins aside.
+    out = np.zeros(len(tracks.size))
+    np.maximum.at(out, label[known], np.maximum(beyond[known] - reach[nearest[known]] + scanner.spacing, 0.0))
+    tracks = tracks._replace(stray=np.maximum(out / lapse, FORGOTTEN * tracks.stray))
+    part, heirs = _parts(cells, label, tracks.velocity)
+    tracks = _measured(tracks, points, part[cells.of], heirs, time, scanner)
+    pad = SIGMAS * scanner.noise + scanner.spacing / sqrt(2.0)  # between the points of a square grid
+    fresh = covered(points, cells, part, scanner.detail, scanner.most)
+    seen = np.full(len(fresh.radius), time)
+    # Of what no point confirms: tracks that were merged live on in their heirs.
+    n_parts, age = len(heirs), time - spheres.seen
+    successor = np.full(len(memory.tracks.size), -1)
+    successor[heirs[heirs >= 0][::-1]] = np.flatnonzero(heirs >= 0)[::-1]
+    before = spheres.seen - memory.tracks.begun[spheres.track]
+    ghosts = np.flatnonzero(~confirmed & (age <= np.minimum(scanner.memory, before)))
+    lone = np.unique(spheres.track[ghosts][successor[spheres.track[ghosts]] < 0])
+    successor[lone] = n_parts + np.arange(len(lone))
+    kept = Tracks(*(np.concatenate(both) for both in zip(tracks, _still(now.tracks.at(lone)), strict=True)))
+    return Memory(
+        time,
+        kept,
+        Spheres(
+            np.concatenate([fresh.center, spheres.center[ghosts]]),
+            np.concatenate([fresh.radius + pad, spheres.radius[ghosts]]),
+            np.concatenate([fresh.group, successor[spheres.track[ghosts]]]).astype(np.int64),
+            np.concatenate([seen, spheres.seen[ghosts]]),
+        ),
+    )
+
+
+def _still(tracks: Tracks) -> Tracks:
+    """Tracks of which nothing is seen now: whatever comes back is another size."""
+    return tracks._replace(size=np.zeros(len(tracks.size)))
+
+
+def _measured(
+    before: Tracks, points: Array, part: Numbers, heirs: Numbers, time: float, scanner: Scanner
+) -> Tracks:
+    """One track a part, with the state of the track whose heir it is, corrected by where its points are."""
+    n, old = len(heirs), np.maximum(heirs, 0)
+    size = np.bincount(part, minlength=n).astype(float)
+    middle = np.stack([np.bincount(part, weights=column, minlength=n) for column in points.T], axis=1)
+    middle = middle / np.maximum(size, 1)[:, None]
+    variance = (scanner.noise**2 + scanner.spacing**2) / np.maximum(size, 1)
+    fresh = np.zeros((n, 2, 2))
+    fresh[:, 0, 0], fresh[:, 1, 1] = variance, scanner.fastest**2
+    if not len(before.size):
+        none = np.zeros(n)
+        return Tracks(middle, np.zeros((n, 3)), fresh, size, np.full(n, time), none)
+    state, is_heir = before.at(old), heirs >= 0
+    first = np.unique(heirs, return_index=True)[1]  # of several heirs, the largest
+    same = is_heir & (np.abs(size - state.size) <= OTHER * state.size)
+    same &= np.isin(np.arange(n), first)
+    gain = state.covariance[:, :, 0] / (state.covariance[:, 0, 0] + variance)[:, None]
+    gain *= same[:, None]
+    surprise = middle - state.position
+    position = np.where(same[:, None], state.position + gain[:, :1] * surprise, middle)
+    covariance = state.covariance - gain[:, :, None] * state.covariance[:, None, 0]
+    anew = fresh.copy()
+    anew[:, 1, 1] = state.covariance[:, 1, 1]
+    covariance = np.where(same[:, None, None], covariance, anew)
+    return Tracks(
+        position,
+        np.where(is_heir[:, None], state.velocity + gain[:, 1:] * surprise, 0.0),
+        np.where(is_heir[:, None, None], covariance, fresh),
+        size,
+        np.where(is_heir, state.begun, time),
+        np.where(is_heir, state.stray, 0.0),
+    )
+
+
+def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numbers]:
+    """Cells sorted into parts that hang together, those of one track or of none.
+
+    Returns
+    -------
+    part : array of int, shape (n_cells,)
+    heirs : array of int, shape (n_parts,), whose state each takes over, -1 for nobody's; the largest of a track first
+    """
+    if not len(label):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    block = cells.key // 2  # of twice the edge: what lies in blocks that touch hangs together
+    low = block.min(axis=0) - 1
+    span = block.max(axis=0) - low + 2
+    place = ((block[:, 0] - low[0]) * span[1] + block[:, 1] - low[1]) * span[2] + block[:, 2] - low[2]
+    _, one, of = np.unique(place * (label.max() + 2) + label + 1, return_index=True, return_inverse=True)
+    nodes = _joined(place[one], label[one], span[1] * span[2], span[2], velocity)
+    _, part = np.unique(nodes[of], return_inverse=True)
+    size = np.bincount(part)
+    owner = np.full(len(size), -1)
+    np.maximum.at(owner, part, label)
+    order = np.argsort(-size, kind="stable")
+    rank = np.empty(len(size), dtype=np.int64)
+    rank[order] = np.arange(len(size))
+    return rank[part], owner[order]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _joined(place, label, row, column, velocity):
+    """The first node of those that each hangs together with; array of int, shape (n_nodes,).
+
+    Parameters
+    ----------
+    place : array of int, shape (n_nodes,), in order: x row + y column + z
+    label : array of int, shape (n_nodes,), tracks, -1 for none
+    """
+    n = place.shape[0]
+    root = np.arange(n)
+    for i in range(n):
+        for dx in range(2):
+            for dy in range(-1, 2):
+                for dz in range(-1, 2):
+                    wanted = place[i] + dx * row + dy * column + dz
+                    if wanted < place[i]:
+                        continue
+                    j = np.searchsorted(place, wanted)
+                    while j < n and place[j] == wanted:  # several of one place belong to several tracks
+                        a, b = label[i], label[j]
+                        alike = a == b
+                        if a >= 0 and b >= 0 and not alike:
+                            alike = square_of(velocity[a], velocity[b]) < ALIKE * ALIKE
+                        if alike:
+                            _join(root, i, j)
+                        j += 1
+    for i in range(n):
+        root[i] = _root(root, i)
+    return root
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _join(root, i, j):
+    a, b = _root(root, i), _root(root, j)
+    root[max(a, b)] = min(a, b)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _root(root, i):
+    while root[i] != i:
+        root[i] = root[root[i]]
+        i = root[i]
+    return i
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _nearest_spheres(points, center, radius, reach):
+    """The sphere nearest to each point, -1 beyond all reaches; how far out of it [m]; which still hold any."""
+    n, m = points.shape[0], center.shape[0]
+    nearest, beyond = np.full(n, -1), np.full(n, np.inf)
+    confirmed = np.zeros(m, dtype=np.bool_)
+    for i in range(n):
+        for j in range(m):
+            x, y, z = points[i, 0] - center[j, 0], points[i, 1] - center[j, 1], points[i, 2] - center[j, 2]
+            far = radius[j] + reach[j]
+            square = x * x + y * y + z * z
+            if square > far * far:
+                continue
+            if square < (DEEP * radius[j]) ** 2:
+                confirmed[j] = True
+            out = sqrt(square) - radius[j]
+            if out < beyond[i]:
+                nearest[i], beyond[i] = j, out
+        if nearest[i] >= 0:
+            confirmed[nearest[i]] = True
+    return nearest, beyond, confirmed
