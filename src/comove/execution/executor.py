@@ -211,7 +211,7 @@ class Executor:
         goal = self.goal
         nodes = nodes_of(self.scene, goal)
         seen = self.sight.seen(self.time)
-        there = replace(self.scene, obstacles=seen.table, motions=(None,) * len(seen.table))
+        there = replace(self.scene, obstacles=seen.table, motions=(None,) * len(self.scene.motions))
         clearance, nearest = there.clearance_at(nodes)
         if clearance < self.scene.clearance:
             return f"{nearest} is where the load has to go"
@@ -239,7 +239,8 @@ class Executor:
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
-            self.log.blocking[allowed.blocking] = self.log.blocking.get(allowed.blocking, 0) + 1
+            blocking = self.scene.owner_of(allowed.blocking)
+            self.log.blocking[blocking] = self.log.blocking.get(blocking, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
 

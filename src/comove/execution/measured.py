@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.sight import Sight, straight_on
+from comove.execution.sight import Sight, sighting, straight_on
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.programme import Sighting
-from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -67,10 +66,10 @@ class Observed:
 
     def __init__(self, scene: Scene, sensor: Sensor | None = None):
         self.scene, self.sensor = scene, sensor or Sensor()
-        n = len(scene.obstacles)
+        n = len(scene.motions)
         self._when = np.full(n, -np.inf)
         self._state = np.zeros((n, 2, 3))  # position and velocity
-        self._state[:, 0] = scene.obstacles[:, CENTER : CENTER + 3]
+        self._state[:, 0] = scene.centers
         self._covariance = np.zeros((n, 2, 2))  # of each coordinate, all alike
         self._covariance[scene.moving] = np.diag([UNSEEN**2, self.sensor.fastest**2])
 
@@ -127,13 +126,13 @@ class Observed:
 
     def seen(self, time: float) -> Sighting:
         """Where the filters believe them to be, with the margin for what they do not know."""
-        table, n = self.scene.obstacles.copy(), len(self._when)
+        center, n = self.scene.centers.copy(), len(self._when)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
         for j in np.flatnonzero(self.scene.moving):
             state, covariance = self._predicted(j, time)
-            table[j, CENTER : CENTER + 3], velocity[j] = state
+            center[j], velocity[j] = state
             margin[j] = SIGMAS * np.sqrt(covariance[0, 0])
-        return Sighting(table, velocity, np.zeros((n, 3)), margin)
+        return sighting(self.scene, center, velocity, margin)
 
     def ahead(self, time: float) -> Scene:
         """That they go on as they do."""
@@ -142,7 +141,7 @@ class Observed:
     def true(self, time: Array) -> Array:
         """Nobody knows."""
         centers = np.full((len(time), len(self._when), 3), np.nan)
-        centers[:, ~self.scene.moving] = self.scene.obstacles[~self.scene.moving, CENTER : CENTER + 3]
+        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
         return centers
 
 

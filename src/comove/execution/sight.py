@@ -61,7 +61,7 @@ class Known:
 
     def seen(self, time: float) -> Sighting:
         """Exactly what is."""
-        return _sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), 0.0)
+        return sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), self._exact)
 
     def ahead(self, time: float) -> Scene:
         """The scene itself."""
@@ -69,7 +69,11 @@ class Known:
 
     def true(self, time: Array) -> Array:
         """Where the file says."""
-        return self.scene.obstacles[:, CENTER : CENTER + 3] + self.scene.offsets(time)
+        return self.scene.centers + self.scene.offsets(time)
+
+    @property
+    def _exact(self) -> Array:
+        return np.zeros(len(self.scene.motions))
 
     def _velocity(self, time: float) -> Array:
         return self.scene.obstacle_velocities(np.array([time]))[0]
@@ -92,9 +96,9 @@ class Functions:
     certain = False
 
     def __init__(self, scene: Scene, positions: Sequence[Position | None]):
-        if len(positions) != len(scene.obstacles):
+        if len(positions) != len(scene.motions):
             raise OptionError(
-                f"{len(positions)} functions for {len(scene.obstacles)} obstacles",
+                f"{len(positions)} functions for {len(scene.motions)} obstacles",
                 key="positions",
                 way_out="give one for each obstacle, None where it stands",
             )
@@ -107,13 +111,13 @@ class Functions:
             scene,
             [
                 None if motion is None else partial(_place, motion, center, scene.n_dims)
-                for motion, center in zip(scene.motions, scene.obstacles[:, CENTER : CENTER + 3], strict=True)
+                for motion, center in zip(scene.motions, scene.centers, strict=True)
             ],
         )
 
     def true(self, time: Array) -> Array:
         """What the functions say."""
-        centers = np.repeat(self.scene.obstacles[None, :, CENTER : CENTER + 3], len(time), axis=0)
+        centers = np.repeat(self.scene.centers[None], len(time), axis=0)
         for j, position in enumerate(self._positions):
             if position is not None:
                 told = np.array([np.asarray(position(float(t)), dtype=float) for t in time])
@@ -128,7 +132,7 @@ class Functions:
     def seen(self, time: float) -> Sighting:
         """Where they are now, and how fast they got there."""
         before, now = self.true(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
-        return _sighting(self.scene, now, (now - before) / INSTANT, 0.0)
+        return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
 
     def ahead(self, time: float) -> Scene:
         """That they go on as they do."""
@@ -139,10 +143,11 @@ def straight_on(scene: Scene, seen: Sighting, time: float) -> Scene:
     """The scene whose obstacles go on from what is seen at an instant [s], at the velocities seen."""
     table = seen.table.copy()
     table[:, CENTER : CENTER + 3] -= time * seen.velocity
-    moves = np.linalg.norm(seen.velocity, axis=1) > STILL
+    velocity = seen.velocity[scene.first_rows]
+    moves = np.linalg.norm(velocity, axis=1) > STILL
     motions = tuple(
         Motion(velocity=tuple(v[: scene.n_dims].tolist())) if goes else None
-        for v, goes in zip(seen.velocity, moves, strict=True)
+        for v, goes in zip(velocity, moves, strict=True)
     )
     return replace(scene, obstacles=table, motions=motions)
 
@@ -151,8 +156,14 @@ def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
     return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
-def _sighting(scene: Scene, center: Array, velocity: Array, margin: float | Array) -> Sighting:
-    table = scene.obstacles.copy()
-    table[:, CENTER : CENTER + 3] = center
-    n = len(table)
-    return Sighting(table, velocity, np.zeros((n, 3)), np.full(n, margin, dtype=float))
+def sighting(scene: Scene, center: Array, velocity: Array, margin: Array) -> Sighting:
+    """What is seen, by row of the table, from what is known by obstacle.
+
+    Parameters
+    ----------
+    center, velocity : arrays, shape (n_obstacles, 3) [m], [m/s]
+    margin : array, shape (n_obstacles,) [m]
+    """
+    table, owners = scene.obstacles.copy(), scene.owners
+    table[:, CENTER : CENTER + 3] = center[owners]
+    return Sighting(table, velocity[owners], np.zeros((len(table), 3)), margin[owners])
