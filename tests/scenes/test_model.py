@@ -232,10 +232,10 @@ ONE_WRONG = [
     (CIRCLE, "", "obstacles[1] (line 7)", "nothing is not a mapping", "'key: value'"),
     (
         CIRCLE,
-        "{shape: mesh, file: a.stl}",
+        "{shape: mesh, file: a.stl, center: [0, 0]}",
         "obstacles[1].shape (line 7)",
-        "mesh obstacles are not",
-        "boxes, c",
+        "a mesh needs a spatial scene",
+        "box, circle",
     ),
     (
         CIRCLE,

@@ -391,17 +391,3 @@ def test_limits_are_endless_where_none_is_given():
     scene = quiet(bar_scene())
     assert scene.speed_limit == scene.acceleration_limit == np.inf
     assert scene.clearance == 0.0
-
-
-def test_a_mesh_which_could_not_be_judged_is_refused(tmp_path):
-    (tmp_path / "part.stl").write_text("solid part\nendsolid part\n")
-    hands = [{"name": n, "start": [x, 0.5, 0.5], "goal": [x, 0.6, 0.5]} for n, x in (("a", 0.4), ("b", 0.6))]
-    data = {
-        "name": "solid",
-        "duration": 5.0,
-        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
-        "load": {"shape": "mesh", "file": "part.stl", "grasps": {"a": [-0.1, 0, 0], "b": [0.1, 0, 0]}},
-        "manipulators": hands,
-    }
-    with pytest.raises(SceneError, match=r"load.shape: loads of shape 'mesh' are not supported; use a box"):
-        Scene.from_dict(data, folder=tmp_path)

@@ -49,14 +49,15 @@ class Clouds:
         self.scene, self.scanner = scene, scanner or Scanner()
         self._memory: Memory = blank()
         self._carried: deque[tuple[float, Array]] = deque()
-        self._standing = np.ascontiguousarray(scene.obstacles[~scene.moving])
+        moving = scene.moving[scene.owners]
+        self._standing = np.ascontiguousarray(scene.obstacles[~moving])
         self._named = (
             scene.obstacles.copy()
         )  # the file's rows keep their numbers; what moves there is not known
-        away = np.zeros(sd.N_COLUMNS)
+        away = np.zeros(scene.obstacles.shape[1])
         away[sd.KIND], away[sd.CENTER], away[[sd.SIZE, sd.REACH]] = sd.SPHERE, FAR, 1e-3
         away[AXES] = 1.0
-        self._named[scene.moving] = away
+        self._named[moving] = away
 
     def carried(self, time: float, nodes: Array) -> None:
         """Take in where the load is.
@@ -108,7 +109,8 @@ class Clouds:
         memory = self._memory
         now = moved(memory, max(time, memory.time), 0.0) if np.isfinite(memory.time) else memory
         n, m = len(self._named), len(memory.spheres.radius)
-        table, velocity, margin = np.zeros((n + m, sd.N_COLUMNS)), np.zeros((n + m, 3)), np.zeros(n + m)
+        velocity, margin = np.zeros((n + m, 3)), np.zeros(n + m)
+        table = np.zeros((n + m, self._named.shape[1]))
         table[:n] = self._named
         table[n:, sd.KIND] = sd.SPHERE
         table[n:, sd.CENTER : sd.CENTER + 3] = now.spheres.center
@@ -125,8 +127,8 @@ class Clouds:
 
     def true(self, time: Array) -> Array:
         """Of the file's obstacles; nobody knows of those that move."""
-        centers = np.full((len(time), len(self._named), 3), np.nan)
-        centers[:, ~self.scene.moving] = self._standing[:, sd.CENTER : sd.CENTER + 3]
+        centers = np.full((len(time), len(self.scene.motions), 3), np.nan)
+        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
         return centers
 
     def _others(self, points: Array, time: float) -> Array:
@@ -196,6 +198,10 @@ class Scanned(Clouds):
     def cloud(self, time: float) -> Array:
         """The points of an instant [s]; array, shape (n_points, n_dims) [m]."""
         n, table = self.scene.n_dims, self.scene.obstacles.copy()
+        if (table[:, sd.KIND] == sd.POLYTOPE).any():
+            raise OptionError(
+                "clouds of meshes are not made up", way_out="give boxes or spheres in their place"
+            )
         table[:, sd.CENTER : sd.CENTER + 3] = self._truth.true(np.array([time]))[0]
         spacing, nodes = self.scanner.spacing, self._nodes(time)
         parts = [surface(row, n, spacing, self._rng) for row in table]

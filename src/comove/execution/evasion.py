@@ -34,7 +34,7 @@ def evasive_twists(
     objective : of the scene as it is expected to be
     poses, twists : of now
     goal : poses
-    offsets : array, shape (N_STEPS, n_obstacles, 3), of the obstacles at even times of the prospect [m]
+    offsets : array, shape (N_STEPS, n_rows, 3), of the obstacles' rows at even times of the prospect [m]
     """
     scene = objective.scene
     candidates = _candidates(scene, poses, twists, goal, rng)

@@ -19,7 +19,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.execution.clouds import Clouds
 from comove.execution.evasion import evasive_twists, prospect
-from comove.execution.sight import Known, Sight
+from comove.execution.sight import Known, Sight, going_on
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
@@ -237,7 +237,8 @@ class Executor:
         goal = self.goal
         nodes = nodes_of(self.scene, goal)
         seen = self.sight.seen(self.time)
-        there = replace(self.scene, obstacles=seen.table, motions=(None,) * len(seen.table))
+        still = np.zeros_like(seen.velocity)
+        there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
         clearance, nearest = there.clearance_at(nodes)
         if clearance < self.scene.clearance:
             return f"{nearest} is where the load has to go"
@@ -267,7 +268,9 @@ class Executor:
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
-            who = min(allowed.blocking, len(self.scene.obstacles))  # what clouds show has no lasting number
+            row, named = allowed.blocking, len(self.scene.owners)
+            # What clouds show has no lasting number.
+            who = self.scene.owner_of(row) if row < named else len(self.scene.motions)
             self.log.blocking[who] = self.log.blocking.get(who, 0) + 1
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
@@ -277,7 +280,7 @@ class Executor:
         expected = self.sight.ahead(now)
         expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
         objective = Objective(expected, load_coordinates(expected))
-        offsets = expected.offsets(now + prospect())
+        offsets = expected.by_row(expected.offsets(now + prospect()))
         return evasive_twists(objective, self.poses, self.twists, self.goal, offsets, self._rng)
 
     def _homing(self) -> Array:
@@ -313,7 +316,7 @@ class Executor:
         if now >= plan.ends:
             return "" if self.arrived else "its end is past"
         expected, scene = self.sight.ahead(now), plan.motion.scene
-        scene = replace(scene, obstacles=expected.obstacles, motions=expected.motions)
+        scene = replace(scene, obstacles=expected.obstacles, owners=expected.owners, motions=expected.motions)
         ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
         if ahead.lower < scene.clearance:
             return f"{scene.name_of(ahead.nearest)} would come too near at {plan.begins + ahead.time:.2f} s"

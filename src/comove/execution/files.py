@@ -80,7 +80,7 @@ def _cost(record: Record) -> dict[str, Any]:
     """J and its terms, of what was done, in unit duration."""
     scene = record.scene
     objective = Objective(scene, load_coordinates(scene))
-    offsets = np.ascontiguousarray(record.obstacles - scene.obstacles[:, 1:4])
+    offsets = np.ascontiguousarray(scene.by_row(record.obstacles - scene.centers))
     cost = objective.cost_of(objective.evaluate_nodes(np.ascontiguousarray(record.nodes[None]), offsets))
     terms = {"goal": cost.goal, "velocity": cost.velocity, "obstacle": cost.obstacle, "resemblance": 0.0}
     return {"cost": cost.total, "cost_terms": terms}

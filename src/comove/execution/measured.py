@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.sight import Sight, going_on
+from comove.execution.sight import Sight, going_on, sighting
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.programme import Sighting
-from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -72,10 +71,10 @@ class Observed:
 
     def __init__(self, scene: Scene, sensor: Sensor | None = None):
         self.scene, self.sensor = scene, sensor or Sensor()
-        n = len(scene.obstacles)
+        n = len(scene.motions)
         self._when = np.full(n, -np.inf)
         self._state = np.zeros((n, 3, 3))  # position, velocity and acceleration
-        self._state[:, 0] = scene.obstacles[:, CENTER : CENTER + 3]
+        self._state[:, 0] = scene.centers
         # Of each coordinate, all alike: what the filter believes, and what it would if velocities might jump about.
         self._covariance, self._doubt = np.zeros((n, 3, 3)), np.zeros((n, 2, 2))
         unknown = UNSEEN**2, self.sensor.fastest**2, self.sensor.quickest**2
@@ -140,31 +139,28 @@ class Observed:
 
     def seen(self, time: float) -> Sighting:
         """Where the filters believe them to be, with the margin for what they do not know."""
-        table, n, moving = self.scene.obstacles.copy(), len(self._when), np.flatnonzero(self.scene.moving)
+        center, n, moving = self.scene.centers.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
         state, covariance, doubt = self._predicted(moving, time)
-        table[moving, CENTER : CENTER + 3], velocity[moving] = state[:, 0], state[:, 1]
+        center[moving], velocity[moving] = state[:, 0], state[:, 1]
         margin[moving] = SIGMAS * np.sqrt(np.maximum(covariance[:, 0, 0], doubt[:, 0, 0]))
-        return Sighting(table, velocity, np.zeros((n, 3)), margin)
+        return sighting(self.scene, center, velocity, margin)
 
     def ahead(self, time: float) -> Scene:
         """That they go on as they do, turns included as far as these stand out from the noise."""
-        seen, moving = self.seen(time), np.flatnonzero(self.scene.moving)
+        moving, spin = np.flatnonzero(self.scene.moving), np.zeros((len(self._when), 3))
         state, covariance, _ = self._predicted(moving, time)
-        spin = np.zeros((len(seen.table), 3))
-        spin[moving] = np.cross(state[:, 1], state[:, 2])
-        speed = np.linalg.norm(seen.velocity, axis=1, keepdims=True)
-        spin /= np.maximum(speed, self.sensor.noise) ** 2
-        noise = np.zeros((len(spin), 1))
-        noise[moving] = covariance[:, 2:, 2]
-        across = np.maximum((np.linalg.norm(spin, axis=1, keepdims=True) * speed) ** 2, 1e-12)
-        spin *= np.maximum(0.0, 1.0 - noise / across)  # shrunk as by James and Stein (1961)
-        return going_on(self.scene, seen, spin, time)
+        square = np.maximum((state[:, 1] ** 2).sum(axis=1, keepdims=True), self.sensor.noise**2)
+        turn = np.cross(state[:, 1], state[:, 2]) / square
+        across = np.maximum((turn**2).sum(axis=1, keepdims=True) * square, 1e-12)  # acceleration, squared
+        # Shrunk as by James and Stein (1961).
+        spin[moving] = turn * np.maximum(0.0, 1.0 - covariance[:, 2:, 2] / across)
+        return going_on(self.scene, self.seen(time), spin[self.scene.owners], time)
 
     def true(self, time: Array) -> Array:
         """Nobody knows."""
         centers = np.full((len(time), len(self._when), 3), np.nan)
-        centers[:, ~self.scene.moving] = self.scene.obstacles[~self.scene.moving, CENTER : CENTER + 3]
+        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
         return centers
 
 

@@ -47,7 +47,7 @@ def run_modulated(
     """
     n, modulation = scene.n_dims, modulation or Modulation()
     radius = float(scene.body.radii.max(initial=0.0)) + scene.clearance
-    bare = [level_obstacle(scene, j, margin=radius) for j in range(len(scene.obstacles))]
+    bare = [level_obstacle(scene, j, margin=radius) for j in range(len(scene.motions))]
     pairs = [e for e in scene.body.edges if e[0] != e[1] and e.max() < len(scene.manipulators)]
     motion, hands, steps = CoordinatedMotion.straight(scene), scene.start.copy(), [scene.start.copy()]
     for k in range(round(budget / period)):

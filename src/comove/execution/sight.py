@@ -63,7 +63,7 @@ class Known:
 
     def seen(self, time: float) -> Sighting:
         """Exactly what is."""
-        return _sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), 0.0)
+        return sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), self._exact)
 
     def ahead(self, time: float) -> Scene:
         """The scene itself."""
@@ -71,7 +71,11 @@ class Known:
 
     def true(self, time: Array) -> Array:
         """Where the file says."""
-        return self.scene.obstacles[:, CENTER : CENTER + 3] + self.scene.offsets(time)
+        return self.scene.centers + self.scene.offsets(time)
+
+    @property
+    def _exact(self) -> Array:
+        return np.zeros(len(self.scene.motions))
 
     def _velocity(self, time: float) -> Array:
         return self.scene.obstacle_velocities(np.array([time]))[0]
@@ -94,9 +98,9 @@ class Functions:
     certain = False
 
     def __init__(self, scene: Scene, positions: Sequence[Position | None]):
-        if len(positions) != len(scene.obstacles):
+        if len(positions) != len(scene.motions):
             raise OptionError(
-                f"{len(positions)} functions for {len(scene.obstacles)} obstacles",
+                f"{len(positions)} functions for {len(scene.motions)} obstacles",
                 key="positions",
                 way_out="give one for each obstacle, None where it stands",
             )
@@ -109,13 +113,13 @@ class Functions:
             scene,
             [
                 None if motion is None else partial(_place, motion, center, scene.n_dims)
-                for motion, center in zip(scene.motions, scene.obstacles[:, CENTER : CENTER + 3], strict=True)
+                for motion, center in zip(scene.motions, scene.centers, strict=True)
             ],
         )
 
     def true(self, time: Array) -> Array:
         """What the functions say."""
-        centers = np.repeat(self.scene.obstacles[None, :, CENTER : CENTER + 3], len(time), axis=0)
+        centers = np.repeat(self.scene.centers[None], len(time), axis=0)
         for j, position in enumerate(self._positions):
             if position is not None:
                 told = np.array([np.asarray(position(float(t)), dtype=float) for t in time])
@@ -130,7 +134,7 @@ class Functions:
     def seen(self, time: float) -> Sighting:
         """Where they are now, and how fast they got there."""
         before, now = self.true(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
-        return _sighting(self.scene, now, (now - before) / INSTANT, 0.0)
+        return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
 
     def ahead(self, time: float) -> Scene:
         """That they go on as they do, turns included."""
@@ -181,25 +185,32 @@ class Turning:
 
 
 def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
-    """The scene whose obstacles go on from what is seen at an instant [s].
+    """The scene whose obstacles go on from what is seen at an instant [s], those behind the scene's own included.
 
     Parameters
     ----------
-    turn : array, shape (n_obstacles, 3), how fast their velocities turn [rad/s]
+    turn : array, shape (n_rows, 3), how fast velocities turn [rad/s]
     """
+    n_more = len(seen.table) - len(scene.owners)
+    owners = np.append(scene.owners, len(scene.motions) + np.arange(n_more))
+    first = np.unique(owners, return_index=True)[1]
     moves = np.linalg.norm(seen.velocity, axis=1) > STILL
-    motions = tuple(
-        Turning(v, w, time) if goes else None for v, w, goes in zip(seen.velocity, turn, moves, strict=True)
-    )
-    return replace(scene, obstacles=seen.table, motions=motions)
+    motions = tuple(Turning(seen.velocity[i], turn[i], time) if moves[i] else None for i in first)
+    return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
 
 
 def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
     return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
-def _sighting(scene: Scene, center: Array, velocity: Array, margin: float | Array) -> Sighting:
-    table = scene.obstacles.copy()
-    table[:, CENTER : CENTER + 3] = center
-    n = len(table)
-    return Sighting(table, velocity, np.zeros((n, 3)), np.full(n, margin, dtype=float))
+def sighting(scene: Scene, center: Array, velocity: Array, margin: Array) -> Sighting:
+    """What is seen, by row of the table, from what is known by obstacle.
+
+    Parameters
+    ----------
+    center, velocity : arrays, shape (n_obstacles, 3) [m], [m/s]
+    margin : array, shape (n_obstacles,) [m]
+    """
+    table, owners = scene.obstacles.copy(), scene.owners
+    table[:, CENTER : CENTER + 3] = center[owners]
+    return Sighting(table, velocity[owners], np.zeros((len(table), 3)), margin[owners])

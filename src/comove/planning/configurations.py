@@ -27,7 +27,7 @@ from comove.coordination.coordinates import (
 )
 from comove.scenes.distances import point_distance, segment_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import border_distance, solid_at, solid_distance
+from comove.scenes.solids import border_distance, empty_solid, solid_at, solid_distance
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,8 @@ class Space(NamedTuple):
     ----------
     blocks : how a configuration becomes nodes
     reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
-    edges, radii, solids : the body, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, 8)
-    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
+    edges, radii, solids : the body, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n)
+    obstacles : array, shape (n_rows, n_columns), their table
     lower, upper : arrays, shape (3,), the workspace [m]
     pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
     required : clearance asked for [m]
@@ -120,7 +120,7 @@ def clearance_of(space, q, nodes, floor=0.0):
             if clearance <= floor:
                 return clearance
     for s in range(space.solids.shape[0]):
-        solid, normal = np.empty((4, 3)), np.array([1.0, 0.0, 0.0])
+        solid, normal = empty_solid(space.solids), np.array([1.0, 0.0, 0.0])
         solid_at(nodes, space.solids[s], solid)
         clearance = min(clearance, border_distance(solid, space.lower, space.upper))
         for j in range(space.obstacles.shape[0]):

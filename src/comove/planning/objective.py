@@ -26,7 +26,7 @@ from comove.coordination.motion import CoordinatedMotion, rollouts
 from comove.errors import OptionError
 from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import border_distance, solid_at, solid_distance
+from comove.scenes.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
 
 Array = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ class Objective:
         Parameters
         ----------
         nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), evenly spaced in time [m]
-        offsets : array, shape (n_steps, n_obstacles, 3), of the obstacles [m]; without steps where all stand
+        offsets : array, shape (n_steps, n_rows, 3), of obstacles by row [m]; without steps where all stand
         """
         scene, w, p = self.scene, self.weights, self.penalty
         n_hands = len(scene.manipulators)
@@ -175,6 +175,7 @@ class Objective:
                 scene.body.radii,
                 scene.body.solids,
                 scene.obstacles,
+                scene.owners,
                 offsets,
                 *scene.workspace,
                 *scene.kept_apart,
@@ -227,6 +228,7 @@ def _evaluate(
     radii,
     solids,
     obstacles,
+    owners,
     offsets,
     lower,
     upper,
@@ -272,6 +274,7 @@ def _evaluate(
             radii,
             solids,
             obstacles,
+            owners,
             offsets,
             lower,
             upper,
@@ -285,18 +288,31 @@ def _evaluate(
 
 @numba.njit(cache=True, error_model="numpy")
 def _obstacle_penalty(
-    x, edges, radii, solids, obstacles, offsets, lower, upper, pairs, separations, penalty_weights, along_path
+    x,
+    edges,
+    radii,
+    solids,
+    obstacles,
+    owners,
+    offsets,
+    lower,
+    upper,
+    pairs,
+    separations,
+    penalty_weights,
+    along_path,
 ):
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout.
 
-    `offsets` of the obstacles' centres have the shape (n_steps, n_obstacles, 3), or no steps where all stand.
+    `offsets` of the centres have the shape (n_steps, n_rows, 3), or no steps where all stand; `owners` say which
+    obstacle a row of the table is of.
     """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
     touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
-    here, there, solid = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    here, there, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
     normals = np.empty((solids.shape[0], n_obstacles, 3))  # the directions that parted them last
     normals[:] = 1.0 / sqrt(3.0)
     cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
@@ -360,34 +376,26 @@ def _obstacle_penalty(
                         - r
                     )
                     d = min(d, distance)
-                    if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
-                        touched[near[i]] = t + 1
+                    if distance <= 0.0 and part == 0 and touched[owners[near[i]]] != t + 1:
+                        touched[owners[near[i]]] = t + 1
                         hits += 1
             for s in range(solids.shape[0]):
                 if part == 0:
                     solid_at(x[t], solids[s], here)
                     solid_at(x[after], solids[s], there)
-                for row in range(4):
+                for row in range(solid.shape[0]):
                     for axis in range(3):
                         solid[row, axis] = here[row, axis] + f * (there[row, axis] - here[row, axis])
                 if at_border:
                     d = min(d, border_distance(solid, lower, upper))
                 for i in range(n_near):
                     ox, oy, oz = _offset(offsets, t, after, f, near[i])
-                    solid[0, 0], solid[0, 1], solid[0, 2] = (
-                        solid[0, 0] - ox,
-                        solid[0, 1] - oy,
-                        solid[0, 2] - oz,
-                    )
+                    move_solid(solid, -ox, -oy, -oz)
                     distance = solid_distance(obstacles, near[i], solid, cap, normals[s, near[i]])[0]
-                    solid[0, 0], solid[0, 1], solid[0, 2] = (
-                        solid[0, 0] + ox,
-                        solid[0, 1] + oy,
-                        solid[0, 2] + oz,
-                    )
+                    move_solid(solid, ox, oy, oz)
                     d = min(d, distance)
-                    if distance <= 0.0 and part == 0 and touched[near[i]] != t + 1:
-                        touched[near[i]] = t + 1
+                    if distance <= 0.0 and part == 0 and touched[owners[near[i]]] != t + 1:
+                        touched[owners[near[i]]] = t + 1
                         hits += 1
             if d < margin:
                 total += weight * slope * (margin - d)

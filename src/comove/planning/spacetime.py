@@ -62,7 +62,7 @@ class SpaceTime(NamedTuple):
 
 def spacetime(scene: Scene, space: Space) -> SpaceTime:
     """The space of a scene with its obstacles' motion."""
-    offsets = scene.offsets(np.linspace(0.0, scene.duration, N_INTERVALS + 1))
+    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, N_INTERVALS + 1)))
     fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * N_INTERVALS
     table = space.obstacles.copy()
     origin = table[:, CENTER : CENTER + 3].copy()

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.reaction.nearness import N_PARTS, LoadPoints
-from comove.scenes.distances import N_COLUMNS
 
 Array = NDArray[np.float64]
 
@@ -105,8 +104,11 @@ class Desk(NamedTuple):
     balls: Array
 
 
-def empty_desk(points: LoadPoints, freedom: Freedom, n_hands: int, n_obstacles: int, n_rounds: int) -> Desk:
-    """An empty desk, large enough for `n_rounds` rounds of missing rows."""
+def empty_desk(
+    points: LoadPoints, freedom: Freedom, n_hands: int, shape: tuple[int, int], n_rounds: int
+) -> Desk:
+    """An empty desk for a table of that shape, large enough for `n_rounds` rounds of missing rows."""
+    n_obstacles, n_columns = shape
     n_groups, _, n = freedom.basis.shape
     n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
     parts = len(points.edges) + N_PARTS * len(points.solids)
@@ -128,7 +130,7 @@ def empty_desk(points: LoadPoints, freedom: Freedom, n_hands: int, n_obstacles: 
         np.zeros((n_groups, 4)),
         np.zeros((n_groups, 3, 3)),
         np.zeros((n_nodes, 3)),
-        np.zeros((n_obstacles, N_COLUMNS)),
+        np.zeros((n_obstacles, n_columns)),
         np.zeros((n_edges, n_obstacles)),
         np.zeros(n_groups),
         np.zeros((n_groups, n_obstacles + 2)),

@@ -15,14 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.reaction.twists import exponential_at, group_nodes, turn_into
-from comove.scenes.distances import CENTER, ROTATION, TINY, nearest_on_segment, point_distance, tangent
+from comove.scenes.distances import (
+    CENTER,
+    KIND,
+    POLYTOPE,
+    ROTATION,
+    TINY,
+    nearest_on_segment,
+    point_distance,
+    tangent,
+)
+from comove.scenes.polytopes import hull_of
 from comove.scenes.scene import Scene
-from comove.scenes.solids import support
+from comove.scenes.solids import N_CORNERS, hull_distance, support
 
 Array = NDArray[np.float64]
 
 PLACE_TOLERANCE = 1e-10  # m, of the least distance along an edge
-N_PARTS = 15  # of a solid: edges and pairs of faces
+N_PARTS = 15  # of a box: edges and pairs of faces
+FEW_CORNERS = 16  # of a hull that is looked at between its corners as well
 
 
 class LoadPoints(NamedTuple):
@@ -34,7 +45,7 @@ class LoadPoints(NamedTuple):
         its corners and the hands that are no end of an edge; lengths in metres
     node_group, node_point, node_radius : the same of the nodes, hands first
     edges, edge_radius : arrays, shapes (n_edges, 2), (n_edges,), between nodes; an edge with equal ends is a point
-    solids : array of int, shape (n_solids, 8)
+    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls
     reach : array, shape (n_groups,), from a group's centre to the farthest of its points, radius included [m]
     """
 
@@ -74,7 +85,8 @@ def load_points(scene: Scene, n_points: int) -> LoadPoints:
                 found.append((p + share * (q - p), thick))
         for corners in scene.body.solids:
             if node_group[corners[0]] == g:
-                found += [(p, 0.0) for p in _on_faces(node_point[corners], n_points)]
+                on = _on_faces if len(corners) == N_CORNERS else _on_hull
+                found += [(p, 0.0) for p in on(node_point[corners], n_points)]
         group += [g] * len(found)
         point += [p for p, _ in found]
         radius += [r for _, r in found]
@@ -103,6 +115,23 @@ def _on_faces(corners: Array, n_points: int) -> Array:
     shares = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     outer = shares[np.abs(shares).max(axis=1) == 1.0]
     return 0.5 * (corners[0] + corners[7]) + outer @ halves
+
+
+def _on_hull(corners: Array, n_points: int) -> Array:
+    """Corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
+    hull = hull_of(np.unique(corners, axis=0))
+    if len(hull.vertices) > FEW_CORNERS:
+        return hull.vertices
+    spacing = hull.size / max(1, (n_points - 1) // 4)
+    touching = np.abs(hull.vertices @ hull.planes[:, :3].T - hull.planes[:, 3]) < 1e-7 * hull.size
+    points = [hull.vertices]
+    for face in touching.T:
+        own = hull.vertices[face]
+        for i in range(1, len(own)):
+            for j in range(i):
+                count = int(np.ceil(np.linalg.norm(own[i] - own[j]) / spacing - 1e-9))
+                points.append(own[i] + np.linspace(0.0, 1.0, count + 1)[1:-1, None] * (own[j] - own[i]))
+    return np.unique(np.round(np.concatenate(points), 9), axis=0)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -152,7 +181,9 @@ def near_on_solid(table, j, nodes, corners, cutoff, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_part(table, j, nodes, corners, part, cutoff, near):
-    """The same of one part of a solid: 12 edges and 3 pairs of faces."""
+    """The same of one part of a box: 12 edges and 3 pairs of faces; a hull, or before a polytope, is one part."""
+    if corners.shape[0] != N_CORNERS or table[j, KIND] == POLYTOPE:
+        return near_on_hull(table, j, nodes, corners, cutoff, near) if part == 0 else np.inf
     if part >= N_PARTS - 3:
         return _before_face(table, j, nodes, corners, part - N_PARTS + 3, near)
     k = part // 4
@@ -163,6 +194,17 @@ def near_on_part(table, j, nodes, corners, part, cutoff, near):
     for axis in range(3):
         near[axis] = p[axis] + share * (q[axis] - p[axis])
     return distance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def near_on_hull(table, j, nodes, corners, cutoff, near):
+    """The same of the hull of these corners."""
+    hull, normal = np.empty((corners.shape[0], 3)), np.array([1.0, 0.0, 0.0])
+    for i in range(corners.shape[0]):
+        for axis in range(3):
+            hull[i, axis] = nodes[corners[i], axis]
+    distance = hull_distance(table, j, hull, cutoff, normal, near)[0]
+    return distance if distance > cutoff else point_distance(table, j, near[0], near[1], near[2])
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -187,15 +187,21 @@ def level_obstacle(
     Raises
     ------
     OptionError
-        If the scene has no such obstacle, or the velocities or the margin are none.
+        If the scene has no such obstacle, if it is a mesh, or if the velocities or the margin are none.
     """
-    if isinstance(j, bool) or not isinstance(j, (int, np.integer)) or not 0 <= j < len(scene.obstacles):
+    if isinstance(j, bool) or not isinstance(j, (int, np.integer)) or not 0 <= j < len(scene.motions):
         raise OptionError(
             f"no obstacle {j!r} in the scene {scene.name!r}",
             key="j",
-            way_out=f"it has {len(scene.obstacles)}, counted from 0",
+            way_out=f"it has {len(scene.motions)}, counted from 0",
         )
-    row, n = scene.obstacles[j], scene.n_dims
+    row, n = scene.obstacles[scene.first_rows[j]], scene.n_dims
+    if row[sd.KIND] == sd.POLYTOPE:
+        raise OptionError(
+            f"{scene.name_of(j)} has no level function",
+            key="j",
+            way_out="put boxes or ellipsoids in its place, or use the twist programme",
+        )
     kind, size = int(row[sd.KIND]), [float(x) for x in row[sd.SIZE : sd.SIZE + 3]]
     rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
     if n == 2 and kind == sd.CAPSULE:

@@ -37,7 +37,6 @@ from comove.reaction.nearness import load_points
 from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
 from comove.reaction.twists import Poses, group_nodes
 from comove.scenes.constraints import SameHeightConstraint
-from comove.scenes.distances import N_COLUMNS
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -59,10 +58,10 @@ class Sighting(NamedTuple):
 
     Attributes
     ----------
-    table : array, shape (n_obstacles, distances.N_COLUMNS), with centres and rotations of now
-    velocity : array, shape (n_obstacles, 3), of the centres [m/s]
-    spin : array, shape (n_obstacles, 3), angular velocities [rad/s]
-    margin : array, shape (n_obstacles,), kept on top of the scene's clearance for what is not known [m]
+    table : array, shape (n_rows, n_columns), that of the scene with centres and rotations of now
+    velocity : array, shape (n_rows, 3), of the centres [m/s]
+    spin : array, shape (n_rows, 3), angular velocities [rad/s]
+    margin : array, shape (n_rows,), kept on top of the scene's clearance for what is not known [m]
     """
 
     table: Array
@@ -84,7 +83,7 @@ class Allowed(NamedTuple):
     ----------
     twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s], in the world's frame
     relaxed : by how much rows had to give way [m/s]; 0 where all was admissible
-    blocking : the obstacle with the largest multiplier; -1 for the border, -2 where nothing of these hinders
+    blocking : the row of the table with the largest multiplier; -1 for the border, -2 where nothing of these hinders
     clearance : least distance of now to obstacles, less their margins, and to the border [m]; infinite without any
     """
 
@@ -173,7 +172,11 @@ class Programme:
     def _prepare(self, n_obstacles: int) -> None:
         """Lay out the arrays for so many obstacles."""
         self._desk: Desk = empty_desk(
-            self._points, self._freedom, self._hands[0], n_obstacles, MAX_ROUNDS + 1
+            self._points,
+            self._freedom,
+            self._hands[0],
+            (n_obstacles, self.scene.obstacles.shape[1]),
+            MAX_ROUNDS + 1,
         )
         n_rows = len(self._desk.low)
         self._high = np.full(n_rows, ENDLESS)
@@ -241,7 +244,7 @@ class Programme:
             ("poses.quaternion", poses.quaternion, self._poses[1]),
             ("before", before, self._hands),
             ("wanted", wanted, self._hands),
-            ("sighting.table", sighting.table, (n, N_COLUMNS)),
+            ("sighting.table", sighting.table, (n, self.scene.obstacles.shape[1])),
             ("sighting.velocity", sighting.velocity, (n, 3)),
             ("sighting.spin", sighting.spin, (n, 3)),
             ("sighting.margin", sighting.margin, (n,)),

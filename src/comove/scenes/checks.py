@@ -76,6 +76,10 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
     for i, obstacle in enumerate(scene.obstacles):
         if planar and obstacle.shape == "cylinder":
             yield Flaw(("obstacles", i, "shape"), "a cylinder needs a spatial scene", "use circle or box")
+        if planar and obstacle.shape == "mesh":
+            yield Flaw(
+                ("obstacles", i, "shape"), "a mesh needs a spatial scene", "use box, circle or capsule"
+            )
     if not planar and _shape(scene) == "polygon":
         yield Flaw(("load", "shape"), "a polygon needs a planar scene", "use a box or a frame in space")
     if planar and _shape(scene) == "mesh":
@@ -214,10 +218,15 @@ def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
 
 
 def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
-    for key, part in (("demonstration", scene.demonstration), ("load", scene.load)):
+    named: list[tuple[KeyPath, object]] = [
+        (("demonstration",), scene.demonstration),
+        (("load",), scene.load),
+        *((("obstacles", i), obstacle) for i, obstacle in enumerate(scene.obstacles)),
+    ]
+    for path, part in named:
         name = getattr(part, "file", None)
         if name is not None and (told := _file_flaw(name, folder)):
-            yield Flaw((key, "file"), *told)
+            yield Flaw((*path, "file"), *told)
 
 
 def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:

@@ -2,13 +2,17 @@
 
 Obstacles are rows of one table, which kernels take at no cost: `KIND`, `CENTER` (3), `ROTATION` (9, a row-major
 matrix whose columns are the obstacle's axes in the world), `SIZE` (3: half edges; radius; radius and half length
-along the obstacle's z; likewise; radii) and `REACH` (radius about the centre that holds the obstacle), in metres.
+along the obstacle's z; likewise; radii; a polytope's rounding) and `REACH` (radius about the centre that holds the
+obstacle), in metres. A polytope's row goes on: `N_PLANES`, `N_VERTICES`, then planes n x <= d as (n, d) and vertices,
+in the obstacle's frame; rows are as long as the longest.
 
 Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far
 along z. One set of kernels then serves both, and the distances within the slice are exact.
 
 Every obstacle is convex, so its signed distance (negative inside) is a convex function with Lipschitz
-constant 1; along a segment it is convex too, which `segment_distance` uses.
+constant 1; along a segment it is convex too, which `segment_distance` uses. For a polytope stands the largest
+distance from one of its planes: convex with the same constant, 0 on the surface as well, and never above the signed
+distance. Planes that touch it all around keep it within a tenth of that (`comove.scenes.polytopes`).
 """
 
 from __future__ import annotations
@@ -22,7 +26,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
+N_PLANES, N_VERTICES, PLANES = 17, 18, 19
 BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
+POLYTOPE = 6  # 5 is what `comove.reaction.levels` adds
 TINY = 1e-12
 
 
@@ -30,11 +36,12 @@ def inflated(table: Array, margin: Array) -> Array:
     """Obstacles of the same shapes that hold every point within `margin`, (n_obstacles,) [m], of these."""
     table, kind = table.copy(), table[:, KIND].astype(int)
     sizes = table[:, SIZE : SIZE + 3]
-    counts = np.array([3, 1, 1, 2, 3])[kind]  # of sizes that grow: a capsule's radius carries its ends along
+    # How many sizes grow: the radius of a capsule carries its ends along, and so does a polytope's rounding.
+    counts = np.array([3, 1, 1, 2, 3, 0, 1])[kind]
     ellipsoid = kind == ELLIPSOID  # the sum with a ball is none, but within one of the same proportions
     grown = sizes + margin[:, None] * (np.arange(3) < counts[:, None])
     grown[ellipsoid] = sizes[ellipsoid] * (1 + margin[ellipsoid] / sizes[ellipsoid].min(axis=1))[:, None]
-    table[:, REACH] *= np.where(ellipsoid, grown[:, 0] / sizes[:, 0], 1.0)
+    table[ellipsoid, REACH] *= grown[ellipsoid, 0] / sizes[ellipsoid, 0]
     table[:, REACH] += np.where(ellipsoid, 0.0, np.where(kind == BOX, np.sqrt(3.0), np.sqrt(2.0)) * margin)
     table[:, SIZE : SIZE + 3] = grown
     return table
@@ -48,6 +55,8 @@ def point_distance(table, j, x, y, z):
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
     if kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - a
+    if kind == POLYTOPE:
+        return _farthest_plane(table, j, x, y, z)[0]
     u = abs(table[j, 4] * x + table[j, 7] * y + table[j, 10] * z)
     v = abs(table[j, 5] * x + table[j, 8] * y + table[j, 11] * z)
     w = abs(table[j, 6] * x + table[j, 9] * y + table[j, 12] * z)
@@ -63,6 +72,21 @@ def point_distance(table, j, x, y, z):
         return sqrt(max(radial, 0.0) ** 2 + max(axial, 0.0) ** 2) + min(max(radial, axial), 0.0)
     t, _, _, _, length = _ellipsoid_normal(a, b, c, u, v, w)
     return t * length
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _farthest_plane(table, j, x, y, z):
+    """Largest distance [m] of a point, seen from the centre, from a plane of a polytope; where the plane begins."""
+    u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
+    v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
+    w = table[j, 6] * x + table[j, 9] * y + table[j, 12] * z
+    farthest, which = -np.inf, PLANES
+    for k in range(int(table[j, N_PLANES])):
+        at = PLANES + 4 * k
+        distance = table[j, at] * u + table[j, at + 1] * v + table[j, at + 2] * w - table[j, at + 3]
+        if distance > farthest:
+            farthest, which = distance, at
+    return farthest - table[j, SIZE], which
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -100,6 +124,12 @@ def tangent(table, j, x, y, z, dx, dy, dz):
     if kind == SPHERE:
         length = sqrt(x * x + y * y + z * z)
         return length - a, (x * dx + y * dy + z * dz) / max(length, TINY)
+    if kind == POLYTOPE:
+        distance, at = _farthest_plane(table, j, x, y, z)
+        du = table[j, 4] * dx + table[j, 7] * dy + table[j, 10] * dz
+        dv = table[j, 5] * dx + table[j, 8] * dy + table[j, 11] * dz
+        dw = table[j, 6] * dx + table[j, 9] * dy + table[j, 12] * dz
+        return distance, table[j, at] * du + table[j, at + 1] * dv + table[j, at + 2] * dw
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
     w = table[j, 6] * x + table[j, 9] * y + table[j, 12] * z

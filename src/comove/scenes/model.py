@@ -18,7 +18,6 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     SerializerFunctionWrapHandler,
@@ -70,15 +69,6 @@ def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
     if len(names) != 2:
         raise Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
     return _distinct(names)
-
-
-def _not_supported(message: str, way_out: str) -> AfterValidator:
-    """Make a validator that refuses what the contract knows and this version does not do."""
-
-    def refuse(value: Any) -> Any:
-        raise Wrong(message.format(value), way_out)
-
-    return AfterValidator(refuse)
 
 
 def _version(number: int) -> int:
@@ -164,23 +154,23 @@ class EllipsoidObstacle(_Turned):
     radii: Sizes
 
 
-class UnsupportedObstacle(Part):
-    """An obstacle of the contract that this version refuses; never part of a parsed scene."""
+class MeshObstacle(_Obstacle):
+    """A triangle mesh, read from `file` in the scene's folder; spatial scenes only.
 
-    model_config = ConfigDict(extra="allow")
-    shape: Annotated[
-        Literal["mesh"],
-        _not_supported("{} obstacles are not supported", "approximate them by boxes, capsules or ellipsoids"),
-    ]
+    The origin of its frame is at `center` [m]; its lengths times `scale` are metres.
+    """
+
+    shape: Literal["mesh"]
+    file: str
+    center: Vector
+    quaternion_wxyz: Quaternion = UNTURNED
+    scale: Positive = 1.0
+    resolution: Positive | None = None
+    """About how far what stands for it may reach beyond it [m]; 3 % of its longest side unless given."""
 
 
 Obstacle = Annotated[
-    BoxObstacle
-    | SphereObstacle
-    | CapsuleObstacle
-    | CylinderObstacle
-    | EllipsoidObstacle
-    | UnsupportedObstacle,
+    BoxObstacle | SphereObstacle | CapsuleObstacle | CylinderObstacle | EllipsoidObstacle | MeshObstacle,
     Field(discriminator="shape"),
 ]
 
@@ -237,10 +227,15 @@ class BoxLoad(_Gripped):
 
 
 class MeshLoad(_Gripped):
-    """A mesh in the load's frame, read from `file` in the scene's folder; spatial scenes only."""
+    """A triangle mesh in the load's frame, read from `file` in the scene's folder; spatial scenes only.
+
+    Its lengths times `scale` are metres; `resolution` as of a `MeshObstacle`.
+    """
 
     shape: Literal["mesh"]
     file: str
+    scale: Positive = 1.0
+    resolution: Positive | None = None
 
 
 Load = Annotated[BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad, Field(discriminator="shape")]
@@ -451,6 +446,7 @@ _OBSTACLES = {
     "cylinder": CylinderObstacle,
     "ellipsoid": EllipsoidObstacle,
     "ellipse": EllipsoidObstacle,
+    "mesh": MeshObstacle,
 }
 _LOADS = {"bar": BarLoad, "frame": FrameLoad, "polygon": PolygonLoad, "box": BoxLoad, "mesh": MeshLoad}
 _CONSTRAINTS = {

@@ -20,6 +20,7 @@ from comove.scenes.constraints import (
     UprightConstraint,
     distance_tolerance,
 )
+from comove.scenes.cover import Cover
 from comove.scenes.groups import (
     Pose,
     RigidGroup,
@@ -82,12 +83,14 @@ def rigid_group(
     start: Array,
     goal: Array,
     path: object = None,
+    cover: Cover | None = None,
 ) -> tuple[RigidGroup, list[DistanceConstraint]]:
     """The rigid group of `members` and the distance constraints that the file leaves unsaid.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_manipulators, 3), [m]
+    cover : what stands for a load that is a mesh
 
     Raises
     ------
@@ -98,9 +101,9 @@ def rigid_group(
     own = [c for c in constraints if _is_among(c, members)]
     ends = start[list(members)], goal[list(members)]
     stated = {frozenset((c.first, c.second)): c for c in own if isinstance(c, DistanceConstraint)}
-    grasps, corners = _held(file, members, ends[0], stated, path)
+    grasps, corners = _held(file, members, ends[0], stated, path, cover)
     orientation = orientation_of(grasps, n_dims)
-    rolls = orientation == "axis" and len(corners) == N_CORNERS  # a box on one line: turns about it count
+    rolls = orientation == "axis" and _is_solid(corners)  # on one line: turns about it count
     if rolls:
         grasps, corners = _on_x_axis(file, members, grasps, corners, ends, path)
     implied = []
@@ -150,7 +153,7 @@ def rigid_group(
         group = _without_roll(group)
     elif rolls:
         raise SceneError(
-            f"{_listed(file, members)} leave the box free to turn about the line through their hands",
+            f"{_listed(file, members)} leave the {file.load.shape} free to turn about the line through their hands",
             file=path,
             key="load",
             way_out="add {type: upright} to the constraints (or grasp, which implies it), or a third hand",
@@ -251,19 +254,20 @@ def _held(
     hands: Array,
     stated: dict[frozenset[int], DistanceConstraint],
     path: object,
+    cover: Cover | None,
 ) -> tuple[Array, Array]:
     """Grasps and further points of the load in the group's frame; arrays, shapes (n_members, 3), (n_corners, 3)."""
     holders = tuple(i for i in members if file.names[i] in file.holders)
-    grasps, corners = _load_shape(file, holders) if holders else (None, np.zeros((0, 3)))
+    grasps, corners = _load_shape(file, holders, cover) if holders else (None, np.zeros((0, 3)))
     held = [members.index(i) for i in holders]
-    if holders and file.load.shape == "box" and grasps is None:  # centred between those who hold it
+    if holders and file.load.shape in ("box", "mesh") and grasps is None:  # centred between those who hold it
         grasps = _grasps_from_start(holders, hands[held], stated, file, path)
     if grasps is not None and holders == members:
         return grasps, corners
     found = _grasps_from_start(members, hands, stated, file, path)
     if grasps is not None:  # others go along with the load that some hold
         orientation = orientation_of(grasps, file.dimension)
-        if orientation == "axis" and len(corners) == N_CORNERS:
+        if orientation == "axis" and _is_solid(corners):
             own, corners = _on_x_axis(file, holders, grasps, corners, (found[held], found[held]), path)
             pose = fit_pose(own, found[held], orientation)
             grasps, pose = own, Pose(pose.center, standing(pose.rotation[:, 0]))
@@ -281,18 +285,19 @@ def _on_x_axis(
     ends: tuple[Array, Array],
     path: object,
 ) -> tuple[Array, Array]:
-    """Grasps on one line, and the corners of a box, with this line on x and the box's own z as near z as can be.
+    """Grasps on one line and corners of a solid, with this line on x and the solid's own z as near z as can be.
 
     Raises
     ------
     SceneError
-        If the line is vertical, so that nothing tells where the box is heading.
+        If the line is vertical, so that nothing tells where the solid is heading.
     """
     line = grasps[-1] - grasps[0]
     for way in (line, *(hands[-1] - hands[0] for hands in ends)):
         if np.hypot(way[0], way[1]) < HEADING:
             raise SceneError(
-                f"{_listed(file, members)} hold the box one above the other, which leaves open where it is heading",
+                f"{_listed(file, members)} hold the {file.load.shape} one above the other, which leaves open where "
+                "it is heading",
                 file=path,
                 key="load",
                 way_out="move one of them aside, or let a third hand hold it",
@@ -308,7 +313,12 @@ def _listed(file: SceneFile, members: tuple[int, ...]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _load_shape(file: SceneFile, holders: tuple[int, ...]) -> tuple[Array | None, Array]:
+def _is_solid(corners: Array) -> bool:
+    """Whether these are the corners of a solid: a bar has at most its two ends."""
+    return len(corners) > 2
+
+
+def _load_shape(file: SceneFile, holders: tuple[int, ...], cover: Cover | None) -> tuple[Array | None, Array]:
     """Grasps and corners of the load in its own frame; grasps None where the hands at the start tell."""
     load, names = file.load, file.names
     if load.shape == "bar":
@@ -326,6 +336,8 @@ def _load_shape(file: SceneFile, holders: tuple[int, ...]) -> tuple[Array | None
     elif load.shape == "box" and file.dimension == 2:
         corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         corners[:, :2] *= 0.5 * np.array(load.size)
+    elif cover is not None:
+        corners = np.concatenate([polytope.vertices for polytope in cover.polytopes])
     elif load.shape == "box":
         sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
         corners = -0.5 * sides * np.array(load.size)

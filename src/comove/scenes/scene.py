@@ -30,19 +30,22 @@ from comove.scenes.constraints import (
     UprightConstraint,
     distance_tolerance,
 )
+from comove.scenes.cover import Cover
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import Pose, RigidGroup, rotation_in_plane
+from comove.scenes.meshes import mesh_cover
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
 from comove.scenes.moving import Motion
+from comove.scenes.polytopes import rows_of
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
 from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.taught import read_demonstration, read_movement
 
 Array = NDArray[np.float64]
 
-LOADS = ("bar", "frame", "polygon", "box")
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
+LOAD = "load"
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
@@ -58,7 +61,8 @@ class Body:
     radii : array, shape (n_edges,), [m]
     n_nodes : int
     filled : bool, the edges are the border of a filled polygon
-    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as `comove.scenes.solids` says
+    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as `comove.scenes.solids`
+        says; or (n_solids, n), those of hulls, where the last may be repeated
     """
 
     edges: NDArray[np.int64]
@@ -83,10 +87,14 @@ class Scene:
     groups : rigid groups in the order of their first member; every manipulator is in one
     constraints : what must hold at every instant, distances that load and relative poses imply included
     body : what must not touch anything
-    obstacles : array, shape (n_obstacles, distances.N_COLUMNS), the table that kernels take
+    obstacles : array, shape (n_rows, n_columns), the table that kernels take: a row an obstacle, of a mesh one for
+        each polytope that stands for it
+    owners : array of int, shape (n_rows,), whose row it is, by the number of the obstacle in the file
     grasp : how the hands hold the load, None where the file does not say
     motions : how obstacles move, None for those that stand
     begins : when the movement begins on the clock of these motions [s]
+    overhangs : by how much the polytopes of a mesh reach beyond it at most [m], by the obstacle's number, or "load"
+    meshes : checksums of the meshes' files
     """
 
     file: SceneFile
@@ -100,9 +108,12 @@ class Scene:
     constraints: tuple[Constraint, ...]
     body: Body
     obstacles: Array
+    owners: NDArray[np.int64]
     grasp: Grasp | None = None
     motions: tuple[Motion | None, ...] = ()
     begins: float = 0.0
+    overhangs: dict[int | str, float] = field(default_factory=dict)
+    meshes: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -177,6 +188,21 @@ class Scene:
         """Which obstacles move; array, shape (n_obstacles,)."""
         return np.array([motion is not None for motion in self.motions], dtype=bool)
 
+    @cached_property
+    def centers(self) -> Array:
+        """Of the obstacles at 0 s; array, shape (n_obstacles, 3) [m]."""
+        return self.obstacles[self.first_rows, sd.CENTER : sd.CENTER + 3]
+
+    @cached_property
+    def first_rows(self) -> NDArray[np.int64]:
+        """The first row of every obstacle in the table; array, shape (n_obstacles,)."""
+        return np.unique(self.owners, return_index=True)[1]
+
+    def by_row(self, of_obstacles: Array) -> Array:
+        """What is known by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows, ...)."""
+        several = len(self.owners) > len(self.first_rows)
+        return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
+
     def offsets(self, time: Array) -> Array:
         """Of the obstacles' centres from where they are at 0 s; array, shape (n_times, n_obstacles, 3) [m].
 
@@ -188,7 +214,7 @@ class Scene:
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
     def offsets_along(self, n_steps: int) -> Array:
-        """The same at even times of the movement, as kernels take them: without any times where nothing moves."""
+        """The same by row at even times of the movement, as kernels take them: without any where nothing moves."""
         return _offsets_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
@@ -217,7 +243,7 @@ class Scene:
         if not self.moving.any():
             return self.obstacles
         table = self.obstacles.copy()
-        table[:, sd.CENTER : sd.CENTER + 3] += self.offsets(np.array([time]))[0]
+        table[:, sd.CENTER : sd.CENTER + 3] += self.by_row(self.offsets(np.array([time])))[0]
         return table
 
     @property
@@ -265,8 +291,8 @@ class Scene:
 
     @cached_property
     def sha256(self) -> str:
-        """Checksum of the canonical parsed scene: comments, layout and order of keys do not matter."""
-        return hashlib.sha256(canonical(self.file)).hexdigest()
+        """Checksum of the canonical parsed scene and its meshes: comments, layout and order of keys do not matter."""
+        return hashlib.sha256(canonical(self.file) + "".join(self.meshes).encode()).hexdigest()
 
     @cached_property
     def distances(self) -> tuple[DistanceConstraint, ...]:
@@ -301,8 +327,12 @@ class Scene:
         nodes : array, shape (n_nodes, 3), [m]
         time : at which obstacles are where they are then [s]
         """
-        clearance, nearest = self._nearest(nodes, self.obstacles_at(time))
-        return clearance, self.name_of(nearest)
+        clearance, row = self._nearest(nodes, self.obstacles_at(time))
+        return clearance, self.name_of(self.owner_of(row))
+
+    def owner_of(self, row: int) -> int:
+        """The obstacle of a row of the table; what is no row comes back as it is."""
+        return int(self.owners[row]) if row >= 0 else int(row)
 
     def name_of(self, obstacle: int) -> str:
         """An obstacle in words, the border of the workspace where it is -1; beyond the file's, what was seen."""
@@ -346,19 +376,13 @@ class Scene:
 def _offsets_along(scene: Scene, n_steps: int) -> Array:
     if not scene.moving.any():
         return np.zeros((0, len(scene.obstacles), 3))
-    offsets = scene.offsets(np.linspace(0.0, scene.duration, n_steps))
+    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
     offsets.setflags(write=False)
     return offsets
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
-    if file.load is not None and file.load.shape not in LOADS:
-        raise SceneError(
-            f"loads of shape '{file.load.shape}' are not supported",
-            file=path,
-            key="load.shape",
-            way_out="use a box around it, or a frame of rods",
-        )
+    covers, meshes = _covers(file, folder, path)
     names = [m.name for m in file.manipulators]
     start = _spatial(np.array([m.start for m in file.manipulators]))
     goal = _spatial(np.array([m.goal for m in file.manipulators]))
@@ -369,9 +393,10 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     level = [levelled(file, rigid, explicit, hands, path) for hands in (start, goal)]
     groups, implied = [], []
     for members in rigid:
-        group, pairs = rigid_group(file, members, explicit, *level, path)
+        group, pairs = rigid_group(file, members, explicit, *level, path, covers.get(LOAD))
         groups.append(group)
         implied += pairs
+    table, owners = _obstacle_table(file, n_dims, covers)
     scene = Scene(
         file=file,
         folder=folder,
@@ -382,10 +407,13 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         upper=np.array(file.workspace.upper, dtype=float),
         groups=tuple(groups),
         constraints=explicit + tuple(implied),
-        body=_body(file, names, groups),
-        obstacles=_obstacle_table(file, n_dims),
+        body=_body(file, names, groups, covers.get(LOAD)),
+        obstacles=table,
+        owners=owners,
         grasp=grasp_of(file, _carried(file, groups)),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
+        overhangs={whose: cover.overhang for whose, cover in covers.items()},
+        meshes=meshes,
     )
     moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
     for end, given in (("start", scene.start), ("goal", scene.goal)):
@@ -429,7 +457,25 @@ def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
     return next((group.members for group in groups if holders & set(group.members)), ())
 
 
-def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
+def _covers(
+    file: SceneFile, folder: Path, path: Path | None
+) -> tuple[dict[int | str, Cover], tuple[str, ...]]:
+    """What stands for the meshes of a scene, of the load and by number of the obstacle; checksums of their files."""
+    parts: list[tuple[int | str, str, Any]] = [
+        (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
+    ]
+    parts += [(LOAD, "load", file.load)]
+    covers, checksums = {}, []
+    for whose, key, part in parts:
+        if part is not None and part.shape == "mesh":
+            covers[whose], checksum = mesh_cover(
+                folder / part.file, part.scale, part.resolution, file=path, key=f"{key}.file"
+            )
+            checksums.append(checksum)
+    return covers, tuple(checksums)
+
+
+def _body(file: SceneFile, names: list[str], groups: list[RigidGroup], cover: Cover | None = None) -> Body:
     """Edges of the load between nodes, or its solid, and every hand that is not the end of an edge as a point."""
     load, edges, solids, radius = file.load, [], [], 0.0
     n_corners = sum(len(g.corners) for g in groups)
@@ -443,6 +489,8 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
             edges = [(names.index(a), names.index(b)) for a, b in load.edges]
         elif load.shape == "box" and file.dimension == 3:
             solids = [corners]
+        elif cover is not None:
+            solids = _hulls(cover, len(names))
         else:
             edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
     touched = {node for edge in edges for node in edge}
@@ -452,28 +500,57 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup]) -> Body:
         radii=np.array([radius] * len(edges) + [0.0] * len(points)),
         n_nodes=len(names) + n_corners,
         filled=load is not None and file.dimension == 2 and load.shape in ("polygon", "box"),
-        solids=np.array(solids, dtype=np.int64).reshape(-1, N_CORNERS),
+        solids=np.array(solids, dtype=np.int64).reshape(-1, len(solids[0]) if solids else N_CORNERS),
     )
 
 
-def _obstacle_table(file: SceneFile, n_dims: int) -> Array:
-    """One row an obstacle, as `comove.scenes.distances` describes."""
-    table = np.zeros((len(file.obstacles), sd.N_COLUMNS))
-    for row, obstacle in zip(table, file.obstacles, strict=True):
-        kind, size, reach = _SHAPES[obstacle.shape](obstacle)
-        if n_dims == 2:
-            rotation = rotation_in_plane(np.deg2rad(getattr(obstacle, "rotation_deg", 0.0)))
-            if kind == sd.CAPSULE:  # the kernel's capsule lies along z, the planar one along x
-                rotation = rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-            if len(size) == 2 and kind in (sd.BOX, sd.ELLIPSOID):
-                size = (*size, FAR if kind == sd.BOX else max(size))
+def _hulls(cover: Cover, first: int) -> list[list[int]]:
+    """The nodes of every polytope of a load, the first corner being node `first`; the last is repeated."""
+    counts = [len(polytope.vertices) for polytope in cover.polytopes]
+    width, hulls = max(*counts, N_CORNERS + 1), []
+    for count in counts:
+        own = list(range(first, first + count))
+        hulls.append(own + [own[-1]] * (width - count))
+        first += count
+    return hulls
+
+
+def _obstacle_table(
+    file: SceneFile, n_dims: int, covers: dict[int | str, Cover]
+) -> tuple[Array, NDArray[np.int64]]:
+    """Rows as `comove.scenes.distances` describes them, and whose they are."""
+    rows: list[Array] = []
+    for i, obstacle in enumerate(file.obstacles):
+        if i in covers:
+            turn = matrices(np.array(obstacle.quaternion_wxyz))
+            rows.append(rows_of(list(covers[i].polytopes), np.array(obstacle.center), turn))
         else:
-            rotation = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
-        row[sd.KIND], row[sd.REACH] = kind, reach
-        row[sd.CENTER : sd.CENTER + 3] = _spatial(np.array(obstacle.center))
-        row[sd.ROTATION : sd.ROTATION + 9] = rotation.ravel()
-        row[sd.SIZE : sd.SIZE + len(size)] = size
-    return table
+            rows.append(_row(obstacle, n_dims)[None])
+    width = max((own.shape[1] for own in rows), default=sd.N_COLUMNS)
+    table = np.zeros((sum(map(len, rows)), width))
+    owners = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
+    for i, own in enumerate(rows):
+        table[owners == i, : own.shape[1]] = own
+    return table, owners
+
+
+def _row(obstacle: Any, n_dims: int) -> Array:
+    """The row of an obstacle that is no mesh; array, shape (N_COLUMNS,)."""
+    row = np.zeros(sd.N_COLUMNS)
+    kind, size, reach = _SHAPES[obstacle.shape](obstacle)
+    if n_dims == 2:
+        rotation = rotation_in_plane(np.deg2rad(getattr(obstacle, "rotation_deg", 0.0)))
+        if kind == sd.CAPSULE:  # the kernel's capsule lies along z, the planar one along x
+            rotation = rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+        if len(size) == 2 and kind in (sd.BOX, sd.ELLIPSOID):
+            size = (*size, FAR if kind == sd.BOX else max(size))
+    else:
+        rotation = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
+    row[sd.KIND], row[sd.REACH] = kind, reach
+    row[sd.CENTER : sd.CENTER + 3] = _spatial(np.array(obstacle.center))
+    row[sd.ROTATION : sd.ROTATION + 9] = rotation.ravel()
+    row[sd.SIZE : sd.SIZE + len(size)] = size
+    return row
 
 
 # Kind, size and reach of an obstacle of each shape.
@@ -516,9 +593,10 @@ def _require_heading(scene: Scene, path: object) -> None:
 def _require_free_ends(scene: Scene, path: object) -> None:
     for end in ("start", "goal"):
         # What moves may have left the goal, or not come there yet, when the load does.
-        there = np.flatnonzero(~scene.moving) if end == "goal" else np.arange(len(scene.obstacles))
+        there = np.arange(len(scene.obstacles))
+        there = there[~scene.moving[scene.owners]] if end == "goal" else there
         clearance, row = scene._nearest(scene.nodes_at(end), scene.obstacles_at(0.0)[there])
-        nearest = scene.name_of(-1 if row < 0 else int(there[row]))
+        nearest = scene.name_of(-1 if row < 0 else scene.owner_of(there[row]))
         if clearance < scene.clearance:
             need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""
             where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is {clearance:.3g} m from"

@@ -1,15 +1,18 @@
-"""Distances of solid boxes from obstacles, in numba kernels.
+"""Distances of solids from obstacles, in numba kernels.
 
-A solid is one array, shape (4, 3): its centre b and three half edges e_k in the world [m]. Along a unit vector n it
-and an obstacle about c, which is symmetric about c as all obstacles are, leave a gap
+A box is one array, shape (4, 3): its centre b and three half edges e_k in the world [m]. A hull, the convex hull of
+points, is an array of these points, never `BOX_ROWS` of them [m]. Along a unit vector n a solid and an obstacle leave
+a gap
 
-    gap(n) = n (c - b) - sum_k |n e_k| - w(n),
+    gap(n) = least n x of the obstacle - largest n x of the solid.
 
-w(n) being half the obstacle's extent along n. No gap is wider than the distance of the two, and that along the line
-between nearest points is as wide. Where the solid's nearest point is inside a face, this line is the face's normal.
-Else that point is on one of the twelve edges, and the line is the gradient of the obstacle's distance there. So
-the widest gap of these directions is the distance. Where the two cut each other all gaps are negative; the widest of
-these directions tells about how far the solid would have to be moved out of the obstacle.
+For a box and an obstacle that is symmetric about c it is n (c - b) - sum_k |n e_k| - w(n), w(n) being half the
+obstacle's extent along n. No gap is wider than the distance of the two, and that along the line between nearest
+points is as wide. Where a box's nearest point is inside a face, this line is the face's normal. Else that point is on
+one of the twelve edges, and the line is the gradient of the obstacle's distance there. So the widest gap of these
+directions is the distance. For hulls, and for polytopes as obstacles, which have no such symmetry, GJK finds the
+nearest points (Gilbert, Johnson & Keerthi, 1988). Where the two cut each other all gaps are negative; the widest of
+a few tells about how far the solid would have to be moved out of the obstacle.
 """
 
 from __future__ import annotations
@@ -23,27 +26,54 @@ from comove.scenes.distances import (
     BOX,
     CAPSULE,
     CYLINDER,
+    N_PLANES,
+    N_VERTICES,
+    PLANES,
+    POLYTOPE,
+    SIZE,
     SPHERE,
     TINY,
     nearest_on_segment,
     point_distance,
     tangent,
 )
+from comove.scenes.simplices import nearest_of_simplex
 
 N_CORNERS = 8
-"""A solid's corners are numbered in binary: bit k says on which side of the centre along the half edge k."""
+"""A box's corners are numbered in binary: bit k says on which side of the centre along the half edge k."""
+BOX_ROWS = 4
 TOLERANCE = 1e-8  # m, of the least distance along an edge; the gap there is about as near to the distance
+MAX_STEPS = 60  # of GJK
+TOUCHING = 1e-9  # m, between nearest points of bodies that are taken to cut each other
+
+
+@numba.njit(cache=True, error_model="numpy")
+def empty_solid(solids):
+    """Room for one of `solids`, an array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls."""
+    return np.empty((BOX_ROWS if solids.shape[1] == N_CORNERS else solids.shape[1], 3))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_at(nodes, corners, solid):
-    """Write in `solid` the box whose `corners` (8) are these of `nodes`, array of shape (n_nodes, 3) [m]."""
+    """Write in `solid` the box or hull whose `corners` are these of `nodes`, array of shape (n_nodes, 3) [m]."""
+    if solid.shape[0] != BOX_ROWS:
+        for i in range(corners.shape[0]):
+            for axis in range(3):
+                solid[i, axis] = nodes[corners[i], axis]
+        return
     p, q = nodes[corners[0]], nodes[corners[7]]
     for axis in range(3):
         solid[0, axis] = 0.5 * (p[axis] + q[axis])
         solid[1, axis] = 0.5 * (nodes[corners[1], axis] - p[axis])
         solid[2, axis] = 0.5 * (nodes[corners[2], axis] - p[axis])
         solid[3, axis] = 0.5 * (nodes[corners[4], axis] - p[axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def move_solid(solid, x, y, z):
+    """Move a solid by (x, y, z) [m]."""
+    for i in range(1 if solid.shape[0] == BOX_ROWS else solid.shape[0]):
+        solid[i, 0], solid[i, 1], solid[i, 2] = solid[i, 0] + x, solid[i, 1] + y, solid[i, 2] + z
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -56,7 +86,10 @@ def support(table, j, x, y, z):
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
     w = table[j, 6] * x + table[j, 9] * y + table[j, 12] * z
-    if kind == BOX:
+    if kind == POLYTOPE:
+        best = _farthest_vertex(table, j, u, v, w)
+        u, v, w = table[j, best] + a * u, table[j, best + 1] + a * v, table[j, best + 2] + a * w
+    elif kind == BOX:
         u, v, w = a * np.sign(u), b * np.sign(v), c * np.sign(w)
     elif kind == CAPSULE:
         u, v, w = a * u, a * v, a * w + b * np.sign(w)
@@ -74,8 +107,42 @@ def support(table, j, x, y, z):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _farthest_vertex(table, j, u, v, w):
+    """Where in the row of a polytope the vertex begins that is farthest along a direction in the obstacle's frame."""
+    first = PLANES + 4 * int(table[j, N_PLANES])
+    best, farthest = first, -np.inf
+    for k in range(int(table[j, N_VERTICES])):
+        at = first + 3 * k
+        along = table[j, at] * u + table[j, at + 1] * v + table[j, at + 2] * w
+        if along > farthest:
+            best, farthest = at, along
+    return best
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solid_support(solid, x, y, z):
+    """The point of a solid that is farthest along (x, y, z) [m]."""
+    if solid.shape[0] == BOX_ROWS:
+        u, v, w = solid[0, 0], solid[0, 1], solid[0, 2]
+        for k in range(1, 4):
+            side = 1.0 if x * solid[k, 0] + y * solid[k, 1] + z * solid[k, 2] >= 0.0 else -1.0
+            u, v, w = u + side * solid[k, 0], v + side * solid[k, 1], w + side * solid[k, 2]
+        return u, v, w
+    best, farthest = 0, -np.inf
+    for i in range(solid.shape[0]):
+        along = x * solid[i, 0] + y * solid[i, 1] + z * solid[i, 2]
+        if along > farthest:
+            best, farthest = i, along
+    return solid[best, 0], solid[best, 1], solid[best, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def gap(table, j, solid, x, y, z):
     """Gap [m] between a solid and obstacle `j` along the unit vector (x, y, z), which points from the solid."""
+    if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
+        p, q, r = support(table, j, -x, -y, -z)
+        u, v, w = solid_support(solid, x, y, z)
+        return x * (table[j, 1] + p - u) + y * (table[j, 2] + q - v) + z * (table[j, 3] + r - w)
     u, v, w = support(table, j, x, y, z)
     u, v, w = table[j, 1] - u - solid[0, 0], table[j, 2] - v - solid[0, 1], table[j, 3] - w - solid[0, 2]
     wide = x * u + y * v + z * w
@@ -93,6 +160,8 @@ def solid_distance(table, j, solid, cutoff, normal):
     Where the two are apart the bounds differ by about `TOLERANCE`. Where the distance is sure to be above `cutoff`,
     any values above it may come back.
     """
+    if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
+        return hull_distance(table, j, solid, cutoff, normal, np.empty(3))
     wide, upper = gap(table, j, solid, normal[0], normal[1], normal[2]), np.inf
     if wide > cutoff:
         return wide, wide
@@ -128,6 +197,134 @@ def solid_distance(table, j, solid, cutoff, normal):
     if length > 1e-6:  # else in the midst of the obstacle, where no direction is better than another
         wide = _widened(table, j, solid, -x / length, -y / length, -z / length, wide, normal)
     return wide, min(nearest, upper)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hull_distance(table, j, solid, cutoff, normal, near):
+    """As `solid_distance`, by GJK; the point of the solid that is nearest is written in `near` (3).
+
+    It is the solid's middle where the distance is sure to be above `cutoff`.
+    """
+    wide = gap(table, j, solid, normal[0], normal[1], normal[2])
+    radius = (
+        table[j, SIZE] if table[j, 0] in (SPHERE, CAPSULE, POLYTOPE) else 0.0
+    )  # kept out of what GJK sees
+    u, v, w, reach = _ball(solid)
+    near[0], near[1], near[2] = u, v, w
+    if wide > cutoff:
+        return wide, wide
+    far = point_distance(table, j, u, v, w) - reach
+    if far > cutoff:
+        return far, far
+    corners, own, weights = np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
+    x, y, z, n, square = -normal[0], -normal[1], -normal[2], 0, np.inf
+    for step in range(MAX_STEPS):
+        # Along the way that leads from the solid to the obstacle: the nearest of the one, the farthest of the other.
+        length = max(sqrt(x * x + y * y + z * z), TINY)
+        x, y, z = x / length, y / length, z / length
+        u, v, w = solid_support(solid, -x, -y, -z)
+        p, q, r = _core_support(table, j, x, y, z)
+        p, q, r = table[j, 1] + p, table[j, 2] + q, table[j, 3] + r
+        clear = -(x * (p - u) + y * (q - v) + z * (r - w)) - radius
+        if clear > wide:
+            wide = clear
+            normal[0], normal[1], normal[2] = -x, -y, -z
+        if wide > cutoff:
+            return wide, wide
+        if step > 0 and sqrt(square) - radius - clear <= 0.5 * TOLERANCE:
+            break
+        twice = False
+        for i in range(n):
+            if (
+                corners[i, 0] == p - u
+                and corners[i, 1] == q - v
+                and corners[i, 2] == r - w
+                and own[i, 0] == u
+                and own[i, 1] == v
+                and own[i, 2] == w
+            ):
+                twice = True
+        if twice:
+            break
+        own[n, 0], own[n, 1], own[n, 2] = u, v, w
+        corners[n, 0], corners[n, 1], corners[n, 2] = p - u, q - v, r - w
+        n += 1
+        nearer = nearest_of_simplex(corners, n, weights)
+        if not nearer < square and n > 1:  # rounding: no progress any more
+            break
+        square = nearer
+        x, y, z = 0.0, 0.0, 0.0
+        near[0], near[1], near[2] = 0.0, 0.0, 0.0
+        kept = 0
+        for i in range(n):
+            share = weights[i]
+            if share == 0.0:
+                continue
+            x, y, z = x - share * corners[i, 0], y - share * corners[i, 1], z - share * corners[i, 2]
+            for axis in range(3):
+                near[axis] += share * own[i, axis]
+                corners[kept, axis], own[kept, axis] = corners[i, axis], own[i, axis]
+            kept += 1
+        n = kept
+        if square < TOUCHING * TOUCHING or n == 4:
+            return _deepest(table, j, solid, wide, normal), point_distance(
+                table, j, near[0], near[1], near[2]
+            )
+    return wide, sqrt(square) - radius
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _core_support(table, j, x, y, z):
+    """The point of obstacle `j` without its rounding that is farthest along (x, y, z), from the centre [m]."""
+    kind = table[j, 0]
+    if kind == SPHERE:
+        return 0.0, 0.0, 0.0
+    u, v, w = support(table, j, x, y, z)
+    if kind in (CAPSULE, POLYTOPE):
+        radius = table[j, SIZE]
+        return u - radius * x, v - radius * y, w - radius * z
+    return u, v, w
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ball(solid):
+    """Middle and radius [m] of a ball that holds a solid."""
+    x, y, z, reach = solid[0, 0], solid[0, 1], solid[0, 2], 0.0
+    if solid.shape[0] == BOX_ROWS:
+        for k in range(1, 4):
+            for axis in range(3):
+                reach += solid[k, axis] ** 2
+        return x, y, z, sqrt(reach)
+    n = solid.shape[0]
+    for i in range(1, n):
+        x, y, z = x + solid[i, 0], y + solid[i, 1], z + solid[i, 2]
+    x, y, z = x / n, y / n, z / n
+    for i in range(n):
+        reach = max(reach, (solid[i, 0] - x) ** 2 + (solid[i, 1] - y) ** 2 + (solid[i, 2] - z) ** 2)
+    return x, y, z, sqrt(reach)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _deepest(table, j, solid, wide, normal):
+    """The widest of the gaps of bodies that cut each other, all of them negative, and its direction in `normal`."""
+    u, v, w, _ = _ball(solid)
+    x, y, z = table[j, 1] - u, table[j, 2] - v, table[j, 3] - w
+    length = sqrt(x * x + y * y + z * z)
+    if length > TINY:
+        wide = _widened(table, j, solid, x / length, y / length, z / length, wide, normal)
+    polytope = table[j, 0] == POLYTOPE
+    for k in range(int(table[j, N_PLANES]) if polytope else 6):
+        if polytope:
+            at = PLANES + 4 * k
+            u, v, w = table[j, at], table[j, at + 1], table[j, at + 2]
+        else:
+            side = 1.0 if k < 3 else -1.0
+            u, v, w = side * (k % 3 == 0), side * (k % 3 == 1), side * (k % 3 == 2)
+        x = table[j, 4] * u + table[j, 5] * v + table[j, 6] * w
+        y = table[j, 7] * u + table[j, 8] * v + table[j, 9] * w
+        z = table[j, 10] * u + table[j, 11] * v + table[j, 12] * w
+        wide = _widened(table, j, solid, -x, -y, -z, wide, normal)
+    return wide
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -199,7 +396,7 @@ def solids_clearance(nodes, solids, table, lower, upper):
     Parameters
     ----------
     nodes : array, shape (n_nodes, 3), [m]
-    solids : array of int, shape (n_solids, N_CORNERS), their corners
+    solids : array of int, shape (n_solids, N_CORNERS) for boxes or (n_solids, n) for hulls, their corners
     table : array, shape (n_obstacles, N_COLUMNS), the obstacles
     lower, upper : arrays, shape (3,), the workspace [m]
 
@@ -209,7 +406,7 @@ def solids_clearance(nodes, solids, table, lower, upper):
     nearest : int, the obstacle; -1 for the border of the workspace
     """
     clearance, nearest = np.inf, -1
-    solid, normal = np.empty((4, 3)), np.array([1.0, 0.0, 0.0])
+    solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
     for s in range(solids.shape[0]):
         solid_at(nodes, solids[s], solid)
         border = border_distance(solid, lower, upper)
@@ -226,6 +423,11 @@ def solids_clearance(nodes, solids, table, lower, upper):
 def border_distance(solid, lower, upper):
     """Distance [m] of a solid from the border of the workspace, negative where it reaches beyond."""
     distance = np.inf
+    if solid.shape[0] != BOX_ROWS:
+        for i in range(solid.shape[0]):
+            for axis in range(3):
+                distance = min(distance, solid[i, axis] - lower[axis], upper[axis] - solid[i, axis])
+        return distance
     for axis in range(3):
         reach = abs(solid[1, axis]) + abs(solid[2, axis]) + abs(solid[3, axis])
         distance = min(distance, solid[0, axis] - reach - lower[axis], upper[axis] - solid[0, axis] - reach)

@@ -19,7 +19,7 @@ A solid box between two knots stays within the largest bulge of its corners of t
 and half edges e_k are linear in time. The gap along a fixed direction n between this box and an obstacle,
 ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
 least at an end. The direction is that of the interval before, or the best at mid-time; intervals that are not
-clear enough are halved.
+clear enough are halved. So it is with a hull, whose reach along n is the largest of what is linear in time, convex.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
 from comove.scenes.distances import point_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import gap, solid_at, solid_distance
+from comove.scenes.solids import empty_solid, gap, move_solid, solid_at, solid_distance
 from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class Clearance(NamedTuple):
     lower : certified lower bound of the clearance at every instant [m]; -inf if the motion is not finite
     upper : a clearance met on the way [m]; the true least one lies between, up to the bulge
     time : of `upper` [s]
-    nearest : obstacle of `upper`, -1 for the border of the workspace
+    nearest : obstacle of `upper`, by its number in the scene's file, -1 for the border of the workspace
     """
 
     lower: float
@@ -64,12 +64,12 @@ class Clearance(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """How obstacles move, as the kernels take it; without knots where all stand.
+    """How obstacles move, by row of their table, as the kernels take it; without knots where all stand.
 
     Attributes
     ----------
-    offset : array, shape (n_knots, n_obstacles, 3), of centres from where they began [m]
-    sag : array, shape (n_knots - 1, n_obstacles), how far centres stray from chords between knots [m]
+    offset : array, shape (n_knots, n_rows, 3), of centres from where they began [m]
+    sag : array, shape (n_knots - 1, n_rows), how far centres stray from chords between knots [m]
     """
 
     offset: Array
@@ -96,7 +96,8 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: 
     nodes = motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
     time = s * scene.duration
     still = np.zeros((0, len(scene.obstacles), 3)), np.zeros((0, len(scene.obstacles)))
-    paths = (scene.offsets(time), scene.obstacle_sags(time)) if scene.moving.any() else still
+    paths = (scene.by_row(scene.offsets(time)), scene.by_row(scene.obstacle_sags(time)))
+    paths = paths if scene.moving.any() else still
     return certify_nodes(scene, nodes, bulge, time, Paths(*paths))
 
 
@@ -119,7 +120,7 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
     if body.filled:  # an obstacle inside the plate at the start need not touch its border
         at_start, _ = scene.clearance_at(nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)
-    return Clearance(lower, upper, float(time[k]), nearest)
+    return Clearance(lower, upper, float(time[k]), scene.owner_of(nearest))
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -239,10 +240,10 @@ def certified_solids(
 
     Parameters
     ----------
-    solids : array of int, shape (n_solids, 8), nodes at their corners
+    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
     """
     n_intervals, n_obstacles = bulge.shape[0], obstacles.shape[0]
-    begin, end, solid = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    begin, end, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
     normal, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
     stack = np.empty((STACK, 2))
     cells = 0
@@ -322,7 +323,7 @@ def _solid_seen_from(paths, k, j, nodes, corners, solid):
     """The solid at knot k as seen from obstacle j."""
     solid_at(nodes, corners, solid)
     x, y, z = _offset(paths, k, j)
-    solid[0, 0], solid[0, 1], solid[0, 2] = solid[0, 0] - x, solid[0, 1] - y, solid[0, 2] - z
+    move_solid(solid, -x, -y, -z)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -337,7 +338,7 @@ def _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def _between(begin, end, t, solid):
-    for row in range(4):
+    for row in range(solid.shape[0]):
         for axis in range(3):
             solid[row, axis] = begin[row, axis] + t * (end[row, axis] - begin[row, axis])
 

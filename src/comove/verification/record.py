@@ -22,7 +22,6 @@ from comove.scenes.constraints import (
     SeparationConstraint,
     UprightConstraint,
 )
-from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
 from comove.verification.bounds import least_distance
 from comove.verification.certificate import Clearance, Paths, certify_nodes
@@ -138,8 +137,8 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
     speeds = np.linalg.norm(velocity, axis=2)
     changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
-    offsets = record.obstacles - scene.obstacles[:, CENTER : CENTER + 3]
-    paths = Paths(offsets if offsets.any() else offsets[:0], record.sag)
+    offsets = scene.by_row(record.obstacles - scene.centers)
+    paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(record.sag))
     clearance = certify_nodes(scene, record.nodes, record.bulges, record.time, paths)
     findings = [judged(c, _MEASURES[type(c)](record, c), scene.manipulators) for c in scene.constraints]
     report = RecordReport(

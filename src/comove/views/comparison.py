@@ -49,11 +49,12 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
             _draw_standing(axes, scene, view)
             for k, step in enumerate(steps):
                 share = (k + 1) / N_STATES
-                for j in np.flatnonzero(scene.moving):
-                    row = _moved(scene.obstacles[j], record.obstacles[step, j])
+                for i in np.flatnonzero(scene.moving[scene.owners]):
+                    j = scene.owners[i]
+                    row = _moved(scene.obstacles[i], record.obstacles[step, j])
                     alpha = (1.0 if scene.n_dims == 2 else 0.35) * (0.08 + 0.4 * share)
                     axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, alpha=alpha)
-                    if scene.n_dims == 2:
+                    if scene.n_dims == 2:  # where a row is an obstacle
                         _number(axes, k, record.obstacles[step, j][list(view)])
                 lines = load_lines(scene, record.nodes[step][:, list(view)])
                 axes.add_collection(
@@ -211,7 +212,7 @@ def _moved(row: Array, center: Array) -> Array:
 
 def _draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     alpha = 1.0 if scene.n_dims == 2 else 0.35
-    for row in scene.obstacles[~scene.moving]:
+    for row in scene.obstacles[~scene.moving[scene.owners]]:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=alpha)
 
 
@@ -219,7 +220,8 @@ def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callabl
     """What draws obstacles, load and the last of the hands' ways at an instant [s]."""
     record, scene = one.record, one.record.scene
     step_of = len(record.time) - 1, record.time[1]
-    rows = scene.obstacles[scene.moving]
+    moving = scene.moving[scene.owners]
+    rows, owners = scene.obstacles[moving], scene.owners[moving]
     around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
     fills = [axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", alpha=0.6)[0] for _ in rows]
     ways = [axes.plot([], [], color=COLOURS[i % len(COLOURS)])[0] for i in range(len(scene.manipulators))]
@@ -230,7 +232,7 @@ def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callabl
 
     def draw(time: float) -> list[Artist]:
         step = min(step_of[0], round(time / step_of[1]))
-        centers = rows[:, CENTER : CENTER + 3] + scene.offsets(np.array([time]))[0, scene.moving]
+        centers = rows[:, CENTER : CENTER + 3] + scene.offsets(np.array([time]))[0, owners]
         for fill, border, center in zip(fills, around, centers, strict=True):
             fill.set_xy(border + center[list(view)])
         first = max(0, step - round(TRAIL / step_of[1]))

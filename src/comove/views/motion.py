@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes import distances as sd
+from comove.scenes.polytopes import vertices_in
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -166,17 +167,18 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     What moves is drawn darker the later it is, with the path of its centre.
     """
     solid = 1.0 if scene.n_dims == 2 else 0.35
-    for row in scene.obstacles[~scene.moving]:
+    moves = scene.moving[scene.owners]
+    for row in scene.obstacles[~moves]:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
-    if not scene.moving.any():
+    if not moves.any():
         return
     for share in np.linspace(0.0, 1.0, N_GHOSTS):
-        for row in scene.obstacles_at(share * scene.duration)[scene.moving]:
+        for row in scene.obstacles_at(share * scene.duration)[moves]:
             look = {"facecolor": MOVING, "edgecolor": MOVING, "linewidth": 0.6}
             axes.fill(*outline(row, view).T, alpha=solid * (0.08 + 0.3 * share), **look)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
-    for start, path in zip(scene.obstacles[scene.moving], paths.swapaxes(0, 1), strict=True):
-        axes.plot(*(start[sd.CENTER : sd.CENTER + 3] + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
+    for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
+        axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
 
 
 def outline(row: Array, view: tuple[int, int]) -> Array:
@@ -189,6 +191,8 @@ def outline(row: Array, view: tuple[int, int]) -> Array:
     kind = int(row[sd.KIND])
     if kind == sd.BOX:
         return _hull_of_box(row, rotation, size, view)
+    if kind == sd.POLYTOPE:
+        return hull_outline((row[sd.CENTER : sd.CENTER + 3] + vertices_in(row) @ rotation.T)[:, list(view)])
     if kind == sd.SPHERE:
         support = local * size[0]
     elif kind == sd.CAPSULE:
@@ -207,10 +211,10 @@ def outline(row: Array, view: tuple[int, int]) -> Array:
 def _hull_of_box(row: Array, rotation: Array, size: Array, view: tuple[int, int]) -> Array:
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     half = np.minimum(size, 1e3)  # a planar scene's boxes are endless along z
-    return _hull((row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)])
+    return hull_outline((row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)])
 
 
-def _hull(corners: Array) -> Array:
+def hull_outline(corners: Array) -> Array:
     """The corners (n, 2) of the convex hull, in order."""
     angles = np.linspace(0.0, 2 * np.pi, 721)
     farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
@@ -222,7 +226,7 @@ def _draw_load(axes: Axes, scene: Scene, nodes: Array) -> None:
     bars, solids = [e for e in scene.body.edges if e[0] != e[1]], scene.body.solids
     if not bars and not len(solids):
         bars = [(c.first, c.second) for c in scene.distances]
-    outlines = [_hull(state[corners]) for state in nodes for corners in solids]
+    outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]
     axes.add_collection(
         PolyCollection(
             outlines, facecolors=(0.35, 0.35, 0.35, 0.02), edgecolors="0.2", linewidths=0.7, zorder=3

@@ -13,8 +13,18 @@ from numpy.typing import NDArray
 
 from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
+from comove.scenes.solids import N_CORNERS
 from comove.verification.record import Record
-from comove.views.motion import COLOURS, MOVING, draw_frame, draw_legend, new_figure, outline, views_of
+from comove.views.motion import (
+    COLOURS,
+    MOVING,
+    draw_frame,
+    draw_legend,
+    hull_outline,
+    new_figure,
+    outline,
+    views_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -74,7 +84,8 @@ def _draw_obstacles(
     axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float, still: bool
 ) -> None:
     solid = 1.0 if scene.n_dims == 2 else 0.35
-    for row, center, moves in zip(scene.obstacles, centers, scene.moving, strict=True):
+    owners = scene.owners
+    for row, center, moves in zip(scene.obstacles, centers[owners], scene.moving[owners], strict=True):
         if not moves and not still:
             continue
         row = row.copy()
@@ -97,11 +108,15 @@ def load_lines(scene: Scene, nodes: Array) -> list[Array]:
     nodes : array, shape (n_nodes, n), hands first, then corners of the load [m]
     """
     pairs = [e for e in scene.body.edges if e[0] != e[1]]
-    pairs += [
-        (corners[i], corners[i ^ bit]) for corners in scene.body.solids for i in range(8) for bit in (1, 2, 4)
-    ]
-    pairs = pairs or [(c.first, c.second) for c in scene.distances]
-    return [nodes[list(pair)] for pair in pairs]
+    solids, lines = scene.body.solids, []
+    if solids.shape[1] == N_CORNERS:
+        pairs += [(corners[i], corners[i ^ bit]) for corners in solids for i in range(8) for bit in (1, 2, 4)]
+    else:
+        around = [hull_outline(nodes[corners]) for corners in solids]
+        lines = [np.concatenate([outline, outline[:1]]) for outline in around]
+    if not len(solids):
+        pairs = pairs or [(c.first, c.second) for c in scene.distances]
+    return lines + [nodes[list(pair)] for pair in pairs]
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, share: float) -> None:

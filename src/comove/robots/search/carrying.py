@@ -64,6 +64,9 @@ class Carrying:
             raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
+        if scene.meshes:
+            way_out = "put boxes and bars in their place, or solve it without a robot"
+            raise _unfit(scene, "shape", "arms carry past boxes and round things, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise _unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)

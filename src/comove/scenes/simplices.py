@@ -1,0 +1,92 @@
+"""The point of a simplex that is nearest to the origin, in numba kernels: the inner step of GJK.
+
+The nearest point lies inside one of the simplex's faces, and there it is the foot of the perpendicular on the face's
+plane. So of all faces whose foot has weights that are not negative, the nearest foot is the point (Gilbert, Johnson
+& Keerthi, 1988).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+FACES = np.array(  # which corners, -1 for none
+    [[i, -1, -1] for i in range(4)]
+    + [[i, j, -1] for i in range(4) for j in range(i)]
+    + [[i, j, k] for i in range(4) for j in range(i) for k in range(j)]
+)
+DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have sides that tell more
+
+
+@numba.njit(cache=True, error_model="numpy")
+def nearest_of_simplex(corners, n, weights):
+    """Write in `weights` (4) those of the nearest point of n corners, the first of (4, 3); its squared distance."""
+    best = np.inf
+    for face in range(FACES.shape[0]):
+        i, j, k = FACES[face, 0], FACES[face, 1], FACES[face, 2]
+        if i >= n:
+            continue
+        p = corners[i]
+        f, g = 0.0, 0.0
+        if j >= 0:
+            ax, ay, az = corners[j, 0] - p[0], corners[j, 1] - p[1], corners[j, 2] - p[2]
+            aa, ap = ax * ax + ay * ay + az * az, -(ax * p[0] + ay * p[1] + az * p[2])
+            if k < 0:
+                if aa == 0.0:
+                    continue
+                f = ap / aa
+            else:
+                bx, by, bz = corners[k, 0] - p[0], corners[k, 1] - p[1], corners[k, 2] - p[2]
+                bb, bp = bx * bx + by * by + bz * bz, -(bx * p[0] + by * p[1] + bz * p[2])
+                ab = ax * bx + ay * by + az * bz
+                area = aa * bb - ab * ab
+                if area <= DEGENERATE * aa * bb:
+                    continue
+                f, g = (bb * ap - ab * bp) / area, (aa * bp - ab * ap) / area
+        if f < 0.0 or g < 0.0 or f + g > 1.0:
+            continue
+        square = 0.0
+        for axis in range(3):
+            x = p[axis]
+            if j >= 0:
+                x += f * (corners[j, axis] - p[axis])
+            if k >= 0:
+                x += g * (corners[k, axis] - p[axis])
+            square += x * x
+        if square < best:
+            best = square
+            weights[0] = weights[1] = weights[2] = weights[3] = 0.0
+            weights[i] = 1.0 - f - g
+            if j >= 0:
+                weights[j] = f
+            if k >= 0:
+                weights[k] = g
+    if n == 4 and _around_origin(corners, weights):
+        return 0.0
+    return best
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _around_origin(corners, weights):
+    """Whether the origin is inside the tetrahedron; then its weights are written."""
+    a, b, c, d = (
+        _volume(corners[1], corners[3], corners[2]),
+        _volume(corners[0], corners[2], corners[3]),
+        _volume(corners[0], corners[3], corners[1]),
+        _volume(corners[0], corners[1], corners[2]),
+    )
+    total = a + b + c + d
+    size = abs(a) + abs(b) + abs(c) + abs(d)
+    if size == 0.0 or abs(total) < size * (1.0 - 1e-12):
+        return False
+    weights[0], weights[1], weights[2], weights[3] = a / total, b / total, c / total, d / total
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _volume(p, q, r):
+    return (
+        p[0] * (q[1] * r[2] - q[2] * r[1])
+        + p[1] * (q[2] * r[0] - q[0] * r[2])
+        + p[2] * (q[0] * r[1] - q[1] * r[0])
+    )
