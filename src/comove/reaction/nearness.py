@@ -204,7 +204,7 @@ def near_on_hull(table, j, nodes, corners, cutoff, near):
         for axis in range(3):
             hull[i, axis] = nodes[corners[i], axis]
     distance = hull_distance(table, j, hull, cutoff, normal, near)[0]
-    return distance if distance > cutoff else point_distance(table, j, near[0], near[1], near[2])
+    return distance if distance > 0.0 else point_distance(table, j, near[0], near[1], near[2])
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -248,6 +248,18 @@ def distance_and_gradient(table, j, x, y, z):
         tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1],
         tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1],
     )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solid_gradient(table, j, x, y, z):
+    """The same of a solid's nearest point: of a polytope not its planes but the way to its nearest point tells."""
+    if table[j, KIND] == POLYTOPE:
+        point, near, normal = np.empty((1, 3)), np.empty(3), np.array([1.0, 0.0, 0.0])
+        point[0, 0], point[0, 1], point[0, 2] = x, y, z
+        distance = hull_distance(table, j, point, np.inf, normal, near)[0]
+        if distance > 0.0:
+            return distance, -normal[0], -normal[1], -normal[2]
+    return distance_and_gradient(table, j, x, y, z)
 
 
 @numba.njit(cache=True, error_model="numpy")

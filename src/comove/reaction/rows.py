@@ -33,6 +33,7 @@ from comove.reaction.nearness import (
     near_on_edge,
     near_on_part,
     near_on_solid,
+    solid_gradient,
 )
 from comove.reaction.twists import place, step, turn_into
 from comove.scenes.distances import CENTER, REACH, TINY, point_distance
@@ -117,7 +118,8 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
             h = point_distance(table, j, p[0], p[1], p[2]) - need
             clearance = min(clearance, h)
             if h <= horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates):
-                _, nx, ny, nz = distance_and_gradient(table, j, p[0], p[1], p[2])
+                true, nx, ny, nz = solid_gradient(table, j, p[0], p[1], p[2])
+                h = max(h, true - need)  # planes of a polytope tell less
                 m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
         for e in range(n_edges):
             a, b = points.edges[e]
@@ -142,7 +144,7 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
                 h = near_on_part(table, j, desk.nodes, points.solids[s], part, np.inf, near) - need
                 desk.left[n_edges + s, j] = min(desk.left[n_edges + s, j], h)
                 if h <= reach:
-                    _, nx, ny, nz = distance_and_gradient(table, j, near[0], near[1], near[2])
+                    _, nx, ny, nz = solid_gradient(table, j, near[0], near[1], near[2])
                     m = _obstacle_row(freedom, rates, desk, m, g, center, near, (nx, ny, nz), sighting, j, h)
             clearance = min(clearance, desk.left[n_edges + s, j])
     # The border.
@@ -218,7 +220,10 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
                     continue
             then -= need
             worst = max(worst, (ask - then) / dt)
-            m = _point_row(freedom, rates, desk, m, g, center, twists, near, sighting, j, need, then)
+            of_solid = e >= n_edges
+            m = _point_row(
+                freedom, rates, desk, m, g, center, twists, near, sighting, j, need, then, of_solid
+            )
     for i in range(points.node_group.shape[0]):
         g = points.node_group[i]
         for axis in range(3):
@@ -343,7 +348,7 @@ def _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, need, then):
+def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, need, then, of_solid):
     """Row of the point that will be at `after` when the step is over, `then` [m] from obstacle `j`."""
     x, p = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -356,7 +361,10 @@ def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, n
                 inside += desk.rotation_after[g, l, k] * x[l]
             own += desk.rotation[g, axis, k] * inside
         p[axis] = center[g, axis] + own
-    h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
+    if of_solid:
+        h, nx, ny, nz = solid_gradient(sighting[0], j, p[0], p[1], p[2])
+    else:
+        h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
     h -= need
     m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
     # What the step does beyond its first order, to this point: rounds of turns, the obstacle's turning.

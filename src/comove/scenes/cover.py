@@ -28,11 +28,14 @@ from comove.scenes.polytopes import Polytope, coarser, hull_of
 Array = NDArray[np.float64]
 
 SHARE = 0.03  # of the longest side, the resolution where none is given
-N_CELLS = 10  # along the longest side, of what is not convex
-N_NODES = 64  # along the longest side, of the grid on which distances are known
+N_CELLS = 8  # along the longest side, of what is not convex
+N_NODES, MOST_NODES = (
+    64,
+    500_000,
+)  # of the grid on which distances are known: along the longest side, and in all
 BEND, SMALLEST = 0.3, 0.5  # of the resolution: how far from convex pieces may be, and how small they are cut
 CONVEX = 1e-9  # of its size, by which a solid may miss being convex
-FOR_GROUPS = 0.5  # of the resolution; the rest is for coarser hulls
+FOR_GROUPS = 0.75  # of the resolution; the rest is for coarser hulls
 STRICTNESS = (1.0, 0.6, 0.3, 0.1)  # of this, tried in turn until a group's hull is near enough to the solid
 N_SEEDS, N_ORDERS, N_TRIED = 24, 3, 6
 MOST_SAMPLES = 16  # along a line
@@ -143,7 +146,7 @@ class _Groups:
             BEND * resolution,
             SMALLEST * resolution,
         )
-        self.distance = Distance(self.corners, self.solid, 0.5 * resolution)
+        self.distance = Distance(self.corners, self.solid, resolution)
         self.n = len(self.first) - 1
 
     def _planes(self, axis: int) -> Array:
@@ -285,16 +288,18 @@ class Distance:
     Parameters
     ----------
     corners : array, shape (n_triangles, 3, 3), the triangles that bound it [m]
-    beyond : how far outside distances are known exactly on the grid [m]
+    resolution : how far outside, and about how finely, distances are known on the grid [m]
     """
 
-    def __init__(self, corners: Array, solid: Solid, beyond: float):
+    def __init__(self, corners: Array, solid: Solid, resolution: float):
         self.corners, self.solid = corners, solid
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self.step = float((high - low).max()) / N_NODES
+        wide = high - low + 2 * resolution
+        step = min(float((high - low).max()) / N_NODES, 0.5 * resolution)
+        self.step = max(step, float(np.cbrt(wide.prod() / MOST_NODES)))
         samples, self._owner = _samples(corners, self.step)
         self._tree = cKDTree(samples)
-        count = np.ceil((high - low + 2 * beyond) / self.step).astype(int) + 3
+        count = np.ceil(wide / self.step).astype(int) + 3
         self.origin = 0.5 * (low + high) - 0.5 * self.step * (count - 1)
         axes = [self.origin[k] + self.step * np.arange(count[k]) for k in range(3)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -302,7 +307,7 @@ class Distance:
         field = np.zeros(len(nodes))
         if inside.any():  # about: what is far away is only known to be
             field = self.step * distance_transform_edt(~inside.reshape(count)).ravel()
-        near = ~inside & (field < beyond + 2 * self.step)
+        near = ~inside & (field < resolution + 2 * self.step)
         field[near] = self._outside(nodes[near])
         self.field = field.reshape(count)
         self._nodes, self._field = nodes, field

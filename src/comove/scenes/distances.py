@@ -3,8 +3,9 @@
 Obstacles are rows of one table, which kernels take at no cost: `KIND`, `CENTER` (3), `ROTATION` (9, a row-major
 matrix whose columns are the obstacle's axes in the world), `SIZE` (3: half edges; radius; radius and half length
 along the obstacle's z; likewise; radii; a polytope's rounding) and `REACH` (radius about the centre that holds the
-obstacle), in metres. A polytope's row goes on: `N_PLANES`, `N_VERTICES`, then planes n x <= d as (n, d) and vertices,
-in the obstacle's frame; rows are as long as the longest.
+obstacle), in metres. A polytope's row goes on: `N_PLANES`, `N_VERTICES`, `MIDDLE` (3) and `BALL` (the radius about it
+that holds the vertices), then `PLANES` n x <= d as (n, d) and vertices, in the obstacle's frame; rows are as long as
+the longest.
 
 Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far
 along z. One set of kernels then serves both, and the distances within the slice are exact.
@@ -12,7 +13,7 @@ along z. One set of kernels then serves both, and the distances within the slice
 Every obstacle is convex, so its signed distance (negative inside) is a convex function with Lipschitz
 constant 1; along a segment it is convex too, which `segment_distance` uses. For a polytope stands the largest
 distance from one of its planes: convex with the same constant, 0 on the surface as well, and never above the signed
-distance. Planes that touch it all around keep it within a tenth of that (`comove.scenes.polytopes`).
+distance. Planes that touch it all around keep it within an eighth of that (`comove.scenes.polytopes`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
-N_PLANES, N_VERTICES, PLANES = 17, 18, 19
+N_PLANES, N_VERTICES, MIDDLE, BALL, PLANES = 17, 18, 19, 22, 23
 BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
 POLYTOPE = 6  # 5 is what `comove.reaction.levels` adds
 TINY = 1e-12

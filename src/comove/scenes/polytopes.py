@@ -131,7 +131,7 @@ def bevelled(polytope: Polytope) -> Array:
 
     They cut nothing off. Outside, the largest distance from a plane that touches the polytope at the nearest point
     is the distance times the cosine of the angle between their directions: with normals `BETWEEN` apart along every
-    edge and some all around for the corners, about a tenth of the distance is missing at most.
+    edge and some all around for the corners, an eighth of the distance is missing at most.
     """
     vertices, normals = polytope.vertices, polytope.planes[:, :3]
     touching = np.abs(vertices @ normals.T - polytope.planes[:, 3]) < 1e-7 * polytope.size
@@ -140,7 +140,7 @@ def bevelled(polytope: Polytope) -> Array:
     for i, j in zip(*np.nonzero(np.triu(shared >= 2, k=1)), strict=True):
         angle = np.arccos(np.clip(normals[i] @ normals[j], -1.0, 1.0))
         share = np.linspace(0.0, 1.0, int(np.ceil(angle / BETWEEN - 1e-6)) + 1)[1:-1, None]
-        if len(share) and angle < 3.1:
+        if len(share) and angle < np.pi - 1e-4:  # else as flat as nothing is
             turn = np.sin((1 - share) * angle) * normals[i] + np.sin(share * angle) * normals[j]
             added.append(turn / np.sin(angle))
     found = np.concatenate(added)
@@ -155,9 +155,9 @@ def _all_around(count: int) -> Array:
     return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
 
 
-BETWEEN = np.radians(35.0)
-ALL_AROUND = _all_around(64)  # no direction is farther than 20 deg from one of them
-SAME_DIRECTION = np.cos(np.radians(10.0))
+BETWEEN = np.radians(50.0)
+ALL_AROUND = _all_around(40)  # no direction is farther than 25 deg from one of them
+SAME_DIRECTION = np.cos(np.radians(12.0))
 
 
 def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
@@ -177,9 +177,12 @@ def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
     for row, own, polytope in zip(table, planes, polytopes, strict=True):
         row[sd.REACH] = np.linalg.norm(polytope.vertices, axis=1).max()
         row[sd.N_PLANES], row[sd.N_VERTICES] = len(own), len(polytope.vertices)
-        middle = sd.PLANES + own.size
-        row[sd.PLANES : middle] = own.ravel()
-        row[middle : middle + polytope.vertices.size] = polytope.vertices.ravel()
+        middle = 0.5 * (polytope.vertices.min(axis=0) + polytope.vertices.max(axis=0))
+        row[sd.MIDDLE : sd.MIDDLE + 3] = middle
+        row[sd.BALL] = np.linalg.norm(polytope.vertices - middle, axis=1).max()
+        behind = sd.PLANES + own.size
+        row[sd.PLANES : behind] = own.ravel()
+        row[behind : behind + polytope.vertices.size] = polytope.vertices.ravel()
     return table
 
 

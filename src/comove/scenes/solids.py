@@ -23,9 +23,11 @@ import numba
 import numpy as np
 
 from comove.scenes.distances import (
+    BALL,
     BOX,
     CAPSULE,
     CYLINDER,
+    MIDDLE,
     N_PLANES,
     N_VERTICES,
     PLANES,
@@ -205,17 +207,17 @@ def hull_distance(table, j, solid, cutoff, normal, near):
 
     It is the solid's middle where the distance is sure to be above `cutoff`.
     """
-    wide = gap(table, j, solid, normal[0], normal[1], normal[2])
-    radius = (
-        table[j, SIZE] if table[j, 0] in (SPHERE, CAPSULE, POLYTOPE) else 0.0
-    )  # kept out of what GJK sees
     u, v, w, reach = _ball(solid)
     near[0], near[1], near[2] = u, v, w
-    if wide > cutoff:
-        return wide, wide
-    far = point_distance(table, j, u, v, w) - reach
+    far = _beyond_ball(table, j, u, v, w) - reach
     if far > cutoff:
         return far, far
+    wide = gap(table, j, solid, normal[0], normal[1], normal[2])
+    if wide > cutoff:
+        return wide, wide
+    radius = 0.0  # kept out of what GJK sees
+    if table[j, 0] in (SPHERE, CAPSULE, POLYTOPE):
+        radius = table[j, SIZE]
     corners, own, weights = np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
     x, y, z, n, square = -normal[0], -normal[1], -normal[2], 0, np.inf
     for step in range(MAX_STEPS):
@@ -302,6 +304,18 @@ def _ball(solid):
     for i in range(n):
         reach = max(reach, (solid[i, 0] - x) ** 2 + (solid[i, 1] - y) ** 2 + (solid[i, 2] - z) ** 2)
     return x, y, z, sqrt(reach)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _beyond_ball(table, j, x, y, z):
+    """A lower bound of the distance of a point from obstacle `j` [m]: of a polytope, from the ball that holds it."""
+    if table[j, 0] != POLYTOPE:
+        return point_distance(table, j, x, y, z)
+    a, b, c = table[j, MIDDLE], table[j, MIDDLE + 1], table[j, MIDDLE + 2]
+    x -= table[j, 1] + table[j, 4] * a + table[j, 5] * b + table[j, 6] * c
+    y -= table[j, 2] + table[j, 7] * a + table[j, 8] * b + table[j, 9] * c
+    z -= table[j, 3] + table[j, 10] * a + table[j, 11] * b + table[j, 12] * c
+    return sqrt(x * x + y * y + z * z) - table[j, BALL] - table[j, SIZE]
 
 
 @numba.njit(cache=True, error_model="numpy")
