@@ -5,7 +5,7 @@ import pytest
 
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Measured, Sensor, write_run
-from comove.execution.sight import Known, straight_on
+from comove.execution.sight import Known, going_on
 from comove.reaction.obstacles import level_obstacle
 from comove.reaction.programme import Sighting
 from comove.scenes import Scene
@@ -91,7 +91,7 @@ def test_a_sighting_has_a_row_for_each_polytope(scene):
         assert seen.velocity[1:] == pytest.approx(np.tile(seen.velocity[1], (n - 1, 1)))
     seen = Known(scene).seen(1.0)
     assert seen.table[1:, 1:4] == pytest.approx(np.tile([0.8, 0.77, 0.33], (n - 1, 1)))
-    ahead = straight_on(scene, seen, 1.0)
+    ahead = going_on(scene, seen, np.zeros_like(seen.velocity), 1.0)
     assert len(ahead.motions) == 2
     assert ahead.obstacles_at(1.0) == pytest.approx(seen.table)
     assert Sighting.still(scene).table is scene.obstacles
