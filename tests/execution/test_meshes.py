@@ -62,6 +62,7 @@ def sights(scene):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sight", ["known", "seen"])
 def test_executions_among_meshes_arrive_and_are_recorded_by_obstacle(scene, sight, tmp_path):
     executor = Executor(scene, sights(scene)[sight])
