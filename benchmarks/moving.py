@@ -18,7 +18,7 @@ import warnings
 import numpy as np
 
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
-from comove.execution.comparison import loose_run
+from comove.execution.comparison import MODULATED, loose_run
 from comove.experiments.random_scenes import moving_scene
 from comove.planning import load_kernels
 from comove.reaction import Sharing
@@ -27,7 +27,6 @@ from comove.verification.record import Record, judge
 
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)
 LONGEST = 3.0  # times the duration
-SHARINGS = {"same matrix": Sharing.SAME, "own matrix each": Sharing.OWN, "no modulation": Sharing.NONE}
 
 
 def executed(scene: Scene, sight) -> dict[str, float]:
@@ -77,7 +76,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", nargs="*", default=["known", "seen", "measured", "clouds", *SHARINGS])
+    parser.add_argument("--only", nargs="*", default=["known", "seen", "measured", "clouds", *MODULATED])
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     for n_dims in (2, 3):
@@ -92,8 +91,8 @@ def main() -> None:
     for name in options.only:
         begun, runs = time.perf_counter(), []
         for seed, scene in scenes.items():
-            if name in SHARINGS:
-                runs.append(modulated_run(scene, SHARINGS[name]))
+            if name in MODULATED:
+                runs.append(modulated_run(scene, MODULATED[name]))
             else:
                 rng = np.random.default_rng(seed)
                 sights = {
@@ -111,7 +110,7 @@ def main() -> None:
                 ("contact", lambda r: r["contact"]),
             )
         }
-        if name not in SHARINGS:
+        if name not in MODULATED:
             print(f"  {name}: {told}, {time.perf_counter() - begun:.0f} s", flush=True)
 
 

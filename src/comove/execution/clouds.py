@@ -51,9 +51,8 @@ class Clouds:
         self._carried: deque[tuple[float, Array]] = deque()
         moving = scene.moving[scene.owners]
         self._standing = np.ascontiguousarray(scene.obstacles[~moving])
-        self._named = (
-            scene.obstacles.copy()
-        )  # the file's rows keep their numbers; what moves there is not known
+        # The file's rows keep their numbers; where it has what moves is not known.
+        self._named = scene.obstacles.copy()
         away = np.zeros(scene.obstacles.shape[1])
         away[sd.KIND], away[sd.CENTER], away[[sd.SIZE, sd.REACH]] = sd.SPHERE, FAR, 1e-3
         away[AXES] = 1.0

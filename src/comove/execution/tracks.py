@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.execution.cover import Cells, covered, square_of, thinned
-from comove.primitives.arguments import require_positive
+from comove.primitives.arguments import require_count, require_positive
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -69,10 +69,7 @@ class Scanner:
             require_positive(name, getattr(self, name), most)
         for name, most in (("agility", 1e6), ("fastest", 1e3)):
             require_positive(name, getattr(self, name), most)
-        if isinstance(self.most, bool) or not isinstance(self.most, int) or not 1 <= self.most <= 1000:
-            raise OptionError(
-                f"most = {self.most!r}", key="most", way_out="give a whole number from 1 to 1000"
-            )
+        require_count("most", self.most, 1000)
         if self.spacing > self.detail:
             raise OptionError(
                 f"detail = {self.detail:g} m is finer than spacing = {self.spacing:g} m",

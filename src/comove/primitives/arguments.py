@@ -54,6 +54,19 @@ def require_positive(name: str, value: object, most: float = 1e308) -> None:
         raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a positive number{bound}")
 
 
+def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
+    """Refuse what is no whole number from 1 to `most`.
+
+    Raises
+    ------
+    OptionError
+        That names it.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= most:
+        bound = f"to {most}" if most < MAX_STEPS else "on"
+        raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a whole number from 1 {bound}")
+
+
 def instants(time: object) -> Array:
     """A new array of finite times [s], shape (n_steps,).
 

@@ -29,10 +29,7 @@ Array = NDArray[np.float64]
 
 SHARE = 0.03  # of the longest side, the resolution where none is given
 N_CELLS = 8  # along the longest side, of what is not convex
-N_NODES, MOST_NODES = (
-    64,
-    500_000,
-)  # of the grid on which distances are known: along the longest side, and in all
+N_NODES, MOST_NODES = 64, 500_000  # of the grid of known distances: along the longest side, and in all
 BEND, SMALLEST = 0.3, 0.5  # of the resolution: how far from convex pieces may be, and how small they are cut
 CONVEX = 1e-9  # of its size, by which a solid may miss being convex
 FOR_GROUPS = 0.75  # of the resolution; the rest is for coarser hulls

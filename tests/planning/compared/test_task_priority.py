@@ -8,6 +8,7 @@ from comove.errors import OptionError
 from comove.planning.compared import Performance, TaskPriority
 from comove.scenes import Scene
 from tests.coordination.examples import MIXED, PLANAR_BAR, PLANAR_LEVEL
+from tests.meshes import ring, write_obj
 from tests.solved import example
 from tests.verification.random_motions import scene_data
 
@@ -125,3 +126,36 @@ def test_a_tighter_bound_holds_the_middle_closer():
         for p in (tight, loose)
     ]
     assert errors[0] < errors[1]
+
+
+def test_a_mesh_of_many_rows_leaves_what_comes_after_it_where_it_is(tmp_path):
+    """A ball crosses the way. A tube that stands in the far corner, and comes first in the file, changes nothing."""
+    pytest.importorskip("trimesh")
+    write_obj(tmp_path / "tube.obj", *ring(n=10))
+    tube = {"shape": "mesh", "file": "tube.obj", "center": [1.8, 1.8, 0.9]}
+    ball = {
+        "shape": "sphere",
+        "center": [0.5, 0.9, 0.5],
+        "radius": 0.06,
+        "motion": {"velocity": [0, -0.15, 0]},
+    }
+
+    def hands(*obstacles):
+        data = {
+            "name": "crossed",
+            "duration": 4.0,
+            "workspace": {"lower": [0, 0, 0], "upper": [2, 2, 1]},
+            "obstacles": list(obstacles),
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": [
+                {"name": n, "start": [0.15, y, 0.5], "goal": [0.85, y, 0.5]}
+                for n, y in (("a", 0.4), ("b", 0.6))
+            ],
+        }
+        scene = Scene.from_dict(data, folder=tmp_path)
+        assert len(scene.obstacles) > len(obstacles) or tube not in obstacles
+        return comove.solve(scene, method=TaskPriority(period=0.02)).trajectory.position
+
+    alone, both = hands(ball), hands(tube, ball)
+    assert np.abs(alone - hands()).max() > 0.005, "the ball matters"
+    np.testing.assert_allclose(both, alone, atol=1e-9)

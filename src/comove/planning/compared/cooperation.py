@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.planning.compared.frenet import frenet_frames
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import require_positive
 
 Array = NDArray[np.float64]
 
@@ -68,8 +68,7 @@ class Laws:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not is_number(value) or not 0.0 < value < np.inf:
-                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
+            require_positive(name, value)
         if not self.learning <= 1.0:
             raise OptionError(f"learning = {self.learning!r}", key="learning", way_out="give at most 1")
         if not self.softest <= self.stiffest:

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STILL, STRAIGHT = (
-    1e-6,
-    1e-6,
-)  # of the path's size: a slope or bend below that share of the largest has no direction
+STILL, STRAIGHT = 1e-6, 1e-6  # a slope or bend below that share of the largest has no direction
 
 
 def frenet_frames(slope: Array, bend: Array) -> Array:

@@ -21,7 +21,7 @@ from comove.planning.compared.curve import count_execution, fit_curve
 from comove.planning.compared.taught import taught_primitives
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import require_count, require_positive
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -53,14 +53,8 @@ class LeaderFollower(Method):
     period: float = 0.002
 
     def __post_init__(self) -> None:
-        if isinstance(self.epochs, bool) or not isinstance(self.epochs, int) or self.epochs < 1:
-            raise OptionError(
-                f"epochs = {self.epochs!r}", key="epochs", way_out="give a whole number from 1 on"
-            )
-        if not is_number(self.period) or not self.period > 0:
-            raise OptionError(
-                f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
-            )
+        require_count("epochs", self.epochs)
+        require_positive("period", self.period)
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the epochs and have the last one judged; nothing is ever planned."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import require_positive
 
 Array = NDArray[np.float64]
 
@@ -44,8 +44,7 @@ class Performance:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not is_number(value) or not 0.0 < value < np.inf:
-                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
+            require_positive(name, value)
         if not self.last <= self.first:
             raise OptionError(f"last = {self.last!r}", key="last", way_out=f"give at most {self.first:g}")
 

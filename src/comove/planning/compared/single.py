@@ -27,6 +27,7 @@ from comove.planning.method import Method
 from comove.planning.methods import POLISHING
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.primitives import DMP, Library, motion_basis
+from comove.primitives.arguments import require_count
 from comove.scenes.scene import Scene
 
 SHAPES = (
@@ -69,16 +70,7 @@ class Single(Method):
     schedule: Schedule = POLISHING
 
     def __post_init__(self) -> None:
-        if (
-            isinstance(self.n_movements, bool)
-            or not isinstance(self.n_movements, int)
-            or self.n_movements < 1
-        ):
-            raise OptionError(
-                f"n_movements = {self.n_movements!r}",
-                key="n_movements",
-                way_out="give a whole number from 1 on",
-            )
+        require_count("n_movements", self.n_movements)
 
     def scene_of(self, scene: Scene) -> Scene:
         """The scene of the first manipulator alone."""

@@ -8,6 +8,7 @@ has learned after the last cycle it carries out alone, in the scene's duration. 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,10 +20,10 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.planning.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
 from comove.planning.compared.curve import count_execution, fit_curve
-from comove.planning.compared.taught import N_BASIS, taught_primitives
+from comove.planning.compared.taught import N_BASIS, group_means, taught_primitives
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import is_number, require_count, require_positive
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 
@@ -98,14 +99,8 @@ class SpeedScaled(Method):
     period: float = 0.002
 
     def __post_init__(self) -> None:
-        if isinstance(self.cycles, bool) or not isinstance(self.cycles, int) or self.cycles < 1:
-            raise OptionError(
-                f"cycles = {self.cycles!r}", key="cycles", way_out="give a whole number from 1 on"
-            )
-        if not is_number(self.period) or not self.period > 0:
-            raise OptionError(
-                f"period = {self.period!r}", key="period", way_out="give a positive number of seconds"
-            )
+        require_count("cycles", self.cycles)
+        require_positive("period", self.period)
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the cycles and have what was learned judged; nothing is ever planned."""
@@ -116,7 +111,7 @@ class SpeedScaled(Method):
         shape = motion_basis(self.n_basis, "velocity").at(s)[1]
         follow = shape @ np.linalg.pinv(
             shape[0]
-        )  # a deviation as the primitive can follow it, and two derivatives
+        )  # a deviation as the primitive can follow it, and 2 derivatives
         intend = self._intentions(search, skill.path[0])
         cycles: list[Cycle] = []
         stiffness = []
@@ -146,7 +141,7 @@ class SpeedScaled(Method):
         }
         search.judge(fit.motion)
 
-    def _intentions(self, search: Search, path: Array):
+    def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:
         """What the human wants in the next cycle, by calls."""
         rng, human, s = search.rng, self.human, np.linspace(0.0, 1.0, N_SAMPLES)
         fade = 16.0 * s**2 * (1.0 - s) ** 2
@@ -179,7 +174,7 @@ def middles(scene: Scene, hands: Array) -> Array:
     -------
     array, shape (..., n_groups, n_dims), [m]
     """
-    return np.stack([hands[..., list(group.members), :].mean(axis=-2) for group in scene.groups], axis=-2)
+    return np.einsum("gm,...md->...gd", group_means(scene), hands)
 
 
 def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tuple[Array, Array]:

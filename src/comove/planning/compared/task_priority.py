@@ -27,7 +27,7 @@ from comove.planning.compared.curve import count_execution, fit_curve
 from comove.planning.compared.hierarchy import Task, lexicographic
 from comove.planning.compared.nearness import Approach, clearance_rows
 from comove.planning.compared.performance import Performance
-from comove.planning.compared.taught import taught_primitives
+from comove.planning.compared.taught import group_means, taught_primitives
 from comove.planning.method import Method
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number
@@ -89,11 +89,12 @@ class TaskPriority(Method):
         followed = reference.copy()
         search.stage = "following by quadratic programmes"
         for k, (velocity, slack, here) in enumerate(controller.velocities(hands, reference)):
-            hands[k + 1 :] = hands[k] + controller.period * velocity
+            hands[k + 1] = hands[k] + controller.period * velocity
             followed[k] = here
             slacks.append(slack)
             if search.over():
                 break
+        hands[len(slacks) :] = hands[len(slacks) - 1]  # where time was up
         count_execution(search, hands)
         fit = fit_curve(scene, search.objective.coordinates, s, hands)
         search.log |= {**self._measures(scene, s * scene.duration, hands, followed), **fit.log()}
@@ -117,14 +118,6 @@ class TaskPriority(Method):
             "absolute_error_max_m": float(absolute.max()),
             "absolute_beyond_bound": float((absolute > self.absolute.bound(time[:-1])).mean()),
         }
-
-
-def group_means(scene: Scene) -> Array:
-    """Means over the hands of every rigid group; array, shape (n_groups, n_manipulators)."""
-    means = np.zeros((len(scene.groups), len(scene.manipulators)))
-    for g, group in enumerate(scene.groups):
-        means[g, list(group.members)] = 1.0 / len(group.members)
-    return means
 
 
 class Controller:
@@ -155,14 +148,12 @@ class Controller:
         reference : array of the same shape, [m]
         """
         scene, before, phase = self.scene, np.zeros(reference.shape[1:]), 0.0
-        moving = bool(scene.moving.any())
-        table, speeds = scene.obstacles, np.zeros((len(scene.obstacles), 3))
         reach = REACH + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
         for k in range(len(reference) - 1):
             time = k * self.period
-            if moving:
-                table, speeds = scene.obstacles_at(time), scene.obstacle_velocities(np.array([time]))[0]
-            rows, low = clearance_rows(scene, hands[k], table, speeds, self.approach, reach)
+            speeds = scene.by_row(scene.obstacle_velocities(np.array([time])))[0]
+            around = scene.obstacles_at(time), speeds
+            rows, low = clearance_rows(scene, hands[k], *around, self.approach, reach)
             here, next_phase = self._at(reference, phase), self._next_phase(hands[k], reference, phase, k)
             slope = (self._at(reference, next_phase) - here) / self.period
             before, slack = self._limited(self._tasks(hands[k], here, slope, before, time), rows, low, before)

@@ -11,6 +11,7 @@ from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.primitives.basis import MotionBasis, motion_basis
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -44,3 +45,11 @@ def taught_primitives(search: Search, basis: MotionBasis | None = None) -> Coord
     hands = scene.start + minimum_jerk(s)[:, None, None] * (scene.goal - scene.start)
     dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), np.zeros(0))
     return dmp.fitted(s, coordinates.from_hands(hands))
+
+
+def group_means(scene: Scene) -> Array:
+    """Means over the hands of every rigid group; array, shape (n_groups, n_manipulators)."""
+    means = np.zeros((len(scene.groups), len(scene.manipulators)))
+    for g, group in enumerate(scene.groups):
+        means[g, list(group.members)] = 1.0 / len(group.members)
+    return means
