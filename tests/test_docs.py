@@ -15,12 +15,29 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
+LONG = (
+    "robot simulate",
+    "robot solve",
+    "library combine",
+    "comove run",
+    "--method paper",
+    "05_a_load_of_any_shape",
+)
 
 
 def blocks(language: str) -> list[tuple[str, str]]:
     """Fenced blocks of one language in all pages, with the page's name."""
     pattern = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
     return [(page.name, code) for page in PAGES for code in pattern.findall(page.read_text(encoding="utf-8"))]
+
+
+def commands() -> list:
+    """The blocks of commands, each once; those that take long are slow tests."""
+    once = {code: page for page, code in reversed(blocks("sh"))}
+    return [
+        pytest.param(page, code, marks=[pytest.mark.slow] if any(word in code for word in LONG) else [])
+        for code, page in reversed(once.items())
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +62,7 @@ def test_the_documents_hold_commands_and_code():
     assert len(blocks("python")) >= 2
 
 
-@pytest.mark.parametrize(("page", "code"), blocks("sh"))
+@pytest.mark.parametrize(("page", "code"), commands())
 def test_commands(page, code, folder):
     for line in code.splitlines():
         words = shlex.split(line, comments=True)
@@ -63,7 +80,13 @@ def test_python(page, code, folder):
     run([sys.executable, "-c", code], folder)
 
 
-@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
+        for path in sorted((ROOT / "examples").glob("*.py"))
+    ],
+)
 def test_examples(example, folder):
     out = run([sys.executable, str(example)], folder)
     assert "False" not in out

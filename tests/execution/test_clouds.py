@@ -357,7 +357,9 @@ def test_scanners_that_are_none(wrong):
 # What comes of it
 
 
-@pytest.mark.parametrize("seed", [4, 6, 10])
+@pytest.mark.parametrize(
+    "seed", [4, pytest.param(6, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.slow)]
+)
 def test_a_load_arrives_by_clouds_alone(seed):
     """Discs, boxes and capsules in the plane; judged by where they really were."""
     scene = moving_scene(seed)
