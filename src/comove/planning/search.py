@@ -113,7 +113,7 @@ class Search:
     started, deadline : on the clock of `time.perf_counter` [s]
     checks : further checks that a motion must pass
     carrier : what moves the hands, None where nothing limits them but the scene
-    progress : called once a generation
+    progress : called once a generation, and for every motion that is the best so far
     interruption : the user's wish to end
     stage : what is being done, in words
     evaluations, generations : counted so far
@@ -190,6 +190,7 @@ class Search:
             cost = self.objective.cost(motion).total
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
+                self._report(cost, 0.0)
         return verdict
 
     def _violation(self, verdict: Verdict) -> float:
@@ -203,9 +204,12 @@ class Search:
     def tell(self, cost: float, violation: float) -> None:
         """Count a generation and report it."""
         self.generations += 1
+        self._report(cost, violation)
+
+    def _report(self, cost: float, violation: float) -> None:
         if self.progress is not None:
             best = None if self.best is None else self.best_cost
-            self.progress(Progress(self.stage, self.generations, cost, violation, best))
+            self.progress(Progress(self.stage, self.generations, cost, violation, best, self.best_motion))
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ class Progress:
     cost : J of the best sample of this generation
     violation : its penalty, 0 where it breaks nothing
     best : J of the best verified motion so far, None before there is one
+    motion : that motion
     """
 
     stage: str
@@ -30,6 +31,7 @@ class Progress:
     cost: float
     violation: float
     best: float | None
+    motion: CoordinatedMotion | None = None
 
 
 ProgressCallback = Callable[[Progress], None]

@@ -70,7 +70,7 @@ def solve(
         What moves the hands, such as `comove.robots.Carrying`, and so limits what they can do; give its check
         along with it.
     progress
-        Called once a generation.
+        Called once a generation, and for every motion that is the best so far.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.errors import OptionError
 from comove.primitives.rotations import matrices, quaternion_product
 from comove.scenes.constraints import (
     DistanceConstraint,
@@ -91,6 +92,71 @@ class Record:
         """Hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
+    def holds(self, c: PairConstraint) -> bool:
+        """Whether the hands of a constraint are on one rigid body, between the steps too."""
+        return any({c.first, c.second} <= set(own) for own in self.scene.nodes_of_groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What any tool hands out: hands that go straight from sample to sample, held to a scene's known obstacles.
+
+    Attributes
+    ----------
+    scene : whose load is known from its hands, as bars and frames are
+    time : array, shape (n_steps,), even, from 0 [s]
+    position : array, shape (n_steps, n_manipulators, n_dims), hands [m]
+
+    Raises
+    ------
+    OptionError
+        If the load reaches beyond what the hands tell, or the arrays do not belong to the scene.
+    """
+
+    scene: Scene
+    time: Array
+    position: Array
+
+    def __post_init__(self) -> None:
+        scene, shape = self.scene, (len(self.time), len(self.scene.manipulators), self.scene.n_dims)
+        if np.shape(self.position) != shape or len(self.time) < 3:
+            raise OptionError(
+                f"position has the shape {np.shape(self.position)}",
+                key="position",
+                way_out=f"give {shape[1]} hands in {shape[2]} dimensions at every time, 3 or more",
+            )
+        unknown = [c for c in scene.constraints if isinstance(c, (UprightConstraint, RelativePoseConstraint))]
+        if scene.body.n_nodes > len(scene.manipulators) or (unknown and scene.n_dims == 3):
+            raise OptionError(
+                "hands do not tell how this load is turned", key="scene", way_out="take a bar or a frame"
+            )
+
+    @cached_property
+    def nodes(self) -> Array:
+        """The hands in space; array, shape (n_steps, n_manipulators, 3) [m]."""
+        nodes = np.zeros((*np.shape(self.position)[:2], 3))
+        nodes[..., : self.scene.n_dims] = self.position
+        return nodes
+
+    @property
+    def bulges(self) -> Array:
+        """Nothing strays from chords that are the movement; array, shape (n_steps - 1, n_manipulators) [m]."""
+        return np.zeros((len(self.time) - 1, len(self.scene.manipulators)))
+
+    @cached_property
+    def obstacles(self) -> Array:
+        """Where their centres are; array, shape (n_steps, n_obstacles, 3) [m]."""
+        return self.scene.centers + self.scene.offsets(self.time)
+
+    @cached_property
+    def sag(self) -> Array:
+        """How far these stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
+        return self.scene.obstacle_sags(self.time)
+
+    def holds(self, c: PairConstraint) -> bool:
+        """Nothing holds the hands but they themselves."""
+        return False
+
 
 @dataclass(frozen=True)
 class RecordReport:
@@ -124,8 +190,8 @@ class RecordReport:
     reasons: tuple[str, ...]
 
 
-def judge(record: Record, blocker: str = "") -> RecordReport:
-    """Judge an execution by the true motion of its obstacles.
+def judge(record: Record | Samples, blocker: str = "") -> RecordReport:
+    """Judge an execution by the true motion of its obstacles, or the samples of a motion.
 
     Parameters
     ----------
@@ -159,14 +225,14 @@ def judge(record: Record, blocker: str = "") -> RecordReport:
     return replace(report, reasons=(*reasons, *_off_limits(report, scene, blocker)))
 
 
-def _contact(record: Record, clearance: Clearance) -> list[str]:
+def _contact(record: Record | Samples, clearance: Clearance) -> list[str]:
     scene, lower = record.scene, clearance.lower
     unknown = np.flatnonzero(~np.isfinite(record.obstacles).all(axis=(0, 2)))
     if len(unknown):
         return [
             f"nobody knows where {scene.name_of(int(unknown[0]))} really was: contact cannot be ruled out"
         ]
-    if not (np.isfinite(record.center).all() and np.isfinite(record.quaternion).all()):
+    if not np.isfinite(record.nodes).all():
         return ["the record holds what is no number"]
     if lower >= scene.clearance:
         return []
@@ -192,24 +258,24 @@ def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
     return reasons
 
 
-def _distance(record: Record, c: DistanceConstraint) -> float:
+def _distance(record: Record | Samples, c: DistanceConstraint) -> float:
     """Error [m]; between the steps one group keeps it, and two come nearer and part as their chords and arcs do."""
     relative, stray = _relative(record, c)
     apart = np.linalg.norm(relative, axis=1)
     error = float(np.abs(apart - c.distance).max())
-    if _of_one_group(record, c):
+    if record.holds(c):
         return error
     farthest = float((np.maximum(apart[1:], apart[:-1]) + stray).max())
     return max(c.distance - least_distance(relative, stray), farthest - c.distance)
 
 
-def _relative_pose(record: Record, c: RelativePoseConstraint) -> float:
-    return 0.0 if record.scene.n_dims == 2 or _of_one_group(record, c) else np.inf
+def _relative_pose(record: Record | Samples, c: RelativePoseConstraint) -> float:
+    return 0.0 if record.scene.n_dims == 2 or record.holds(c) else np.inf
 
 
-def _separation(record: Record, c: SeparationConstraint) -> float:
+def _separation(record: Record | Samples, c: SeparationConstraint) -> float:
     relative, stray = _relative(record, c)
-    if _of_one_group(record, c):
+    if record.holds(c):
         return float(np.linalg.norm(relative, axis=1).min()) - c.least
     return least_distance(relative, stray) - c.least
 
@@ -224,7 +290,7 @@ def _upright(record: Record, c: UprightConstraint) -> float:
     return float((np.maximum(tilt[1:], tilt[:-1]) + 0.5 * turn).max())
 
 
-def _same_height(record: Record, c: SameHeightConstraint) -> float:
+def _same_height(record: Record | Samples, c: SameHeightConstraint) -> float:
     relative, stray = _relative(record, c)
     gap = np.abs(relative[:, record.scene.n_dims - 1])
     return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
@@ -239,11 +305,7 @@ _MEASURES: dict[type, Callable[..., float]] = {
 }
 
 
-def _relative(record: Record, c: PairConstraint) -> tuple[Array, Array]:
+def _relative(record: Record | Samples, c: PairConstraint) -> tuple[Array, Array]:
     """One hand as seen from the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
     nodes, bulges = record.nodes, record.bulges
     return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]
-
-
-def _of_one_group(record: Record, c: PairConstraint) -> bool:
-    return any({c.first, c.second} <= set(own) for own in record.scene.nodes_of_groups)

@@ -1,0 +1,208 @@
+"""What is compared: systems that get a problem and a clock, offer hands as they find them, and are judged alike.
+
+Whoever made it, an offer is a row of samples between which hands go straight. `comove.verification.record.judge` looks
+at all of them after the clock has stopped.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.planning.kernels import load_kernels
+from comove.planning.method import Method
+from comove.planning.objective import CostWeights
+from comove.planning.solution import Progress
+from comove.planning.solver import solve
+from comove.primitives.dmp import DMP
+from comove.scenes.scene import Scene
+from comove.verification.record import RecordReport, Samples, judge
+
+Array = NDArray[np.float64]
+
+N_SAMPLES = 2001  # of an offer, even in time
+WEIGHTS = CostWeights()
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a system is asked.
+
+    Attributes
+    ----------
+    scene : what to solve
+    demonstration : a movement to begin with, if there is one
+    seed : of all random numbers
+    budget : time for it [s]
+    """
+
+    scene: Scene
+    demonstration: DMP | None = None
+    seed: int = 0
+    budget: float = 10.0
+
+    @property
+    def instants(self) -> Array:
+        """Of the samples of an offer, in shares of the duration; array, shape (N_SAMPLES,)."""
+        return np.linspace(0.0, 1.0, N_SAMPLES)
+
+
+class Offers:
+    """Takes down what a system offers, and when; its clock begins with it."""
+
+    def __init__(self) -> None:
+        self.started = time.perf_counter()
+        self.taken: list[tuple[float, Array]] = []
+
+    @property
+    def seconds(self) -> float:
+        """Since the beginning."""
+        return time.perf_counter() - self.started
+
+    def take(self, hands: Array, seconds: float | None = None) -> None:
+        """Take down an offer, array of shape (N_SAMPLES, n_manipulators, n_dims), [m], found now unless said."""
+        self.taken.append((self.seconds if seconds is None else seconds, np.array(hands, dtype=float)))
+
+
+class System(ABC):
+    """Something that solves scenes.
+
+    Attributes
+    ----------
+    name : as tables call it
+    """
+
+    name: str
+
+    def refuses(self, scene: Scene) -> str:
+        """Why it is not made for a scene, in words; empty where it is."""
+        return ""
+
+    def warm_up(self, problem: Problem) -> None:
+        """Load and compile what a first run would have to wait for; the clock does not run."""
+
+    @abstractmethod
+    def run(self, problem: Problem, offers: Offers) -> None:
+        """Solve the problem within its budget and offer what is found, the best last."""
+
+
+@dataclass(frozen=True)
+class Own(System):
+    """A method of `comove.solve`.
+
+    Attributes
+    ----------
+    method : which
+    planner : whether it may plan
+    """
+
+    name: str
+    method: Method
+    planner: bool = True
+
+    def warm_up(self, problem: Problem) -> None:
+        """Compile the kernels."""
+        load_kernels(problem.scene.n_dims, bool(problem.scene.moving.any()))
+
+    def run(self, problem: Problem, offers: Offers) -> None:
+        """Offer every motion that was the best so far, and at the end what `solve` hands out."""
+        found: list[tuple[float, object]] = []
+
+        def note(progress: Progress) -> None:
+            if progress.motion is not None and (not found or found[-1][1] is not progress.motion):
+                found.append((offers.seconds, progress.motion))
+
+        solution = solve(
+            problem.scene,
+            demonstration=problem.demonstration,
+            seed=problem.seed,
+            method=self.method,
+            planner=self.planner,
+            budget=problem.budget,
+            progress=note,
+        )
+        if not found or found[-1][1] is not solution.attempt:
+            found.append((offers.seconds, solution.attempt))
+        for seconds, motion in found:
+            offers.take(motion.hands(problem.instants)[0], seconds)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one run.
+
+    Attributes
+    ----------
+    verified : whether what was offered last is
+    reasons : why not, in words
+    seconds : until the system ended [s]
+    first_verified : until the first offer that is verified [s]; None without any
+    history : (seconds, cost) of the offers that were verified and better than those before
+    cost : J of equation (4) in unit duration, of the last offer, as all that follows
+    path_length : of all hands together [m]
+    acceleration_max : from step to step [m/s^2]
+    jerk_max : from step to step [m/s^3]
+    distance_error_max : [m]
+    clearance_min : certified [m]
+    """
+
+    verified: bool
+    reasons: tuple[str, ...]
+    seconds: float
+    first_verified: float | None
+    history: tuple[tuple[float, float], ...] = field(repr=False)
+    cost: float
+    path_length: float
+    acceleration_max: float
+    jerk_max: float
+    distance_error_max: float
+    clearance_min: float
+
+
+def measured(system: System, problem: Problem) -> Outcome | None:
+    """Run a system and judge what it offers; None where it offers nothing."""
+    system.warm_up(problem)
+    offers = Offers()
+    system.run(problem, offers)
+    seconds = offers.seconds
+    if not offers.taken:
+        return None
+    reports = [report_of(problem, hands) for _, hands in offers.taken]
+    history: list[tuple[float, float]] = []
+    for (at, hands), report in zip(offers.taken, reports, strict=True):
+        cost = cost_of(problem.scene, hands)
+        if not report.reasons and (not history or cost < history[-1][1]):
+            history.append((at, cost))
+    last, report = offers.taken[-1][1], reports[-1]
+    step = problem.scene.duration / (N_SAMPLES - 1)
+    jerk = np.diff(last, n=3, axis=0) / step**3
+    return Outcome(
+        verified=not report.reasons,
+        reasons=report.reasons,
+        seconds=seconds,
+        first_verified=history[0][0] if history else None,
+        history=tuple(history),
+        cost=cost_of(problem.scene, last),
+        path_length=float(np.linalg.norm(np.diff(last, axis=0), axis=2).sum()),
+        acceleration_max=report.acceleration_max,
+        jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
+        distance_error_max=report.distance_error_max,
+        clearance_min=report.clearance_min,
+    )
+
+
+def report_of(problem: Problem, hands: Array) -> RecordReport:
+    """What the judge says of an offer."""
+    return judge(Samples(problem.scene, problem.instants * problem.scene.duration, hands))
+
+
+def cost_of(scene: Scene, hands: Array) -> float:
+    """J of equation (4) in unit duration, of samples; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+    n = len(hands)
+    to_goal = ((hands - scene.goal) ** 2).sum() / n
+    effort = (np.diff(hands, axis=0) ** 2).sum() * (n - 1) ** 2 / n
+    return float(WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort)
