@@ -1,7 +1,7 @@
 """What is compared: systems that get a problem and a clock, offer hands as they find them, and are judged alike.
 
-Whoever made it, an offer is a row of samples between which hands go straight. `comove.verification.record.judge` looks
-at all of them after the clock has stopped.
+Whoever made it, an offer is a row of samples between which hands go straight. One judge looks at all of them
+(`comove.verification.record`) after the clock has stopped.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class System(ABC):
         """Why it is not made for a scene, in words; empty where it is."""
         return ""
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: Problem) -> None:  # noqa: B027  most have nothing to do
         """Load and compile what a first run would have to wait for; the clock does not run."""
 
     @abstractmethod
