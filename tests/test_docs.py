@@ -16,11 +16,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
-    "robot simulate",
-    "robot solve",
-    "library combine",
-    "comove run",
-    "--method paper",
+    *("robot simulate", "robot solve", "library combine", "comove run", "--method paper", "--method task-priority"),
     "05_a_load_of_any_shape",
 )
 
@@ -76,8 +72,9 @@ def test_commands(page, code, folder):
 
 
 @pytest.mark.parametrize(("page", "code"), blocks("python"))
-def test_python(page, code, folder):
-    run([sys.executable, "-c", code], folder)
+def test_python(page, code, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    exec(compile(code, page, "exec"), {"__name__": "__main__"})
 
 
 @pytest.mark.parametrize(

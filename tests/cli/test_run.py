@@ -59,6 +59,7 @@ def test_a_run_that_arrives(invoke, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"run.npz", "run.json", "run.png", "run.gif"}
 
 
+@pytest.mark.slow
 def test_all_methods_side_by_side(invoke, tmp_path):
     result = invoke(SCENE, "--compare")
     assert result.exit_code == 0, result.output
