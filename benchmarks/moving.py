@@ -76,13 +76,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="greatest speed of obstacles over the hands'"
+    )
     parser.add_argument("--only", nargs="*", default=["known", "seen", "measured", "clouds", *MODULATED])
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     for n_dims in (2, 3):
         load_kernels(n_dims, True)
     seeds = range(options.first, options.first + options.scenes)
-    scenes = {seed: moving_scene(seed) for seed in seeds}
+    scenes = {seed: moving_scene(seed, options.share) for seed in seeds}
     print(
         "| method | arrived | contacts | distance error [m] | clearance [mm] | of the limits | control [ms] "
         "| replan [s] |"

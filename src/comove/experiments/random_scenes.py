@@ -40,8 +40,8 @@ def spatial_triangle_scene(seed: int) -> Scene:
     return _first_passable(np.random.default_rng([seed, 4]), lambda rng: _spatial(rng, seed, 3))
 
 
-def moving_scene(seed: int) -> Scene:
-    """One to four obstacles that move as fast as the hands at most, past up to two that stand.
+def moving_scene(seed: int, share: float = 1.0) -> Scene:
+    """One to four obstacles that move at this share of the hands' speed at most, past up to two that stand.
 
     Planar and spatial scenes alternate, and every other pair of them has three hands instead of two. Whether a load
     can pass is not known: `comove.planning` tells.
@@ -50,18 +50,18 @@ def moving_scene(seed: int) -> Scene:
     n_dims, n_hands = 2 + seed % 2, 2 + seed // 2 % 2
     while True:
         try:
-            scene = Scene.from_dict(_moving(rng, seed, n_dims, n_hands))
+            scene = Scene.from_dict(_moving(rng, seed, n_dims, n_hands, share * SPEED))
         except SceneError:  # an end in an obstacle: draw again
             continue
         if scene.clearance_at(scene.nodes_at("start"))[0] > 2 * SPARE:
             return scene
 
 
-def _moving(rng: np.random.Generator, seed: int, n_dims: int, n_hands: int) -> dict[str, Any]:
+def _moving(rng: np.random.Generator, seed: int, n_dims: int, n_hands: int, fastest: float) -> dict[str, Any]:
     still = [_ball(rng, n_dims, 0.25, 0.75) for _ in range(int(rng.integers(0, 3)))]
     moving = [_ball(rng, n_dims, 0.1, 0.9) for _ in range(int(rng.integers(1, 5)))]
     for obstacle in moving:
-        obstacle["motion"] = _motion(rng, np.array(obstacle["center"]))
+        obstacle["motion"] = _motion(rng, np.array(obstacle["center"]), fastest)
     side = BAR if n_hands == 2 else TRIANGLE
     angles = np.pi / n_hands + 2 * np.pi / n_hands * np.arange(n_hands)
     held = (
@@ -94,9 +94,9 @@ def _ball(rng: np.random.Generator, n_dims: int, low: float, high: float) -> dic
     return {"shape": "capsule", "center": center, "radius": size / 2, "length": 2 * size}
 
 
-def _motion(rng: np.random.Generator, center: Array) -> dict[str, Any]:
-    """A constant velocity, a way there and back, or a circle, at the speed of the hands or slower."""
-    speed, kind = SPEED * rng.uniform(0.2, 1.0), rng.integers(3)
+def _motion(rng: np.random.Generator, center: Array, fastest: float) -> dict[str, Any]:
+    """A constant velocity, a way from point to point, or a circle, at a fifth of the greatest speed or faster."""
+    speed, kind = fastest * rng.uniform(0.2, 1.0), rng.integers(3)
     if kind == 0:
         direction = rng.standard_normal(len(center))
         return {"velocity": (speed * direction / np.linalg.norm(direction)).tolist()}
