@@ -34,7 +34,8 @@ class InputError(ComoveError):
         self.message, self.file, self.key, self.way_out = message, file, key, way_out
 
     def __str__(self) -> str:
-        place = ": ".join(str(part) for part in (self.file, self.key) if part is not None)
+        said = self.key is not None and self.message.startswith(f"{self.key} ")  # "period = 0" names its key
+        place = ": ".join(str(part) for part in (self.file, None if said else self.key) if part is not None)
         sentence = f"{place}: {self.message}" if place else self.message
         return f"{sentence}; {self.way_out}" if self.way_out else sentence
 
