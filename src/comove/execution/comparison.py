@@ -26,7 +26,7 @@ from comove.planning.search import Interruption
 from comove.reaction.modulation import Sharing
 from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
-from comove.verification.record import Record, RecordReport, judge
+from comove.verification.record import PairConstraint, Record, RecordReport, judge
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,10 @@ class LooseRecord(Record):
         nodes = super().nodes.copy()
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
+
+    def holds(self, c: PairConstraint) -> bool:
+        """Nothing holds them."""
+        return False
 
     @cached_property
     def spins(self) -> Array:
