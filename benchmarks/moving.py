@@ -8,9 +8,9 @@ Every method gets the same scenes and is judged by the same truth: `known` execu
 drop-outs; `clouds` knows points on them, 1 cm apart, with 2 mm of noise, 30 ms late, 20 times a second; the others
 modulate the hands' velocities as in the paper. That `known` arrives is the witness that a scene can be passed.
 
-Counted apart: scenes in which something stays where the load has to go, out of the arrivals; and, out of the contacts,
-scenes in which `dodging.dodge`, which knows everything, finds no movement within the limits that touches nothing for the
-first two seconds.
+Counted apart: scenes in which something stays where the load has to go, out of the arrivals; and, out of the
+contacts, scenes in which `dodging.dodge`, which knows everything, finds no movement within the limits that touches
+nothing for the first two seconds.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def test_what_the_judge_says_agrees_with_sums_over_samples(compared):
         assert away.min() + 1e-6 >= c.report.clearance_min >= away.min() - 2e-3
         off = np.abs(np.linalg.norm(hands[:, 0] - hands[:, 1], axis=1) - 0.25)
         np.testing.assert_allclose(c.distance_errors, off, atol=1e-12)
-        assert c.report.distance_error_max == pytest.approx(off.max(), abs=1e-12)
+        assert off.max() - 1e-12 <= c.report.distance_error_max <= off.max() + 1e-4  # between the steps too
 
 
 def test_what_is_known_of_each_method_is_found(compared):
