@@ -1,10 +1,12 @@
 """Where to go without a plan."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from comove.coordination import load_coordinates
-from comove.execution.evasion import evasive_twists, prospect
+from comove.execution.evasion import MOMENT, N_MOMENTS, _followed, _hands, evasive_course, prospect
 from comove.experiments.random_scenes import moving_scene
 from comove.planning.objective import Objective
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
@@ -12,11 +14,11 @@ from tests.execution.test_executor import crossing, disc
 
 
 def evaded(scene, seed=0):
-    """Twists of a load that stands at the start."""
+    """The course of a load that stands at the start."""
     start, goal = poses_of(scene, "start"), poses_of(scene, "goal")
     still = np.zeros((len(scene.groups), 6))
     objective = Objective(scene, load_coordinates(scene))
-    return evasive_twists(
+    return evasive_course(
         objective, start, still, goal, scene.offsets(prospect()), np.random.default_rng(seed)
     )
 
@@ -29,26 +31,61 @@ def test_with_nothing_in_the_way_it_is_that_to_the_goal():
 def test_what_comes_is_avoided_by_going_aside(seed):
     """A disc comes along the bar's line; to stand still, as to go to the goal, is to be hit within the second."""
     scene = crossing(disc([0.5, 0.5], {"velocity": [-0.3, 0.0]}, radius=0.1))
-    twists = evaded(scene, seed)
-    assert twists is not None
-    speeds = np.linalg.norm(hand_velocities(scene, poses_of(scene, "start"), twists), axis=1)
-    assert speeds.max() <= scene.speed_limit * (1 + 1e-9)
+    course = evaded(scene, seed)
+    assert course is not None
+    for twists in course:
+        speeds = np.linalg.norm(hand_velocities(scene, poses_of(scene, "start"), twists), axis=1)
+        assert speeds.max() <= scene.speed_limit * (1 + 1e-9)
+    assert least(scene, course) > least(scene, np.zeros_like(course))
+    assert least(scene, course) > 0
 
-    def least(followed):
-        poses = [advanced(poses_of(scene, "start"), followed, t) for t in prospect()]
-        return min(
-            scene.clearance_at(nodes_of(scene, p), t)[0] for p, t in zip(poses, prospect(), strict=True)
-        )
 
-    assert least(twists) > least(np.zeros((1, 6)))
+def least(scene, course):
+    """Clearance at the ends of the moments of a load that changes its twist as fast as it may, step by step."""
+    poses, twists, found, dt = poses_of(scene, "start"), np.zeros((1, 6)), [], 1e-3
+    for k in range(round(prospect()[-1] / dt)):
+        change = course[int(k * dt / MOMENT + 1e-9)] - twists
+        hands = np.linalg.norm(hand_velocities(scene, poses, change), axis=1).max()
+        twists = twists + change * min(1.0, scene.acceleration_limit * dt / max(hands, 1e-12))
+        poses = advanced(poses, twists, dt)
+        found.append(scene.clearance_at(nodes_of(scene, poses), (k + 1) * dt)[0])
+    return min(found[round(MOMENT / dt) - 1 :: round(MOMENT / dt)])
+
+
+def test_a_course_is_followed_as_small_steps_say():
+    """Velocities grow at the limit of accelerations; hands' directions hardly turn within a moment."""
+    scene = crossing(disc([0.5, 0.5], {"velocity": [-0.3, 0.0]}, radius=0.1))
+    poses, still = poses_of(scene, "start"), np.zeros((1, 6))
+    course = np.zeros((N_MOMENTS, 1, 6))
+    course[:, 0, 1], course[7:, 0, 0] = 0.4, 0.3
+    nodes = _followed(scene, poses, still, course[None], _hands(scene, poses))[0]
+    clearances = [scene.clearance_at(n, t)[0] for n, t in zip(nodes, prospect(), strict=True)]
+    assert min(clearances) == pytest.approx(least(scene, course), abs=2e-3)
+
+
+def test_what_was_found_a_moment_ago_is_not_forgotten():
+    """Nothing is drawn but standing still and what is already known: the known way out is taken, a moment later."""
+    scene = crossing(disc([0.5, 0.5], {"velocity": [-0.3, 0.0]}, radius=0.1))
+    before = evaded(scene, 3)
+    start, goal = poses_of(scene, "start"), poses_of(scene, "goal")
+    objective = Objective(scene, load_coordinates(scene))
+    ends = start, np.zeros((1, 6)), goal
+    rng = SimpleNamespace(
+        standard_normal=np.zeros,
+        uniform=lambda low, high, n: np.full(n, high),
+        integers=lambda low, high, n: np.ones(n),
+        permutation=lambda a: a,
+    )
+    course = evasive_course(objective, *ends, scene.offsets(prospect()), rng, before)
+    np.testing.assert_array_equal(course[:-1], before[1:])
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_candidates_are_what_the_load_can_do(seed):
     scene = moving_scene(seed)
-    twists = evaded(scene, seed)
-    if twists is None:
+    course = evaded(scene, seed)
+    if course is None:
         return
     if scene.n_dims == 2:
-        assert not twists[:, 2:5].any()
-    assert np.isfinite(twists).all()
+        assert not course[:, :, 2:5].any()
+    assert np.isfinite(course).all()

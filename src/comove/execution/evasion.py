@@ -1,8 +1,9 @@
-"""Where to go while there is no plan: the twist with the best prospects among many drawn.
+"""Where to go while there is no plan: the course with the best prospects among many drawn.
 
-Every candidate is followed for a while from the present velocity on, as fast as the acceleration limit lets it be
-reached, among obstacles that move as expected (the dynamic window: Fox, Burgard and Thrun, 1997); half of them turn
-off to another twist on the way. What stays clear by `SAFE` is as good as what stays clear by more; among the safe the
+A course is a twist for every moment of the next while, approached from the present velocity on as fast as the
+acceleration limit lets it be (a dynamic window: Fox, Burgard and Thrun, 1997), among obstacles that move as expected.
+Some are one twist throughout, others turn off to another one on the way, and the best of them is varied; the course
+of a moment ago is among them. What stays clear by `SAFE` is as good as what stays clear by more; among the safe the
 one that comes nearest to the goal is taken.
 """
 
@@ -18,65 +19,117 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_CANDIDATES = 80
-TO_GOAL = 2  # candidate that goes there
-PROSPECT, N_STEPS = 1.2, 13  # s that are looked ahead, and instants in it
+MOMENT, N_MOMENTS = 0.1, 15  # s, and how many of them are looked ahead
+N_DRAWN, N_VARIED = 60, 30  # courses drawn, and variations of the best
+SPREADS = (0.4, 0.2, 0.1)  # of what is drawn, by which the best is varied, one after the other
+TO_GOAL = 2  # course that goes there
 SAFE = 0.03  # m of clearance, beyond which more is no better
 UNSAFE = 100.0  # m of way to the goal that a metre of clearance below `SAFE` outweighs
 TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 
 
-def evasive_twists(
-    objective: Objective, poses: Poses, twists: Array, goal: Poses, offsets: Array, rng: np.random.Generator
+def evasive_course(
+    objective: Objective,
+    poses: Poses,
+    twists: Array,
+    goal: Poses,
+    offsets: Array,
+    rng: np.random.Generator,
+    before: Array | None = None,
 ) -> Array | None:
-    """The twists with the best prospects; array, shape (n_groups, 6) [m/s, rad/s]; None for the way to the goal.
+    """The course with the best prospects; array, shape (N_MOMENTS, n_groups, 6) [m/s, rad/s]; None to the goal.
 
     Parameters
     ----------
     objective : of the scene as it is expected to be
     poses, twists : of now
     goal : poses
-    offsets : array, shape (N_STEPS, n_rows, 3), of the obstacles' rows at even times of the prospect [m]
+    offsets : array, shape (N_MOMENTS + 1, n_rows, 3), of the obstacles' rows at the ends of the moments [m]
+    before : the course of a moment ago
     """
-    scene = objective.scene
-    candidates = _candidates(scene, poses, twists, goal, rng)
-    turning = np.arange(N_CANDIDATES) >= N_CANDIDATES // 2
-    after = np.where(turning[:, None, None], rng.permutation(candidates), candidates)
-    nodes = _followed(scene, poses, twists, candidates, after, rng.uniform(0.1, 0.7, N_CANDIDATES) * PROSPECT)
-    spare = np.minimum(objective.evaluate_nodes(nodes, offsets).clearance - scene.clearance, SAFE)
+    scene, hands = objective.scene, _hands(objective.scene, poses)
     n_hands = len(scene.manipulators)
-    away = np.linalg.norm(nodes[:, -1, :n_hands, : scene.n_dims] - scene.goal, axis=2).max(axis=1)
-    best = int(np.argmax(UNSAFE * spare - away - TURNING * turning))
-    return None if best == TO_GOAL else candidates[best]
+
+    def worth(courses: Array) -> Array:
+        nodes = _followed(scene, poses, twists, courses, hands)
+        spare = np.minimum(objective.evaluate_nodes(nodes, offsets).clearance - scene.clearance, SAFE)
+        away = np.linalg.norm(nodes[:, -1, :n_hands, : scene.n_dims] - scene.goal, axis=2).max(axis=1)
+        turning = (courses != courses[:, :1]).any(axis=(1, 2, 3))
+        return UNSAFE * spare - away - TURNING * turning
+
+    courses = _drawn(scene, poses, twists, goal, hands, rng)
+    if before is not None:
+        courses = np.concatenate([courses, np.concatenate([before[1:], before[-1:]])[None]])
+    values = worth(courses)
+    best = int(np.argmax(values))
+    course, value = courses[best], values[best]
+    if best == TO_GOAL:
+        return None
+    if value <= UNSAFE * SAFE - np.linalg.norm(scene.upper - scene.lower):  # not safe: look closer
+        for spread in SPREADS:
+            varied = course + spread * _turning(_random(scene, hands, N_VARIED, rng), rng)
+            varied = _limited(varied, hands, scene.speed_limit)
+            values = worth(varied)
+            if values.max() > value:
+                course, value = varied[np.argmax(values)], values.max()
+    return course
 
 
 def prospect() -> Array:
-    """The instants that are looked at, from now on [s]; array, shape (N_STEPS,)."""
-    return np.linspace(0.0, PROSPECT, N_STEPS)
+    """The ends of the moments that are looked at, from now on [s]; array, shape (N_MOMENTS + 1,)."""
+    return MOMENT * np.arange(N_MOMENTS + 1)
 
 
-def _candidates(scene: Scene, poses: Poses, twists: Array, goal: Poses, rng: np.random.Generator) -> Array:
-    """To stand still, to go on, to go to the goal, and what is drawn; array, shape (N_CANDIDATES, n_groups, 6)."""
-    drawn = rng.standard_normal((N_CANDIDATES, len(scene.groups), 6))
+def _drawn(
+    scene: Scene, poses: Poses, twists: Array, goal: Poses, hands: Array, rng: np.random.Generator
+) -> Array:
+    """To stand still, to go on, to go to the goal, and what is drawn; (N_DRAWN, N_MOMENTS, n_groups, 6)."""
+    drawn = _random(scene, hands, N_DRAWN, rng)
+    drawn[0], drawn[1] = 0.0, twists
+    drawn[TO_GOAL] = twists_between(scene, poses, goal, MOMENT * N_MOMENTS)
+    drawn = _limited(drawn, hands, min(scene.speed_limit, 1.0))
+    courses = np.repeat(drawn[:, None], N_MOMENTS, axis=1)
+    half = N_DRAWN // 2
+    courses[half:] = _turning(drawn[half:], rng)
+    return courses
+
+
+def _random(scene: Scene, hands: Array, n: int, rng: np.random.Generator) -> Array:
+    """Twists that the load can do, of hands at 0.3 to 1 times their limit; array, shape (n, n_groups, 6)."""
+    drawn = rng.standard_normal((n, len(scene.groups), 6))
     for g, group in enumerate(scene.groups):
         drawn[:, g, 3:] /= max(group.reach, 1e-3)
         fixed = {"none": [3, 4, 5], "fixed": [3, 4, 5], "plane": [3, 4], "vertical": [3, 4]}
         drawn[:, g, fixed.get(group.orientation, [])] = 0.0
     drawn[:, :, scene.n_dims : 3] = 0.0
-    drawn[0], drawn[1], drawn[TO_GOAL] = 0.0, twists, twists_between(scene, poses, goal, PROSPECT)
-    fastest = np.maximum(_speeds(scene, poses, drawn), 1e-9)
-    wanted = min(scene.speed_limit, 1.0) * rng.uniform(0.3, 1.0, N_CANDIDATES)
-    wanted[: TO_GOAL + 1] = np.minimum(wanted, fastest)[: TO_GOAL + 1]
-    return drawn * (wanted / fastest)[:, None, None]
+    wanted = min(scene.speed_limit, 1.0) * rng.uniform(0.3, 1.0, n)
+    return drawn * (wanted / np.maximum(_speeds(hands, drawn), 1e-9))[:, None, None]
 
 
-def _followed(scene: Scene, poses: Poses, twists: Array, first: Array, after: Array, turn: Array) -> Array:
-    """Nodes of those who go over to `first`, at `turn` [s] to `after`; (n_candidates, N_STEPS, n_nodes, 3) [m]."""
-    way = (
-        prospect()[:, None, None] * twists
-        + _gained(scene, poses, first - twists, np.zeros(len(first)))
-        + _gained(scene, poses, after - first, turn)
-    )
+def _turning(drawn: Array, rng: np.random.Generator) -> Array:
+    """Courses that change from each of some twists to another at some moment; (n, N_MOMENTS, n_groups, 6)."""
+    moment = rng.integers(1, N_MOMENTS // 2 + 3, len(drawn))
+    turned = np.arange(N_MOMENTS) >= moment[:, None]
+    return np.where(turned[:, :, None, None], rng.permutation(drawn)[:, None], drawn[:, None])
+
+
+def _limited(twists: Array, hands: Array, limit: float) -> Array:
+    """Twists, slowed down where a hand would be faster than the limit [m/s]; any shape (..., n_groups, 6)."""
+    return twists * np.minimum(1.0, limit / np.maximum(_speeds(hands, twists), 1e-9))[..., None, None]
+
+
+def _followed(scene: Scene, poses: Poses, twists: Array, courses: Array, hands: Array) -> Array:
+    """Nodes of those who follow courses, at the ends of the moments; (n_courses, N_MOMENTS + 1, n_nodes, 3) [m]."""
+    velocity = np.zeros((len(courses), N_MOMENTS + 1, *twists.shape))
+    way = np.zeros_like(velocity)
+    velocity[:, 0] = twists
+    for k in range(N_MOMENTS):
+        change = courses[:, k] - velocity[:, k]
+        needed = np.maximum(_speeds(hands, change) / scene.acceleration_limit, 1e-9)  # to get there [s]
+        share = np.minimum(1.0, MOMENT / needed)[:, None, None]
+        gained = MOMENT - 0.5 * np.minimum(needed, MOMENT)[:, None, None]
+        velocity[:, k + 1] = velocity[:, k] + share * change
+        way[:, k + 1] = way[:, k] + MOMENT * velocity[:, k] + gained * share * change
     nodes = np.zeros((*way.shape[:2], scene.body.n_nodes, 3))
     turns = quaternion_product(exponential(way[..., 3:]), poses.quaternion)
     for g, own in enumerate(scene.nodes_of_groups):
@@ -85,14 +138,13 @@ def _followed(scene: Scene, poses: Poses, twists: Array, first: Array, after: Ar
     return nodes
 
 
-def _gained(scene: Scene, poses: Poses, change: Array, begins: Array) -> Array:
-    """The way that a change of twists adds, as fast as it may come; (n_candidates, N_STEPS, n_groups, 6) [m, rad]."""
-    time = np.maximum(prospect() - begins[:, None], 0.0)
-    needed = _speeds(scene, poses, change)[:, None] / scene.acceleration_limit  # to get there [s]
-    along = np.where(time < needed, 0.5 * time**2 / np.maximum(needed, 1e-9), time - 0.5 * needed)
-    return along[:, :, None, None] * change[:, None]
+def _hands(scene: Scene, poses: Poses) -> Array:
+    """What makes velocities of the hands of twists; array, shape (n_hands, 3, n_groups, 6)."""
+    n_groups = len(scene.groups)
+    of_each = [hand_velocities(scene, poses, row.reshape(n_groups, 6)) for row in np.eye(6 * n_groups)]
+    return np.moveaxis(np.array(of_each), 0, -1).reshape(-1, 3, n_groups, 6)
 
 
-def _speeds(scene: Scene, poses: Poses, twists: Array) -> Array:
-    """Of the fastest hand, for each of several twists, (n, n_groups, 6); array, shape (n,) [m/s]."""
-    return np.array([np.linalg.norm(hand_velocities(scene, poses, x), axis=1).max() for x in twists])
+def _speeds(hands: Array, twists: Array) -> Array:
+    """Of the fastest hand [m/s]; `twists` of any shape (..., n_groups, 6)."""
+    return np.linalg.norm(np.einsum("hdgk,...gk->...hd", hands, twists), axis=-1).max(axis=-1)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.execution.clouds import Clouds
-from comove.execution.evasion import evasive_twists, prospect
+from comove.execution.evasion import MOMENT, evasive_course, prospect
 from comove.execution.sight import Known, Sight, going_on
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
@@ -26,7 +26,7 @@ from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.rotations import matrices
-from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme, ProgrammeSettings, Sighting
+from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme, ProgrammeSettings
 from comove.reaction.twists import (
     Poses,
     advanced,
@@ -98,7 +98,8 @@ class Log:
     Attributes
     ----------
     events : in their order
-    control, planning : what every control step and every attempt to plan took [s]
+    control, planning, evading : what every control step, every attempt to plan, and every look for a way without a
+        plan took [s]
     blocking : how often which obstacle hindered most, by number; -1 for the border, the number
         of the file's obstacles for all that clouds show
     relaxed : by how much the programme had to give way at most [m/s]
@@ -109,6 +110,7 @@ class Log:
     events: list[Event] = field(default_factory=list)
     control: array[float] = field(default_factory=lambda: array("d"))
     planning: list[float] = field(default_factory=list)
+    evading: list[float] = field(default_factory=list)
     blocking: dict[int, int] = field(default_factory=dict)
     relaxed: float = 0.0
     evaluations: int = 0
@@ -165,7 +167,7 @@ class Executor:
         self._interruption = Interruption()
         self._programme = Programme(scene, self.pace.period, ProgrammeSettings(spare=SPARE))
         self._watched = self._planned = self._evaded = -np.inf
-        self._evasion: Array | None = None  # where to go without a plan
+        self._course: Array | None = None  # where to go without a plan
         self._rng = np.random.default_rng(seed)
         self._patience = self.pace.patience
         self._tell_where()
@@ -190,6 +192,7 @@ class Executor:
     def step(self) -> None:
         """One control step: see, decide, move."""
         self._keep_a_plan()
+        self._keep_a_course()
         begun = clock.perf_counter()
         period, now = self.pace.period, self.time
         if self.plan is not None and self.plan.certain:
@@ -257,10 +260,8 @@ class Executor:
         """The twists that the programme allows of what the plan, or the way to the goal, asks for."""
         seen, period = self.sight.seen(now), self.pace.period
         if self.plan is None:
-            if now - self._evaded >= self.pace.watch - 1e-9:
-                self._evaded, self._evasion = now, self._evasive(now, seen)
-            evades = self._evasion is not None
-            wanted = hand_velocities(self.scene, self.poses, self._evasion) if evades else self._homing()
+            evades = self._course is not None
+            wanted = hand_velocities(self.scene, self.poses, self._course[0]) if evades else self._homing()
         else:
             here, there = self.plan.poses(now, now + period)
             twists = twists_between(self.scene, here, there, period)
@@ -275,13 +276,20 @@ class Executor:
         self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
         return allowed.twists
 
-    def _evasive(self, now: float, seen: Sighting) -> Array | None:
-        """Where to go for the next moment; None to the goal."""
-        expected = self.sight.ahead(now)
-        expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
-        objective = Objective(expected, load_coordinates(expected))
-        offsets = expected.by_row(expected.offsets(now + prospect()))
-        return evasive_twists(objective, self.poses, self.twists, self.goal, offsets, self._rng)
+    def _keep_a_course(self) -> None:
+        """Without a plan, see where to go for the next moment."""
+        now = self.time
+        if self.plan is not None:
+            self._course = None
+        elif now - self._evaded >= MOMENT - 1e-9:
+            begun = clock.perf_counter()
+            self._evaded, seen, expected = now, self.sight.seen(now), self.sight.ahead(now)
+            expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
+            objective = Objective(expected, load_coordinates(expected))
+            offsets = expected.by_row(expected.offsets(now + prospect()))
+            ends = self.poses, self.twists, self.goal
+            self._course = evasive_course(objective, *ends, offsets, self._rng, self._course)
+            self.log.evading.append(clock.perf_counter() - begun)
 
     def _homing(self) -> Array:
         """Velocities of the hands straight to the goal, without haste; array, shape (n_hands, 3) [m/s]."""
