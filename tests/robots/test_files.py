@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.demonstrations import npz
-from comove.errors import ResultError, RobotError
+from comove.errors import ResultError
 from comove.planning.objective import Cost
 from comove.planning.solution import Solution
 from comove.results import whole_folder, write_solution
@@ -355,7 +355,7 @@ def test_objects_are_never_unpickled(folder):
 def test_a_robot_that_is_not_here_can_be_given(folder):
     edit_summary(folder, robot_file="/nowhere/robot.yaml")
     sign(folder)
-    with pytest.raises(RobotError, match="there is no robot"):
+    with pytest.raises(ResultError, match=r"robot\.json: robot_file: .*there is no robot"):
         verify_stored(folder)
     assert verify_stored(folder, baxter()).verified is not None
     edit_summary(folder, robot_file=None)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations.npz import read_arrays
-from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError
+from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError, RobotError
 from comove.results.folder import (
     StoredResult,
     checksum,
@@ -241,7 +241,15 @@ def _robot(stored: StoredJoints) -> Robot:
             key="robot_file",
             way_out="name the robot",
         )
-    return Robot.load(source)
+    try:
+        return Robot.load(source)
+    except RobotError as error:
+        raise ResultError(
+            f"the robot that it names cannot be read ({error.message})",
+            file=stored.folder / SUMMARY,
+            key="robot_file",
+            way_out=f"put '{source}' back, or solve the scene again",
+        ) from error
 
 
 def _assumed(summary: Mapping[str, Any]) -> dict[str, Any]:
