@@ -203,9 +203,7 @@ def verify_stored(folder: str | Path, robot: Robot | None = None) -> JointVerdic
     Raises
     ------
     ResultError
-        If the folder is missing, incomplete or unreadable.
-    RobotError
-        If there is no such robot, or it cannot be read.
+        If the folder is missing, incomplete or unreadable, or there is no such robot.
     """
     stored, solution = read_joints(folder), read_result(folder)
     robot = _robot(stored) if robot is None else robot
