@@ -111,10 +111,36 @@ def check_target(folder: str | Path) -> Path:
     return folder
 
 
+def check_new(folder: str | Path) -> Path:
+    """Make sure that `folder` can be written and holds nothing.
+
+    Raises
+    ------
+    ResultError
+        If it is a file, holds anything, or is not writable.
+    """
+    folder = Path(folder).resolve()
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ResultError("the folder is not empty", file=folder, way_out="name another or empty it")
+    return check_target(folder)
+
+
+@contextmanager
+def whole_new_folder(folder: str | Path) -> Iterator[Path]:
+    """As `whole_folder`, but what is there is never replaced."""
+    with _whole(check_new(folder)) as draft:
+        yield draft
+
+
 @contextmanager
 def whole_folder(folder: str | Path) -> Iterator[Path]:
     """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
-    folder = check_target(folder)
+    with _whole(check_target(folder)) as draft:
+        yield draft
+
+
+@contextmanager
+def _whole(folder: Path) -> Iterator[Path]:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
