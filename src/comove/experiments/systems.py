@@ -74,9 +74,11 @@ class System(ABC):
     Attributes
     ----------
     name : as tables call it
+    version : of the tool behind it; empty where it is comove's own
     """
 
     name: str
+    version: str = ""
 
     def refuses(self, scene: Scene) -> str:
         """Why it is not made for a scene, in words; empty where it is."""
