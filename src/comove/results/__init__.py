@@ -12,9 +12,9 @@ from comove.results.runs import RunStore, export_parquet
 
 __all__ = [
     "RunStore",
-    "export_parquet",
     "StoredResult",
     "check_target",
+    "export_parquet",
     "read_result",
     "verify_result",
     "whole_folder",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.drawing import DIFFICULTIES, Difficulty, drawn
 from comove.experiments.bench.witness import Witness
-from comove.results.folder import whole_new_folder
+from comove.results.folder import whole_folder_of
 from comove.scenes.scene import Scene
 from comove.scenes.yaml_reader import read_yaml
 
@@ -121,7 +121,7 @@ def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) 
     difficulty_named(set_name)
     if count < 1:
         raise OptionError(f"count = {count}", key="--count", way_out="draw 1 scene or more")
-    with whole_new_folder(folder) as draft:
+    with whole_folder_of(folder) as draft:
         lines = []
         for index in range(count):
             data, rows = draw_scene(set_name, index, seed)
