@@ -53,7 +53,9 @@ def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
     def draw(axes: Axes, values: Array, style: dict) -> None:
         ordered = np.sort(values[values <= LARGEST])
         share = np.arange(len(ordered) + 1) / len(values)
-        axes.step(np.concatenate([[1.0], ordered, [LARGEST]]), np.append(share, share[-1]), where="post", **style)
+        axes.step(
+            np.concatenate([[1.0], ordered, [LARGEST]]), np.append(share, share[-1]), where="post", **style
+        )
 
     figure = _panels(ratios, draw)
     for axes in figure.axes:
@@ -111,7 +113,9 @@ def draw_growth(curves: Sequence[Growth]) -> Figure:
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, curve in zip(panels, curves, strict=False):
         medians = np.median(curve.times, axis=1)
-        axes.plot(np.repeat(curve.x, curve.times.shape[1]), curve.times.ravel(), ".", color="0.7", markersize=4)
+        axes.plot(
+            np.repeat(curve.x, curve.times.shape[1]), curve.times.ravel(), ".", color="0.7", markersize=4
+        )
         axes.plot(curve.x, medians, "o-", color=COLOURS[1], markersize=4)
         x, middle = np.asarray(curve.x, dtype=float), np.log(curve.x).mean()
         line = np.exp(np.log(medians).mean() + curve.exponent * (np.log(x) - middle))

@@ -30,7 +30,7 @@ FILES = (REPORT, SHARES, RATIOS)
 NEAR = 1.05  # times the best cost known: "near the best"
 REFERENCE = "comove"
 SHOWN = 12  # failures a system and set that are listed
-FIGURES = {  # column: figure, factor, digits
+FIGURES = {  # column: figure, factor
     "path [m]": ("path_length", 1.0),
     "peak acceleration [m/s²]": ("acceleration_max", 1.0),
     "peak jerk [m/s³]": ("jerk_max", 1.0),
@@ -243,7 +243,15 @@ def _success_table(of_set: Sequence[Standing]) -> list[str]:
                 _with_interval(_over_verified(s), "-"),
             ]
         )
-    head = ["system", "verified", "success", "refused", "first verified [s]", "near the best [s]", "cost / best"]
+    head = [
+        "system",
+        "verified",
+        "success",
+        "refused",
+        "first verified [s]",
+        "near the best [s]",
+        "cost / best",
+    ]
     return _table(head, rows)
 
 
@@ -307,13 +315,13 @@ def _failures(of_set: Sequence[Standing]) -> list[str]:
 
 def _legend() -> list[str]:
     return [
-        "Shares of runs with their Wilson interval; where scenes were run with several seeds, the interval is by the "
-        "bootstrap over scenes. Times, ratios and their intervals are medians over scenes (of the median over seeds), "
-        "intervals of 95 % by the bootstrap; never counts as infinite. *First verified*: until the first motion that "
-        "the judge accepts. *Near the best*: until a verified motion that costs at most 5 % more than the best one "
-        "that any system has found for the scene. *Cost / best* and what follows are over the runs whose last motion "
-        "is verified, so systems that solve less are shown on what they solve. *Refused* scenes are no failures in "
-        "the tables; in the pictures they count as not solved."
+        "Shares of runs with their Wilson interval; where scenes were run with several seeds, the interval is by "
+        "the bootstrap over scenes. Times, ratios and their intervals are medians over scenes (of the median over "
+        "seeds), intervals of 95 % by the bootstrap; never counts as infinite. *First verified*: until the first "
+        "motion that the judge accepts. *Near the best*: until a verified motion that costs at most 5 % more than "
+        "the best one that any system has found for the scene. *Cost / best* and what follows are over the runs "
+        "whose last motion is verified, so systems that solve less are shown on what they solve. *Refused* scenes "
+        "are no failures in the tables; in the pictures they count as not solved."
     ]
 
 
