@@ -67,6 +67,7 @@ def test_bad_runs(tmp_path, others):
     refused(invoke("run", "--out", store, "--seeds", 0), "--seeds")
     refused(invoke("run", "--out", store, "--budget", -1), "--budget")
     refused(invoke("run", "--out", store, "--workers", 0), "--workers")
+    assert not store.exists()
     refused(invoke("run", "--out", tmp_path / "none" / "runs.sqlite"), "its folder is not there")
     refused(invoke("run", "--out", others[0]), "it is no SQLite file")
     refused(invoke("run", "--out", others[1]), "no store of runs")

@@ -15,7 +15,7 @@ from comove.views.motion import COLOURS, new_figure
 Array = NDArray[np.float64]
 
 STYLES = ("-", "--", "-.", ":")
-LEAST = 1e-4  # s, from which on times are drawn
+LEAST = 1e-4  # s, before which no times are drawn
 LARGEST = 10.0  # ratio, up to which they are drawn
 
 
@@ -27,12 +27,14 @@ def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
     times : by set and system, array, shape (n_runs,), to the first verified motion, infinite for never [s]
     """
     known = [t for of in times.values() for t in of.values()]
-    most = max([float(t[np.isfinite(t)].max()) for t in known if np.isfinite(t).any()], default=1.0)
+    finite = np.concatenate([np.empty(0), *(t[np.isfinite(t)] for t in known)])
+    least, most = (finite.min(), finite.max()) if len(finite) else (LEAST, 1.0)
+    least = max(LEAST, 0.5 * least)
 
     def draw(axes: Axes, values: Array, style: dict) -> None:
         ordered = np.sort(values[np.isfinite(values)])
         share = np.arange(len(ordered) + 1) / len(values)
-        x = np.concatenate([[LEAST], np.maximum(ordered, LEAST), [1.5 * most]])
+        x = np.concatenate([[least], np.maximum(ordered, least), [1.5 * most]])
         axes.step(x, np.append(share, share[-1]), where="post", **style)
 
     figure = _panels(times, draw)

@@ -12,7 +12,6 @@ from pathlib import Path
 from comove.experiments.bench import runner
 from comove.experiments.bench.sets import scenes_of
 from comove.experiments.systems import System
-from comove.results.runs import RunStore
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ def drive(path, workers, names, n_scenes=4):
     systems = {name: SYSTEMS[name] for name in names}
     jobs = runner.jobs_of(scenes_of("easy", n_scenes), systems, budget=0.1)
     jobs = [replace(job, allowed=0.8) for job in jobs]
-    return runner.run_all(RunStore.create(path), jobs, workers, lambda p: print(p.done, flush=True))
+    return runner.run_all(path, jobs, workers, lambda p: print(p.done, flush=True))
 
 
 if __name__ == "__main__":

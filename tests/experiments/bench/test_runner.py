@@ -151,4 +151,4 @@ def test_options_that_make_no_sense(options, named):
 
 def test_nothing_to_run(tmp_path):
     with pytest.raises(OptionError, match="nothing to run"):
-        run_all(RunStore.create(tmp_path / "runs.sqlite"), [])
+        run_all(tmp_path / "runs.sqlite", [])

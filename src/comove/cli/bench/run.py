@@ -36,11 +36,9 @@ def run(
     from comove.experiments.bench.runner import Progress, jobs_of, run_all
     from comove.experiments.bench.sets import scenes_of
     from comove.experiments.registry import systems_named
-    from comove.results import RunStore
 
     chosen = [scene for name in names_of(sets) for scene in scenes_of(name, scenes)]
     jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
-    store = RunStore.create(out)
     last = Progress(0, 0, len(jobs))
 
     def tell(progress: Progress) -> None:
@@ -52,7 +50,7 @@ def run(
         last = progress
 
     try:
-        last = run_all(store, jobs, workers, tell)
+        last = run_all(out, jobs, workers, tell)
     except KeyboardInterrupt:
         print(
             f"\ninterrupted: {last.done} of {last.total} runs are in {out}; the same command goes on",

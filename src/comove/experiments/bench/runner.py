@@ -24,7 +24,7 @@ from types import FrameType
 from typing import Any
 
 from comove._version import __version__
-from comove.errors import ExtraError, OptionError
+from comove.errors import ExtraError, InputError, OptionError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.systems import Outcome, Problem, System, measured
 from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
@@ -101,15 +101,16 @@ def jobs_of(
 
 
 def run_all(
-    store: RunStore,
+    path: str | Path,
     jobs: list[Job],
     workers: int = 1,
     tell: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
-    """Run what is not in the store yet.
+    """Run what is not in a store yet.
 
     Parameters
     ----------
+    path : of the store, made where there is none
     workers : processes at a time
     tell : is called at the beginning and after every run
 
@@ -119,11 +120,15 @@ def run_all(
         If joblib is not installed.
     OptionError
         If there is nothing to do, or nobody to do it.
+    ResultError
+        If another file is in the store's place, or it cannot be written.
     """
     if not jobs:
         raise OptionError("there is nothing to run", way_out="name a set and a system")
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="--workers", way_out="give 1 or more")
+    _loky()
+    store = RunStore.create(path)
     _Driver(store, jobs, tell).run(workers)
     n = len(store.keys() & {job.configuration.key for job in jobs})
     return Progress(n, n, len(jobs))
@@ -244,6 +249,8 @@ def _work(store: RunStore, job: Job, driver: str) -> None:
         status, message, outcome = _outcome(job, lambda: store.begin(key, driver, os.getpid()))
     except _Late:
         status, message, outcome = "late", _late_text(job), None
+    except InputError as error:  # a system says itself that it is not made for the scene
+        status, message, outcome = "refused", str(error), None
     except (Exception, SystemExit) as error:  # whatever a system may throw
         status, message, outcome = "error", _told(error), None
     store.add(_run_of(job, status, message, started, outcome))

@@ -293,7 +293,7 @@ def scaling_text(curves: Sequence[Curve]) -> str:
         "",
         "Exponents e of processor time ~ x^e with intervals of 95 % by the bootstrap over "
         f"{curves[0].times.shape[1]} measurements a point. *Generation*: rollouts of {POPULATION} candidates and "
-        "their evaluation. *Solve*: a whole search with as many seeds. A target is met where the whole interval meets "
-        "it, missed where none of it does, open otherwise.",
+        "their evaluation. *Solve*: a whole search with as many seeds. A target is met where the whole interval "
+        "meets it, missed where none of it does, open otherwise.",
     ]
     return "\n".join(lines) + "\n"
