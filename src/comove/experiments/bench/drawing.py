@@ -110,11 +110,11 @@ class _Draft:
             thickness = round(rng.uniform(*d.thickness), 3)
             x += (rng.uniform(*d.corridor) if wall else 0.0) + thickness / 2
             middle = round(x, 3)
-            opening, turn = self._opening()
+            opening, turn, off = self._opening()
             at = np.round(rng.uniform(aside, HEIGHT - aside, self.n_dims - 1), 3)
             self.obstacles += _wall(middle, thickness, at, opening)
             for side in (-1, 1):
-                found.append(self._row(middle + side * (thickness / 2 + aside), at, turn))
+                found.append(self._row(middle + side * (thickness / 2 + aside), at - off, turn))
             x = middle + thickness / 2 + 2 * aside
         length = round(x + ENDS + rng.uniform(*d.corridor), 2)
         found.append(self._end(length - aside))
@@ -131,8 +131,15 @@ class _Draft:
             return [*center, round(2 * float(np.arctan2(turn[3], turn[0])), 4)]
         return [*center, *np.round(turn, 5)]
 
-    def _opening(self) -> tuple[Array, Array]:
-        """Sizes of an opening across the way, (n_dims - 1,) [m], and an orientation that fits it, (4,)."""
+    def _opening(self) -> tuple[Array, Array, Array]:
+        """An opening and how the load fits it.
+
+        Returns
+        -------
+        opening : array, shape (n_dims - 1,), its sizes across the way [m]
+        turn : array, shape (4,), an orientation of the load
+        off : array, shape (n_dims - 1,), where the middle of what the load takes up is then, from its centre [m]
+        """
         d, rng = self.difficulty, self.rng
         need = 2 * (self.radius + d.spare) + 0.001
         if len(self.held) == 2:
@@ -151,7 +158,7 @@ class _Draft:
                 turn = poses(np.array([self._row(0.0, np.zeros(self.n_dims - 1), turn)]))[1][0]
                 across = (self.held @ matrices(turn).T)[:, 1 : self.n_dims]
                 if (np.ptp(across, axis=0) + need <= opening).all():
-                    return opening, turn
+                    return opening, turn, 0.5 * (across.max(axis=0) + across.min(axis=0))
         raise AssertionError("the best pose fits")
 
     def _best(self, along: Array, opening: Array) -> Array:
