@@ -20,6 +20,8 @@ LONG = (
     "robot solve",
     "library combine",
     "comove run",
+    "bench run",
+    "bench scaling",
     "--method paper",
     "05_a_load_of_any_shape",
 )

@@ -48,8 +48,9 @@ def test_plans_and_kills(tmp_path):
     store.plan([WHAT, WHAT])
     assert store.planned() == [WHAT]
     assert [store.note_kill("k") for _ in range(3)] == [1, 2, 3]
-    store.begin("k", "driver", 7)
-    assert [row[:2] for row in store.begun("driver")] == [("k", 7)]
+    store.begin("k", "driver", 7, 100.0)
+    store.begin("k", "driver", 8, 200.0)
+    assert store.begun("driver") == [("k", 8, 200.0)]
     assert store.begun("other") == []
     store.leave("driver")
     assert store.begun("driver") == []

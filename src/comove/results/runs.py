@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
@@ -228,13 +227,13 @@ class RunStore:
             rows = connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
         return [_run(dict(zip(COLUMNS, row, strict=True))) for row in rows]
 
-    def begin(self, key: str, driver: str, pid: int) -> None:
-        """Note that a process is at a run; its clock begins anew with every call."""
+    def begin(self, key: str, driver: str, pid: int, since: float) -> None:
+        """Note that a process is at a run, since when (seconds of the epoch); the last call counts."""
         with self.connected() as connection:
             connection.execute(
                 "INSERT INTO begun VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE SET since = excluded.since, "
                 "pid = excluded.pid",
-                (key, driver, pid, time.time()),
+                (key, driver, pid, since),
             )
 
     def begun(self, driver: str) -> list[tuple[str, int, float]]:

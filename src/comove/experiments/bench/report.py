@@ -15,6 +15,7 @@ from comove.experiments.bench.statistics import (
     NOTHING,
     Interval,
     mean_interval,
+    median,
     median_interval,
     wilson,
 )
@@ -62,7 +63,7 @@ class Standing:
         found = defaultdict(list)
         for run in self.runs:
             found[run.configuration.scene].append(of(run))
-        return {scene: median_interval_value(values) for scene, values in found.items()}
+        return {scene: median(values) for scene, values in found.items()}
 
     @property
     def n_verified(self) -> int:
@@ -98,11 +99,6 @@ class Standing:
         """Median of a figure over the runs that are verified; NaN where there are none."""
         values = [getattr(run.figures, figure) for run in self.runs if run.status == "verified"]
         return float(np.median([v for v in values if v is not None] or [np.nan]))
-
-
-def median_interval_value(values: Sequence[float]) -> float:
-    """The median of values that may be infinite."""
-    return median_interval(values).value if len(values) > 1 else values[0]
 
 
 def standings(runs: Sequence[Run]) -> list[Standing]:

@@ -33,6 +33,7 @@ from comove.scenes.scene import Scene
 KILLS = 3  # of workers, before a run is given up
 TIMES, MORE = 3.0, 30.0  # budgets, and seconds more, after which a run is stopped
 GRACE = 15.0  # s, that a run may take to stop by itself; then its process is killed
+LOADING = 600.0  # s, more for compiling, once after installation
 POLL = 1.0  # s
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -243,10 +244,10 @@ def _begin_work(driver: int) -> None:
 def _work(store: RunStore, job: Job, driver: str) -> None:
     """Run, judge and write one row."""
     key = job.configuration.key
-    store.begin(key, driver, os.getpid())
+    store.begin(key, driver, os.getpid(), time.time() + LOADING)
     started = datetime.now(UTC)
     try:
-        status, message, outcome = _outcome(job, lambda: store.begin(key, driver, os.getpid()))
+        status, message, outcome = _outcome(job, lambda: store.begin(key, driver, os.getpid(), time.time()))
     except _Late:
         status, message, outcome = "late", _late_text(job), None
     except InputError as error:  # a system says itself that it is not made for the scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import NamedTuple
 
@@ -37,6 +38,11 @@ def wilson(successes: int, n: int) -> Interval:
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
 
 
+def median(values: ArrayLike) -> float:
+    """The median of values that may be infinite; array, shape (n,), n > 0."""
+    return float(_medians(np.asarray(values, dtype=float)[None])[0])
+
+
 def median_interval(values: ArrayLike) -> Interval:
     """The median, with a bootstrap interval; values may be infinite (never).
 
@@ -52,7 +58,7 @@ def mean_interval(values: ArrayLike) -> Interval:
     return _bootstrapped(np.asarray(values, dtype=float), lambda drawn: drawn.mean(axis=1))
 
 
-def _bootstrapped(values: Array, of) -> Interval:
+def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
     values = values[~np.isnan(values)]
     if not len(values):
         return NOTHING
@@ -62,7 +68,7 @@ def _bootstrapped(values: Array, of) -> Interval:
 
 
 def _medians(rows: Array) -> Array:
-    """Of every row; the lower of the two in the middle counts as infinite only where it is."""
+    """Of every row; infinite where one of the two in the middle is."""
     rows = np.sort(rows, axis=1)
     n = rows.shape[1]
     low, high = rows[:, (n - 1) // 2], rows[:, n // 2]
