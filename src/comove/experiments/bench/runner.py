@@ -15,7 +15,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -165,6 +165,7 @@ class _Driver:
     def _hand_out(self, queue: deque[Job], workers: int) -> None:
         """Work off a queue, until it is empty or a worker is killed."""
         loky = _loky()
+        self.store.leave(self.name)  # what was begun by workers that are gone
         under_way: dict[Any, Job] = {}
         stopped: set[str] = set()
         environment = dict.fromkeys(THREADS, "1")
@@ -199,9 +200,10 @@ class _Driver:
         stopped = set()
         for key, pid, since in self.store.begun(self.name):
             if key in known and time.time() > since + known[key].allowed + GRACE:
-                self.store.add(_run_of(known[key], "late", _late_text(known[key])))
-                os.kill(pid, signal.SIGKILL)
-                stopped.add(key)
+                with suppress(ProcessLookupError):  # it has just gone by itself
+                    os.kill(pid, signal.SIGKILL)
+                    self.store.add(_run_of(known[key], "late", _late_text(known[key])))
+                    stopped.add(key)
         return stopped
 
     def _sort_out(self, under_way: list[Job], stopped: set[str]) -> None:
