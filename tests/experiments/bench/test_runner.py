@@ -128,6 +128,7 @@ def test_what_does_not_end_is_stopped(tmp_path, name):
     assert [row[2] for row in rows if row[0] == "witnessed"] == ["verified"] * 4
 
 
+@pytest.mark.slow
 def test_what_throws_refuses_or_offers_nothing_is_a_row(tmp_path):
     store = tmp_path / "runs.sqlite"
     drive(store, 1, "thrower")

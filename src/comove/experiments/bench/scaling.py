@@ -221,7 +221,8 @@ def generation_times(case: Case, repeats: int) -> list[float]:
     basis, objective = motion_basis(case.n_basis, "velocity"), Objective(scene, coordinates)
     boundary = coordinates.boundary()
     shape = (POPULATION, coordinates.n_columns, case.n_basis)
-    weights = 0.005 * np.random.default_rng(0).standard_normal(shape)
+    rng = np.random.default_rng(0)
+    weights = 0.005 * rng.standard_normal(shape)
 
     def generation() -> None:
         objective.evaluate(rollouts(basis, boundary, weights, case.n_steps))

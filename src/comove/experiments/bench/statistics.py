@@ -62,7 +62,8 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
     values = values[~np.isnan(values)]
     if not len(values):
         return NOTHING
-    drawn = values[np.random.default_rng(SEED).integers(len(values), size=(RESAMPLES, len(values)))]
+    rng = np.random.default_rng(SEED)
+    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
     low, high = _tails(of(drawn))
     return Interval(float(of(values[None])[0]), low, high)
 
