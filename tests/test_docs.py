@@ -16,14 +16,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
-    *(
-        "robot simulate",
-        "robot solve",
-        "library combine",
-        "comove run",
-        "--method paper",
-        "--method task-priority",
-    ),
+    *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
+    *("--method paper", "--method task-priority"),
     "05_a_load_of_any_shape",
 )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 N_SAMPLES = 2001  # of an offer, even in time
 WEIGHTS = CostWeights()
+FIRST_LOOK = 0.3  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +76,11 @@ class System(ABC):
     Attributes
     ----------
     name : as tables call it
+    version : of the tool behind it; empty where it is comove's own
     """
 
     name: str
+    version: str = ""
 
     def refuses(self, scene: Scene) -> str:
         """Why it is not made for a scene, in words; empty where it is."""
@@ -105,8 +109,9 @@ class Own(System):
     planner: bool = True
 
     def warm_up(self, problem: Problem) -> None:
-        """Compile the kernels."""
+        """Compile the kernels, those of the method itself too."""
         load_kernels(problem.scene.n_dims, bool(problem.scene.moving.any()))
+        _first_look(self, problem.scene.n_dims)
 
     def run(self, problem: Problem, offers: Offers) -> None:
         """Offer every motion that was the best so far, and at the end what `solve` hands out."""
@@ -129,6 +134,26 @@ class Own(System):
             found.append((offers.seconds, solution.attempt))
         for seconds, motion in found:
             offers.take(motion.hands(problem.instants)[0], seconds)
+
+
+@lru_cache(maxsize=32)
+def _first_look(system: Own, n_dims: int) -> None:
+    """Let a method begin on a bar beside a ball, so that it is compiled."""
+    start, goal = ([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)] for x in (0.2, 0.8))
+    scene = Scene.from_dict(
+        {
+            "name": "first-look",
+            "duration": 10.0,
+            "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
+            "obstacles": [{"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}],
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": [
+                {"name": name, "start": a, "goal": b}
+                for name, a, b in zip(("a", "b"), start, goal, strict=True)
+            ],
+        }
+    )
+    solve(scene, method=system.method, planner=system.planner, budget=FIRST_LOOK)
 
 
 @dataclass(frozen=True)

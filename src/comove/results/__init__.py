@@ -1,4 +1,4 @@
-"""Result folders: written as a whole, read with care, judged anew."""
+"""Result folders: written as a whole, read with care, judged anew; and the store of runs."""
 
 from comove.results.folder import (
     StoredResult,
@@ -8,5 +8,15 @@ from comove.results.folder import (
     whole_folder,
     write_solution,
 )
+from comove.results.runs import RunStore, export_parquet
 
-__all__ = ["StoredResult", "check_target", "read_result", "verify_result", "whole_folder", "write_solution"]
+__all__ = [
+    "RunStore",
+    "StoredResult",
+    "check_target",
+    "export_parquet",
+    "read_result",
+    "verify_result",
+    "whole_folder",
+    "write_solution",
+]

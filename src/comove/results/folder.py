@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,6 +99,10 @@ def check_target(folder: str | Path) -> Path:
                 file=folder,
                 way_out="name another folder or move that away",
             )
+    return _writable(folder)
+
+
+def _writable(folder: Path) -> Path:
     parent = folder.parent
     while not parent.exists():
         parent = parent.parent
@@ -111,10 +115,41 @@ def check_target(folder: str | Path) -> Path:
     return folder
 
 
+def check_only(folder: str | Path, names: Collection[str] = ()) -> Path:
+    """Make sure that `folder` can be written and holds nothing but files of these names.
+
+    Raises
+    ------
+    ResultError
+        If it is a file, holds anything else, or is not writable.
+    """
+    folder = Path(folder).resolve()
+    if folder.exists() and not folder.is_dir():
+        raise ResultError("it is a file", file=folder, way_out="name a folder")
+    others = {entry.name for entry in folder.iterdir()} - set(names) if folder.is_dir() else set()
+    if others:
+        raise ResultError(
+            f"the folder holds '{min(others)}'", file=folder, way_out="name another folder or move that away"
+        )
+    return _writable(folder)
+
+
+@contextmanager
+def whole_folder_of(folder: str | Path, names: Collection[str] = ()) -> Iterator[Path]:
+    """As `whole_folder`, for a folder that holds nothing but files of these names."""
+    with _whole(check_only(folder, names)) as draft:
+        yield draft
+
+
 @contextmanager
 def whole_folder(folder: str | Path) -> Iterator[Path]:
     """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
-    folder = check_target(folder)
+    with _whole(check_target(folder)) as draft:
+        yield draft
+
+
+@contextmanager
+def _whole(folder: Path) -> Iterator[Path]:
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))

@@ -1,5 +1,6 @@
 """Pictures; the only room that imports matplotlib."""
 
+from comove.views.benchmark import Growth, draw_cost_ratios, draw_growth, draw_shares
 from comove.views.comparison import animate_comparison, draw_comparison
 from comove.views.joints import draw_joints
 from comove.views.motion import draw_motion, draw_progress, draw_side_by_side, save
@@ -7,15 +8,19 @@ from comove.views.primitives import draw_library, draw_primitive
 from comove.views.run import animate_run, draw_run
 
 __all__ = [
+    "Growth",
     "animate_comparison",
     "animate_run",
     "draw_comparison",
+    "draw_cost_ratios",
+    "draw_growth",
     "draw_joints",
     "draw_library",
     "draw_motion",
     "draw_primitive",
     "draw_progress",
     "draw_run",
+    "draw_shares",
     "draw_side_by_side",
     "save",
 ]

@@ -1,0 +1,299 @@
+"""Scenes drawn around a movement, so that every one of them is known to be feasible and no planner has a say in it.
+
+First the load, the walls' openings and an orientation in which the load fits each of them; then poses: the start,
+one before and one behind each wall, the goal; then walls around the openings; then clutter, wherever it stays clear
+of what the load sweeps. What the judge does not accept is drawn again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import SceneError
+from comove.experiments.bench.witness import Witness, poses
+from comove.primitives.rotations import exponential, matrices, quaternion_product
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+BAR = 0.2  # m
+RADIUS = 0.005  # m, of loads in space
+DURATION, SPEED = 10.0, 1.0  # s, m/s
+HEIGHT = 1.0  # m, of the workspace across the way
+BEYOND = 0.1  # m, by which walls reach beyond it
+ROOM = 0.01  # m, to spare besides the load where it turns
+ENDS = 0.05  # m, more of it before the first wall and behind the last
+TILTS = (np.pi, 0.6, 0.4, 0.25, 0.15, 0.08, 0.03, 0.0)  # rad, tried around the pose that fits an opening best
+TRIES = 60  # a scene or an obstacle, before a new beginning
+NAMES = "abcd"
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """What scenes are drawn from.
+
+    Attributes
+    ----------
+    ratio : of an opening, in bar lengths; of a window for a frame, its narrow side in widths of the frame
+    width : of an opening for a frame, in widths of the frame across its narrowest direction
+    walls, clutter, manipulators : fewest and most
+    thickness : of walls [m]
+    corridor : between walls, beside what the load needs to turn [m]
+    size : of clutter [m]
+    spare : what the witness keeps from everything, at least [m]
+    """
+
+    ratio: Range
+    width: Range
+    walls: tuple[int, int]
+    clutter: tuple[int, int]
+    manipulators: tuple[int, int]
+    thickness: Range
+    corridor: Range
+    size: Range
+    spare: float
+
+
+DIFFICULTIES = {
+    "easy": Difficulty(
+        (1.1, 1.6), (1.5, 2.0), (1, 1), (0, 2), (2, 2), (0.02, 0.06), (0.05, 0.15), (0.02, 0.06), 0.006
+    ),
+    "hard": Difficulty(
+        (0.45, 0.9), (1.15, 1.5), (1, 3), (2, 6), (2, 3), (0.02, 0.08), (0.02, 0.12), (0.02, 0.07), 0.006
+    ),
+    "extreme": Difficulty(
+        (0.15, 0.45), (1.1, 1.3), (2, 4), (8, 16), (2, 4), (0.01, 0.15), (0.0, 0.08), (0.02, 0.09), 0.004
+    ),
+}
+
+
+def drawn(name: str, difficulty: Difficulty, n_dims: int, seed: list[int]) -> tuple[dict[str, Any], Array]:
+    """A scene, as a scene file holds it, and the poses of its witness, as rows.
+
+    Parameters
+    ----------
+    seed : of all random numbers, one or several
+
+    Returns
+    -------
+    data : contents of a scene file
+    rows : array, shape (n_poses, 3 or 7), as `Witness.from_rows` takes them
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        draft = _Draft(name, difficulty, n_dims, rng)
+        if draft.feasible() and draft.cluttered():
+            return draft.data(), draft.rows
+
+
+class _Draft:
+    """A scene that is being drawn."""
+
+    def __init__(self, name: str, difficulty: Difficulty, n_dims: int, rng: np.random.Generator):
+        self.name, self.difficulty, self.n_dims, self.rng = name, difficulty, n_dims, rng
+        self.radius = RADIUS if n_dims == 3 else 0.0
+        self.held = _held(rng, int(rng.integers(difficulty.manipulators[0], difficulty.manipulators[1] + 1)))
+        self.reach = float(np.linalg.norm(self.held, axis=1).max()) + self.radius
+        self.obstacles: list[dict[str, Any]] = []
+        self.length, self.rows = self._around_walls()
+
+    def _around_walls(self) -> tuple[float, Array]:
+        """Draw the walls; how long the workspace is [m], and the poses."""
+        d, rng, aside = self.difficulty, self.rng, self.reach + self.difficulty.spare + ROOM
+        x, found = 2 * aside + ENDS + rng.uniform(*d.corridor), [self._end(aside)]
+        for wall in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
+            thickness = round(rng.uniform(*d.thickness), 3)
+            x += (rng.uniform(*d.corridor) if wall else 0.0) + thickness / 2
+            middle = round(x, 3)
+            opening, turn, off = self._opening()
+            at = np.round(rng.uniform(aside, HEIGHT - aside, self.n_dims - 1), 3)
+            self.obstacles += _wall(middle, thickness, at, opening)
+            for side in (-1, 1):
+                found.append(self._row(middle + side * (thickness / 2 + aside), at - off, turn))
+            x = middle + thickness / 2 + 2 * aside
+        length = round(x + ENDS + rng.uniform(*d.corridor), 2)
+        found.append(self._end(length - aside))
+        return length, np.array(found)
+
+    def _end(self, x: float) -> list[float]:
+        aside = self.reach + self.difficulty.spare + ROOM
+        at = self.rng.uniform(aside, HEIGHT - aside, self.n_dims - 1)
+        return self._row(x, at, _any_turn(self.rng, self.n_dims, np.pi))
+
+    def _row(self, x: float, at: Array, turn: Array) -> list[float]:
+        center = np.round([x, *at], 4)
+        if self.n_dims == 2:
+            return [*center, round(2 * float(np.arctan2(turn[3], turn[0])), 4)]
+        return [*center, *np.round(turn, 5)]
+
+    def _opening(self) -> tuple[Array, Array, Array]:
+        """An opening and how the load fits it.
+
+        Returns
+        -------
+        opening : array, shape (n_dims - 1,), its sizes across the way [m]
+        turn : array, shape (4,), an orientation of the load
+        off : array, shape (n_dims - 1,), where the middle of what the load takes up is then, from its centre [m]
+        """
+        d, rng = self.difficulty, self.rng
+        need = 2 * (self.radius + d.spare) + 0.001
+        if len(self.held) == 2:
+            opening = BAR * rng.uniform(*d.ratio, self.n_dims - 1)
+        else:
+            narrowest = _narrowest(self.held)
+            opening = np.array([narrowest * rng.uniform(*d.width) + need])
+            if self.n_dims == 3:
+                opening = rng.permutation(np.append(opening, narrowest * rng.uniform(*d.ratio)))
+        opening = np.round(np.maximum(opening, need + 0.003), 3)
+        along = _across_first(self.held)
+        for tilt in TILTS:
+            for _ in range(16):
+                turn = quaternion_product(_any_turn(rng, self.n_dims, tilt), self._best(along, opening))
+                # As the file will hold it.
+                turn = poses(np.array([self._row(0.0, np.zeros(self.n_dims - 1), turn)]))[1][0]
+                across = (self.held @ matrices(turn).T)[:, 1 : self.n_dims]
+                if (np.ptp(across, axis=0) + need <= opening).all():
+                    return opening, turn, 0.5 * (across.max(axis=0) + across.min(axis=0))
+        raise AssertionError("the best pose fits")
+
+    def _best(self, along: Array, opening: Array) -> Array:
+        """A pose in which the load is as narrow as it can be across the way: along x, flat along the narrow side."""
+        rng = self.rng
+        turn = np.array([np.cos(along / 2), 0, 0, np.sin(along / 2)])
+        flip = np.array([0.0, 0, 0, 1]) if rng.random() < 0.5 else np.array([1.0, 0, 0, 0])
+        turn = quaternion_product(flip, turn)
+        if self.n_dims == 3 and (len(self.held) == 2 or opening[0] < opening[1]):
+            quarter = np.sqrt(0.5) * np.array([1.0, rng.choice([-1.0, 1.0]), 0, 0])
+            turn = quaternion_product(quarter, turn)
+        return turn
+
+    def data(self) -> dict[str, Any]:
+        """Contents of a scene file."""
+        center, quaternion = poses(self.rows)
+        hands = [
+            np.round(center[end] + self.held @ matrices(quaternion[end]).T, 10)[:, : self.n_dims]
+            for end in (0, -1)
+        ]
+        names = list(NAMES[: len(self.held)])
+        edges = [[a, b] for a, b in zip(names, names[1:] + names[:1], strict=True)]
+        load = {"shape": "bar", "length": BAR} if len(names) == 2 else {"shape": "frame", "edges": edges}
+        return {
+            "name": self.name,
+            "duration": DURATION,
+            "workspace": {
+                "lower": [0.0] * self.n_dims,
+                "upper": [self.length, *[HEIGHT] * (self.n_dims - 1)],
+            },
+            "obstacles": self.obstacles,
+            "load": load | ({"radius": self.radius} if self.radius else {}),
+            "manipulators": [
+                {"name": name, "start": start.tolist(), "goal": goal.tolist()}
+                for name, start, goal in zip(names, *hands, strict=True)
+            ],
+            "limits": {"speed": SPEED},
+        }
+
+    def feasible(self, obstacles: list[dict[str, Any]] | None = None) -> bool:
+        """Whether the judge accepts the witness, with room to spare, among all obstacles or only these."""
+        data = self.data()
+        try:
+            scene = Scene.from_dict(data if obstacles is None else data | {"obstacles": obstacles})
+        except SceneError:  # an end in an obstacle
+            return False
+        report = Witness.from_rows(self.rows.tolist(), scene).judged(scene)
+        return not report.reasons and report.clearance_min >= self.difficulty.spare
+
+    def cluttered(self) -> bool:
+        """Add clutter near the way, clear of it; False where there is no room for it."""
+        d, rng = self.difficulty, self.rng
+        scene = Scene.from_dict(self.data())
+        swept = Witness.from_rows(self.rows.tolist(), scene).hands().mean(axis=1)[:, : self.n_dims]
+        for _ in range(int(rng.integers(d.clutter[0], d.clutter[1] + 1))):
+            for _ in range(TRIES):
+                near = swept[rng.integers(len(swept))] + rng.normal(0.0, 0.8 * self.reach, self.n_dims)
+                center = np.round(np.clip(near, 0.02, scene.upper - 0.02), 3)
+                obstacle = _clutter(rng, center, rng.uniform(*d.size))
+                if self.feasible([obstacle]):
+                    self.obstacles.append(obstacle)
+                    break
+            else:
+                return False
+        return self.feasible()
+
+
+def _held(rng: np.random.Generator, n_hands: int) -> Array:
+    """Hands in the load's frame, in its plane, around their middle: a bar, an isosceles triangle, a rectangle."""
+    if n_hands == 2:
+        return np.array([[-BAR / 2, 0.0, 0.0], [BAR / 2, 0.0, 0.0]])
+    long, wide = round(rng.uniform(0.16, 0.22), 3), round(rng.uniform(0.08, 0.13), 3)
+    corners = [[0, -wide / 2], [0, wide / 2], [long, 0]]
+    if n_hands == 4:
+        corners = [[0, -wide / 2], [0, wide / 2], [long, wide / 2], [long, -wide / 2]]
+    points = np.array([[*corner, 0.0] for corner in corners], dtype=float)
+    return points - points.mean(axis=0)
+
+
+def _widths(held: Array) -> tuple[Array, Array]:
+    """Angles of turning about z, and how wide the load is across x then."""
+    angles = np.linspace(-np.pi, np.pi, 721)
+    across = held[:, 0] * np.sin(angles)[:, None] + held[:, 1] * np.cos(angles)[:, None]
+    return angles, np.ptp(across, axis=1)
+
+
+def _narrowest(held: Array) -> float:
+    return float(_widths(held)[1].min())
+
+
+def _across_first(held: Array) -> float:
+    """The angle [rad] at which the load is narrowest across x."""
+    angles, widths = _widths(held)
+    return float(angles[np.argmin(widths)])
+
+
+def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
+    """A random turn by `most` at most [rad], about z in the plane; array, shape (4,)."""
+    if n_dims == 2:
+        return exponential(np.array([0.0, 0.0, rng.uniform(-most, most)]))
+    if most == np.pi:
+        turn = rng.standard_normal(4)
+        return turn / np.linalg.norm(turn)
+    axis = rng.standard_normal(3)
+    return exponential(rng.uniform(0.0, most) * axis / np.linalg.norm(axis))
+
+
+def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[str, Any]]:
+    """Boxes that leave an opening around `at` in a wall across x: two in the plane, four in space."""
+    low, high = np.round(at - opening / 2, 4), np.round(at + opening / 2, 4)
+    sides = [((-BEYOND, low[0]),), ((high[0], HEIGHT + BEYOND),)]
+    if len(at) == 2:
+        whole, between = (-BEYOND, HEIGHT + BEYOND), (low[0], high[0])
+        sides = [(*side, whole) for side in sides]
+        sides += [(between, (-BEYOND, low[1])), (between, (high[1], HEIGHT + BEYOND))]
+    return [
+        {
+            "shape": "box",
+            "center": [x, *(round(float(a + b) / 2, 5) for a, b in side)],
+            "size": [thickness, *(round(float(b - a), 5) for a, b in side)],
+        }
+        for side in sides
+    ]
+
+
+def _clutter(rng: np.random.Generator, center: Array, size: float) -> dict[str, Any]:
+    """A sphere, a turned box, or a turned capsule."""
+    shape = str(rng.choice(["sphere", "box", "capsule"]))
+    found: dict[str, Any] = {"shape": shape, "center": center.tolist()}
+    if shape == "sphere":
+        return found | {"radius": round(size, 3)}
+    if shape == "box":
+        found["size"] = np.round(size * rng.uniform(0.6, 2.0, len(center)), 3).tolist()
+    else:
+        found |= {"radius": round(0.4 * size, 3), "length": round(size * rng.uniform(1.5, 3.0), 3)}
+    if len(center) == 2:
+        return found | {"rotation_deg": round(rng.uniform(-90.0, 90.0), 1)}
+    return found | {"quaternion_wxyz": np.round(_any_turn(rng, 3, np.pi), 4).tolist()}

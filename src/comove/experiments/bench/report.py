@@ -1,0 +1,351 @@
+"""What a store of runs says: tables and pictures, by set and system, with what is missing."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ResultError
+from comove.experiments.bench.statistics import (
+    NOTHING,
+    Interval,
+    mean_interval,
+    median,
+    median_interval,
+    wilson,
+)
+from comove.results.folder import whole_folder_of
+from comove.results.runs import Run, RunStore
+from comove.views.benchmark import draw_cost_ratios, draw_shares
+from comove.views.motion import save
+
+Array = NDArray[np.float64]
+
+REPORT, SHARES, RATIOS = "report.md", "shares.png", "costs.png"
+FILES = (REPORT, SHARES, RATIOS)
+NEAR = 1.05  # times the best cost known: "near the best"
+REFERENCE = "comove"
+SHOWN = 12  # failures a system and set that are listed
+FIGURES = {  # column: figure, factor
+    "path [m]": ("path_length", 1.0),
+    "peak acceleration [m/s²]": ("acceleration_max", 1.0),
+    "peak jerk [m/s³]": ("jerk_max", 1.0),
+    "distance error [mm]": ("distance_error_max", 1e3),
+    "clearance [mm]": ("clearance_min", 1e3),
+}
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a system did on a set.
+
+    Attributes
+    ----------
+    set, system : names; with budget and versions where a store holds several
+    runs : that ended and were not refused
+    refused : scenes that it is not made for
+    best : the best cost known, by scene
+    """
+
+    set: str
+    system: str
+    runs: tuple[Run, ...]
+    refused: int
+    best: dict[str, float]
+
+    def by_scene(self, of: Callable[[Run], float]) -> dict[str, float]:
+        """The median over the seeds of something, by scene."""
+        found = defaultdict(list)
+        for run in self.runs:
+            found[run.configuration.scene].append(of(run))
+        return {scene: median(values) for scene, values in found.items()}
+
+    @property
+    def n_verified(self) -> int:
+        """Runs that ended with a verified motion."""
+        return sum(run.status == "verified" for run in self.runs)
+
+    @property
+    def success(self) -> Interval:
+        """Share of runs that are verified: by Wilson, or over scenes where there are several seeds a scene."""
+        shares = defaultdict(list)
+        for run in self.runs:
+            shares[run.configuration.scene].append(run.status == "verified")
+        if len(shares) == len(self.runs):
+            return wilson(self.n_verified, len(self.runs))
+        return mean_interval([np.mean(of) for of in shares.values()])
+
+    def first(self, run: Run) -> float:
+        """Time to the first verified motion [s]; infinite for never."""
+        return run.history[0][0] if run.history else np.inf
+
+    def near_best(self, run: Run) -> float:
+        """Time to a verified motion within 5 % of the best cost known [s]; infinite for never."""
+        best = self.best.get(run.configuration.scene, np.inf)
+        return next((seconds for seconds, cost in run.history if cost <= NEAR * best), np.inf)
+
+    def cost_ratio(self, run: Run) -> float:
+        """Final cost over the best known; infinite where the end is not verified."""
+        if run.status != "verified" or run.figures.cost is None:
+            return np.inf
+        return run.figures.cost / self.best[run.configuration.scene]
+
+    def median_of(self, figure: str) -> float:
+        """Median of a figure over the runs that are verified; NaN where there are none."""
+        values = [getattr(run.figures, figure) for run in self.runs if run.status == "verified"]
+        return float(np.median([v for v in values if v is not None] or [np.nan]))
+
+
+def standings(runs: Sequence[Run]) -> list[Standing]:
+    """By set, then by system, in the order in which they first appear."""
+    best: dict[tuple[str, str], float] = defaultdict(lambda: np.inf)
+    for run in runs:
+        c = run.configuration
+        for _, cost in run.history:
+            best[c.set, c.scene] = min(best[c.set, c.scene], cost)
+    label = _labels(runs)
+    groups: dict[tuple[str, str], list[Run]] = defaultdict(list)
+    for run in runs:
+        groups[run.configuration.set, label(run)].append(run)
+    found = []
+    for name in dict.fromkeys(name for name, _ in groups):
+        of_set = {scene: cost for (other, scene), cost in best.items() if other == name}
+        for (other, system), those in groups.items():
+            if other == name:
+                tried = tuple(run for run in those if run.status != "refused")
+                found.append(Standing(name, system, tried, len(those) - len(tried), of_set))
+    return found
+
+
+def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
+    """Names of systems, with what a store holds several of."""
+    all_of = [run.configuration for run in runs]
+    versions, budgets = {c.version for c in all_of}, {c.budget for c in all_of}
+    tools = defaultdict(set)
+    for c in all_of:
+        tools[c.system].add(c.tool)
+
+    def label(run: Run) -> str:
+        c = run.configuration
+        parts = [c.system]
+        parts += [f"comove {c.version}"] if len(versions) > 1 else []
+        parts += [c.tool or "no version"] if len(tools[c.system]) > 1 else []
+        parts += [f"{c.budget:g} s"] if len(budgets) > 1 else []
+        return ", ".join(parts)
+
+    return label
+
+
+def paired_ratio(one: dict[str, float], other: dict[str, float]) -> tuple[Interval, int]:
+    """Median of one / other over the scenes where both are finite, and how many there are."""
+    ratios = [
+        one[scene] / other[scene]
+        for scene in one
+        if scene in other and np.isfinite([one[scene], other[scene]]).all() and other[scene] > 0
+    ]
+    return (median_interval(ratios) if ratios else NOTHING), len(ratios)
+
+
+def write_report(store: RunStore, folder: str | Path) -> str:
+    """Write `report.md` and its pictures; returns the text.
+
+    Raises
+    ------
+    ResultError
+        If no run has ended, or the folder holds something else or cannot be written.
+    """
+    runs = store.runs()
+    if not runs:
+        raise ResultError("no run has ended yet", file=store.path, way_out="run some: comove bench run")
+    found = standings(runs)
+    text = report_text(runs, found, missing_of(store, runs))
+    with whole_folder_of(folder, FILES) as draft:
+        (draft / REPORT).write_text(text, encoding="utf-8")
+        for draw, of, file in ((draw_shares, "first", SHARES), (draw_cost_ratios, "cost_ratio", RATIOS)):
+            values: dict[str, dict[str, Array]] = defaultdict(dict)
+            for s in found:
+                those = [getattr(s, of)(run) for run in s.runs] + [np.inf] * s.refused
+                values[s.set][s.system] = np.array(those)
+            save(draw(values), draft / file)
+    return text
+
+
+def missing_of(store: RunStore, runs: Sequence[Run]) -> list[str]:
+    """What was planned and has not ended, a line a set and system."""
+    ended = {run.configuration.key for run in runs}
+    planned, missing = Counter(), defaultdict(list)
+    for c in store.planned():
+        planned[c.set, c.system] += 1
+        if c.key not in ended:
+            missing[c.set, c.system].append(c)
+    return [
+        f"{len(those)} of {planned[name, system]} runs of {system} on {name} "
+        f"(the next: {those[0].scene}, seed {those[0].seed}, {those[0].budget:g} s)"
+        for (name, system), those in missing.items()
+    ]
+
+
+def report_text(runs: Sequence[Run], found: Sequence[Standing], missing: Sequence[str]) -> str:
+    """The report in Markdown."""
+    lines = ["# Benchmark", "", *_about(runs)]
+    if missing:
+        lines += ["", "**Incomplete**: still to be run are", "", *(f"- {line}" for line in missing)]
+    for name in dict.fromkeys(s.set for s in found):
+        of_set = [s for s in found if s.set == name]
+        lines += ["", f"## {name}", "", *_success_table(of_set), "", *_figure_table(of_set)]
+        against = _against_table(of_set)
+        lines += ["", *against] if against else []
+        failures = _failures(of_set)
+        lines += ["", "Not verified:", "", *failures] if failures else []
+    lines += ["", "## Pictures", ""]
+    lines += [f"![Share of runs with a verified motion against time]({SHARES})", ""]
+    lines += [f"![Share of runs within a ratio of the best cost known]({RATIOS})", "", *_legend()]
+    return "\n".join(lines) + "\n"
+
+
+def _about(runs: Sequence[Run]) -> list[str]:
+    machines = sorted({f"{r.machine.cpu}, {r.machine.cores} cores, Python {r.machine.python}" for r in runs})
+    versions = sorted({r.configuration.version for r in runs})
+    budgets = sorted({r.configuration.budget for r in runs})
+    seeds = len({r.configuration.seed for r in runs})
+    tools = sorted({f"{r.configuration.system} {r.configuration.tool}" for r in runs if r.configuration.tool})
+    lines = [
+        f"{len(runs)} runs with comove {', '.join(versions)}, {_counted(seeds, 'seed')} a scene, budget "
+        f"{', '.join(f'{b:g}' for b in budgets)} s, from {min(r.started for r in runs)[:16]} to "
+        f"{max(r.started for r in runs)[:16]} UTC, on {'; '.join(machines)}."
+    ]
+    return lines + ([f"Tools: {', '.join(tools)}."] if tools else [])
+
+
+def _success_table(of_set: Sequence[Standing]) -> list[str]:
+    rows = []
+    for s in of_set:
+        success = s.success
+        rows.append(
+            [
+                s.system,
+                f"{s.n_verified}/{len(s.runs)}",
+                f"{100 * success.value:.0f} % ({100 * success.low:.0f}-{100 * success.high:.0f})"
+                if len(s.runs)
+                else "-",
+                str(s.refused or "-"),
+                _with_interval(median_interval(list(s.by_scene(s.first).values())), "never"),
+                _with_interval(median_interval(list(s.by_scene(s.near_best).values())), "never"),
+                _with_interval(_over_verified(s), "-"),
+            ]
+        )
+    head = [
+        "system",
+        "verified",
+        "success",
+        "refused",
+        "first verified [s]",
+        "near the best [s]",
+        "cost / best",
+    ]
+    return _table(head, rows)
+
+
+def _over_verified(s: Standing) -> Interval:
+    finite = [ratio for ratio in s.by_scene(s.cost_ratio).values() if np.isfinite(ratio)]
+    return median_interval(finite) if finite else NOTHING
+
+
+def _figure_table(of_set: Sequence[Standing]) -> list[str]:
+    rows = [
+        [s.system, *(_number(factor * s.median_of(figure)) for figure, factor in FIGURES.values())]
+        for s in of_set
+    ]
+    return _table(["system", *FIGURES], rows)
+
+
+def _against_table(of_set: Sequence[Standing]) -> list[str]:
+    """Every other system beside the reference, scene by scene."""
+    reference = next((s for s in of_set if s.system.split(",")[0] == REFERENCE), None)
+    others = [s for s in of_set if s is not reference]
+    if reference is None or not others:
+        return []
+    rows = []
+    for s in others:
+        mine, first = s.by_scene(s.first), reference.by_scene(reference.first)
+        costs = paired_ratio(s.by_scene(s.cost_ratio), reference.by_scene(reference.cost_ratio))
+        times = paired_ratio(mine, first)
+        shared = mine.keys() & first.keys()
+        alone = sum(np.isfinite(mine[scene]) and not np.isfinite(first[scene]) for scene in shared)
+        not_it = sum(np.isfinite(first[scene]) and not np.isfinite(mine[scene]) for scene in shared)
+        rows.append(
+            [
+                s.system,
+                f"{_with_interval(times[0], '-')}, {times[1]} scenes",
+                f"{_with_interval(costs[0], '-')}, {costs[1]} scenes",
+                str(alone),
+                str(not_it),
+            ]
+        )
+    head = [
+        f"against {reference.system}",
+        "first verified, ratio",
+        "final cost, ratio",
+        "solved by it alone",
+        "by comove alone",
+    ]
+    return _table(head, rows)
+
+
+def _failures(of_set: Sequence[Standing]) -> list[str]:
+    lines = []
+    for s in of_set:
+        failed = [run for run in s.runs if run.status != "verified"]
+        for run in failed[:SHOWN]:
+            c = run.configuration
+            lines.append(f"- {s.system}, {c.scene}, seed {c.seed}: {run.status}: {run.message[:200]}")
+        if len(failed) > SHOWN:
+            lines.append(f"- {s.system}: {len(failed) - SHOWN} more")
+    return lines
+
+
+def _legend() -> list[str]:
+    return [
+        "Shares of runs with their Wilson interval; where scenes were run with several seeds, the interval is by "
+        "the bootstrap over scenes. Times, ratios and their intervals are medians over scenes (of the median over "
+        "seeds), intervals of 95 % by the bootstrap; never counts as infinite. *First verified*: until the first "
+        "motion that the judge accepts. *Near the best*: until a verified motion that costs at most 5 % more than "
+        "the best one that any system has found for the scene. *Cost / best* and what follows are over the runs "
+        "whose last motion is verified, so systems that solve less are shown on what they solve. *Refused* scenes "
+        "are no failures in the tables; in the pictures they count as not solved."
+    ]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(cells)} |" for cells in lines]
+
+
+def _with_interval(interval: Interval, otherwise: str) -> str:
+    if np.isnan(interval.value):
+        return "-"
+    if not np.isfinite(interval.low):
+        return otherwise
+    value, low, high = (_number(x) if np.isfinite(x) else otherwise for x in interval)
+    return f"{value} ({low}-{high})"
+
+
+def _number(value: float) -> str:
+    """Three digits.
+
+    >>> _number(0.012345), _number(1234.5)
+    ('0.0123', '1230')
+    """
+    if np.isnan(value):
+        return "-"
+    text = f"{value:.3g}"
+    return f"{float(text):.0f}" if "e+" in text else text
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"

@@ -1,0 +1,333 @@
+"""Runs of the benchmark, each in a worker process, none of them run twice, none of them lost.
+
+A worker writes the row of a run itself, at its end. A driver hands out what is not in the store yet. So either may be
+killed at any time: what had ended is there, and the same call goes on. Where a worker is killed, all that was under
+way is run again, each alone; a run that has killed its worker `KILLS` times is marked and the rest goes on.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from comove._version import __version__
+from comove.errors import ExtraError, InputError, OptionError
+from comove.experiments.bench.sets import BenchScene
+from comove.experiments.systems import Outcome, Problem, System, measured
+from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
+from comove.scenes.scene import Scene
+
+KILLS = 3  # of workers, before a run is given up
+TIMES, MORE = 3.0, 30.0  # budgets, and seconds more, after which a run is stopped
+GRACE = 15.0  # s, that a run may take to stop by itself; then its process is killed
+LOADING = 600.0  # s, more for compiling, once after installation
+POLL = 1.0  # s
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run to be done.
+
+    Attributes
+    ----------
+    configuration : what is run
+    path : of the scene's file
+    system : that runs it
+    allowed : after which it is stopped [s]
+    """
+
+    configuration: Configuration
+    path: Path
+    system: System
+    allowed: float
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far it is.
+
+    Attributes
+    ----------
+    before : runs that were in the store at the beginning
+    done : runs that are there now
+    total : runs asked for
+    """
+
+    before: int
+    done: int
+    total: int
+
+
+def jobs_of(
+    scenes: list[BenchScene], systems: Mapping[str, System], seeds: int = 1, budget: float = 10.0
+) -> list[Job]:
+    """Every scene with every system and the seeds from 0 on.
+
+    Raises
+    ------
+    OptionError
+        If seeds or budget are no positive numbers.
+    """
+    if seeds < 1:
+        raise OptionError(f"seeds = {seeds}", key="--seeds", way_out="give 1 or more")
+    if not 0 < budget < float("inf"):
+        raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
+    return [
+        Job(
+            Configuration(
+                scene.set, scene.name, scene.sha256, name, seed, float(budget), __version__, system.version
+            ),
+            scene.path,
+            system,
+            TIMES * budget + MORE,
+        )
+        for seed in range(seeds)
+        for scene in scenes
+        for name, system in systems.items()
+    ]
+
+
+def run_all(
+    path: str | Path,
+    jobs: list[Job],
+    workers: int = 1,
+    tell: Callable[[Progress], None] = lambda progress: None,
+) -> Progress:
+    """Run what is not in a store yet.
+
+    Parameters
+    ----------
+    path : of the store, made where there is none
+    workers : processes at a time
+    tell : is called at the beginning and after every run
+
+    Raises
+    ------
+    ExtraError
+        If joblib is not installed.
+    OptionError
+        If there is nothing to do, or nobody to do it.
+    ResultError
+        If another file is in the store's place, or it cannot be written.
+    """
+    if not jobs:
+        raise OptionError("there is nothing to run", way_out="name a set and a system")
+    if workers < 1:
+        raise OptionError(f"workers = {workers}", key="--workers", way_out="give 1 or more")
+    _loky()
+    store = RunStore.create(path)
+    _Driver(store, jobs, tell).run(workers)
+    n = len(store.keys() & {job.configuration.key for job in jobs})
+    return Progress(n, n, len(jobs))
+
+
+class _Driver:
+    """Hands out runs and looks after those who do them."""
+
+    def __init__(self, store: RunStore, jobs: list[Job], tell: Callable[[Progress], None]):
+        self.store, self.tell, self.total = store, tell, len(jobs)
+        self.name = f"{os.getpid()}-{uuid.uuid4().hex}"
+        store.plan(job.configuration for job in jobs)
+        ended = store.keys()
+        self.waiting = deque(job for job in jobs if job.configuration.key not in ended)
+        self.suspects: deque[Job] = deque()
+        self.before = self.done = self.total - len(self.waiting)
+
+    def run(self, workers: int) -> None:
+        """Until all is done."""
+        self._tell()
+        try:
+            while self.waiting or self.suspects:
+                if self.suspects:
+                    self._hand_out(self.suspects, 1)
+                else:
+                    self._hand_out(self.waiting, min(workers, len(self.waiting)))
+        finally:
+            self.store.leave(self.name)
+
+    def _tell(self) -> None:
+        self.tell(Progress(self.before, self.done, self.total))
+
+    def _hand_out(self, queue: deque[Job], workers: int) -> None:
+        """Work off a queue, until it is empty or a worker is killed."""
+        loky = _loky()
+        self.store.leave(self.name)  # what was begun by workers that are gone
+        under_way: dict[Any, Job] = {}
+        stopped: set[str] = set()
+        environment = dict.fromkeys(THREADS, "1")
+        executor = loky.ProcessPoolExecutor(
+            workers, initializer=_begin_work, initargs=(os.getpid(),), env=environment
+        )
+        try:
+            while queue or under_way:
+                while queue and len(under_way) < workers:
+                    job = queue.popleft()
+                    future = executor.submit(_work, self.store, job, self.name)
+                    under_way[future] = job
+                ended, _ = loky.wait(under_way, timeout=POLL, return_when=loky.FIRST_COMPLETED)
+                for future in ended:
+                    failure = future.exception()
+                    if isinstance(failure, loky.BrokenProcessPool):
+                        raise failure
+                    if failure is not None:  # it could not even be handed out
+                        self.store.add(_run_of(under_way[future], "error", _told(failure)))
+                    del under_way[future]
+                    self.done += 1
+                    self._tell()
+                stopped |= self._stop_late(under_way.values())
+        except loky.BrokenProcessPool:
+            self._sort_out(list(under_way.values()), stopped)
+        finally:
+            executor.shutdown(wait=True, kill_workers=True)
+
+    def _stop_late(self, jobs: Any) -> set[str]:
+        """Kill the processes of runs that did not stop when they should have; the keys of these."""
+        known = {job.configuration.key: job for job in jobs}
+        stopped = set()
+        for key, pid, since in self.store.begun(self.name):
+            if key in known and time.time() > since + known[key].allowed + GRACE:
+                with suppress(ProcessLookupError):  # it has just gone by itself
+                    os.kill(pid, signal.SIGKILL)
+                    self.store.add(_run_of(known[key], "late", _late_text(known[key])))
+                    stopped.add(key)
+        return stopped
+
+    def _sort_out(self, under_way: list[Job], stopped: set[str]) -> None:
+        """A worker is gone: which runs had ended, which may have been it, which are given up."""
+        ended = self.store.keys()
+        for job in under_way:
+            key = job.configuration.key
+            if key in ended:
+                self.done += 1
+            elif stopped:  # one was stopped for being late: the others have done nothing
+                self.waiting.appendleft(job)
+            elif (times := self.store.note_kill(key)) >= KILLS:
+                self.store.add(_run_of(job, "killed", f"its process was killed {times} times"))
+                self.done += 1
+            else:
+                self.suspects.append(job)
+        self._tell()
+
+
+def _loky() -> Any:
+    try:
+        from joblib.externals import loky
+    except ImportError as error:
+        raise ExtraError("a benchmark", "bench") from error
+    return loky
+
+
+def _begin_work(driver: int) -> None:
+    """What a worker does first: leave interrupts to its driver, and end when that is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(POLL)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(store: RunStore, job: Job, driver: str) -> None:
+    """Run, judge and write one row."""
+    key = job.configuration.key
+    store.begin(key, driver, os.getpid(), time.time() + LOADING)
+    started = datetime.now(UTC)
+    try:
+        status, message, outcome = _outcome(job, lambda: store.begin(key, driver, os.getpid(), time.time()))
+    except _Late:
+        status, message, outcome = "late", _late_text(job), None
+    except InputError as error:  # a system says itself that it is not made for the scene
+        status, message, outcome = "refused", str(error), None
+    except (Exception, SystemExit) as error:  # whatever a system may throw
+        status, message, outcome = "error", _told(error), None
+    store.add(_run_of(job, status, message, started, outcome))
+
+
+def _outcome(job: Job, start_clock: Callable[[], None]) -> tuple[str, str, Outcome | None]:
+    c, scene = job.configuration, Scene.load(job.path)
+    why = job.system.refuses(scene)
+    if why:
+        return "refused", why, None
+    problem = Problem(scene, scene.taught, c.seed, c.budget)
+    job.system.warm_up(problem)
+    start_clock()
+    with _alarm(job.allowed):
+        outcome = measured(job.system, problem)
+    if outcome is None:
+        return "nothing", "it offered nothing", None
+    return "verified" if outcome.verified else "not verified", "; ".join(outcome.reasons), outcome
+
+
+class _Late(BaseException):
+    """A run has had its time; no system catches this."""
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """Raise `_Late` after this time, where the platform can."""
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def ring(signum: int, frame: FrameType | None) -> None:
+        raise _Late
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _late_text(job: Job) -> str:
+    return f"stopped after {job.allowed:g} s"
+
+
+def _told(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def _run_of(
+    job: Job,
+    status: str,
+    message: str,
+    started: datetime | None = None,
+    outcome: Outcome | None = None,
+) -> Run:
+    figures, history = Figures(), ()
+    if outcome is not None:
+        figures = Figures(**{name: getattr(outcome, name) for name in vars(figures)})
+        history = outcome.history
+    when = (started or datetime.now(UTC)).isoformat(timespec="milliseconds")
+    return Run(job.configuration, status, message, when, machine(), figures, history)
+
+
+@lru_cache(maxsize=1)
+def machine() -> Machine:
+    """The one that this runs on."""
+    cpu = platform.processor() or platform.machine()
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    models = [line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")]
+    return Machine(models[0] if models else cpu, os.cpu_count() or 1, platform.python_version())

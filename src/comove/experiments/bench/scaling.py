@@ -1,0 +1,302 @@
+"""How times grow with what is asked: manipulators, basis functions, time steps, obstacles, difficulty.
+
+Two times are measured: that of one generation of the search (rollouts of a population and their evaluation), which is
+what a search repeats, and that of a whole `solve`, in which planning, certificates and luck have their part. For each
+an exponent e is fitted, ``time ~ x^e``, once over all points and once over the larger half of them, where what does
+not grow weighs less. All times are of the processor, so that what else runs on the machine hardly counts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import rollouts
+from comove.errors import OptionError, near_name
+from comove.experiments.bench.runner import machine
+from comove.experiments.bench.statistics import Interval, slope_interval
+from comove.planning.kernels import load_kernels
+from comove.planning.methods import Comove
+from comove.planning.objective import N_STEPS, Objective
+from comove.planning.solver import solve
+from comove.primitives.basis import motion_basis
+from comove.results.folder import whole_folder_of
+from comove.scenes.scene import Scene
+from comove.views.benchmark import Growth, draw_growth
+from comove.views.motion import save
+
+Array = NDArray[np.float64]
+
+REPORT, PICTURE = "scaling.md", "scaling.png"
+POPULATION = 16
+BASIS, HANDS, OBSTACLES = 30, 3, 10  # where something else grows
+RADIUS = 0.1  # m, of the ring of hands
+TUBE = 0.2  # m, around the straight way, free of obstacles
+BUDGET = 20.0  # s a solve
+LEAST = 0.02  # s, that a measurement of generations takes at least
+
+
+class Case(NamedTuple):
+    """A point of a curve: what is solved, how, and in how many steps it is sampled."""
+
+    scene: Scene
+    n_basis: int = BASIS
+    n_steps: int = N_STEPS
+
+
+@dataclass(frozen=True)
+class Family:
+    """What grows.
+
+    Attributes
+    ----------
+    label : of what grows
+    x : the points
+    case : of a point
+    target : largest exponent wanted; None where there is none
+    solves, generations : what is measured
+    """
+
+    label: str
+    x: tuple[float, ...]
+    case: Callable[[float], Case]
+    target: float | None
+    solves: bool = True
+    generations: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Times of one family.
+
+    Attributes
+    ----------
+    family : its name
+    quantity : "generation" or "solve"
+    x : array, shape (n_points,)
+    times : array, shape (n_points, n_repeats) [s]
+    verified : share of the solves that are verified; 1 for generations
+    target : largest exponent wanted; None where there is none
+    """
+
+    family: str
+    quantity: str
+    x: Array
+    times: Array
+    verified: float
+    target: float | None
+
+    @property
+    def exponent(self) -> Interval:
+        """Over all points."""
+        return slope_interval(self.x, self.times)
+
+    @property
+    def exponent_end(self) -> Interval:
+        """Over the larger half of the points, that in the middle included."""
+        half = (len(self.x) - 1) // 2
+        return slope_interval(self.x[half:], self.times[half:])
+
+    @property
+    def verdict(self) -> str:
+        """Whether the target is met, over all points and over the larger half of them."""
+        if self.target is None:
+            return "-"
+        fits = self.exponent, self.exponent_end
+        if all(fit.high <= self.target for fit in fits):
+            return "met"
+        return "missed" if any(fit.low > self.target for fit in fits) else "open"
+
+
+def ring_scene(n_hands: int = HANDS, n_obstacles: int = OBSTACLES) -> Scene:
+    """A ring of rods held by all hands (a bar by two), among small spheres beside its straight way in space."""
+    angles = 2 * np.pi * np.arange(n_hands) / n_hands
+    ring = RADIUS * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
+    names = [f"hand{i}" for i in range(n_hands)]
+    edges = [[names[i], names[(i + 1) % n_hands]] for i in range(n_hands if n_hands > 2 else 1)]
+    rng, centers = np.random.default_rng(n_obstacles), []
+    while len(centers) < n_obstacles:
+        center = rng.uniform(0.0, 1.0, 3)
+        if np.linalg.norm(center[1:] - 0.5) > TUBE:
+            centers.append(center)
+    ends = [np.array([x, 0.5, 0.5]) + ring for x in (0.15, 0.85)]
+    return Scene.from_dict(
+        _scene("ring", 3, {"shape": "frame", "edges": edges, "radius": 0.005}, names, ends)
+        | {"obstacles": [{"shape": "sphere", "center": c.tolist(), "radius": 0.01} for c in centers]}
+    )
+
+
+def gap_scene(ratio: float) -> Scene:
+    """A bar of 0.2 m, across its way at both ends, and a gap of this ratio of its length in the plane."""
+    gap = 0.2 * ratio
+    ends = [np.array([[x, 0.4], [x, 0.6]]) for x in (0.15, 0.85)]
+    walls = [
+        {"shape": "box", "center": [0.5, 0.5 + side * (gap / 2 + 0.3)], "size": [0.05, 0.6]}
+        for side in (-1, 1)
+    ]
+    return Scene.from_dict(
+        _scene("gap", 2, {"shape": "bar", "length": 0.2}, ["left", "right"], ends) | {"obstacles": walls}
+    )
+
+
+def _scene(
+    name: str, n_dims: int, load: dict[str, Any], names: list[str], ends: list[Array]
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "duration": 10.0,
+        "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
+        "load": load,
+        "manipulators": [
+            {"name": n, "start": a.tolist(), "goal": b.tolist()} for n, a, b in zip(names, *ends, strict=True)
+        ],
+        "limits": {"speed": 1.0},
+    }
+
+
+FAMILIES = {
+    "manipulators": Family("manipulators", (2, 3, 4, 5, 6, 8), lambda n: Case(ring_scene(int(n))), 1.0),
+    "basis": Family("basis functions", (10, 20, 40, 80), lambda n: Case(ring_scene(), n_basis=int(n)), 1.0),
+    "steps": Family(
+        "time steps",
+        (101, 201, 401, 801, 1601),
+        lambda n: Case(ring_scene(), n_steps=int(n)),
+        1.0,
+        solves=False,
+    ),
+    "obstacles": Family(
+        "obstacles", (1, 3, 10, 30, 100, 300, 1000), lambda n: Case(ring_scene(n_obstacles=int(n))), 1.0
+    ),
+    "difficulty": Family(
+        "bar length / gap",
+        (0.625, 1.0, 1.6, 2.5, 4.0, 6.0),
+        lambda x: Case(gap_scene(1 / x)),
+        None,
+        generations=False,
+    ),
+}
+
+
+def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[Curve]:
+    """Curves of these families.
+
+    Raises
+    ------
+    OptionError
+        If there is no such family, or nothing is to be measured.
+    """
+    for name in names:
+        if name not in FAMILIES:
+            raise OptionError(f"there is no curve '{name}'", key="--of", way_out=near_name(name, FAMILIES))
+    if repeats < 1:
+        raise OptionError(f"repeats = {repeats}", key="--repeats", way_out="give 1 or more")
+    load_kernels(2)
+    load_kernels(3)
+    found = []
+    for name in names:
+        family = FAMILIES[name]
+        cases, x = [family.case(value) for value in family.x], np.array(family.x, dtype=float)
+        if family.generations:
+            times = np.array([generation_times(case, repeats) for case in cases])
+            found.append(Curve(name, "generation", x, times, 1.0, family.target))
+        if family.solves and solves:
+            solved = [[_solved(case, seed) for seed in range(repeats)] for case in cases]
+            times, verified = np.moveaxis(np.array(solved), 2, 0)
+            found.append(Curve(name, "solve", x, times, float(verified.mean()), family.target))
+    if not found:
+        raise OptionError("there is nothing to measure", key="--of", way_out="leave out --no-solve")
+    return found
+
+
+def generation_times(case: Case, repeats: int) -> list[float]:
+    """Seconds that rollouts of a population and their evaluation take."""
+    scene, coordinates = case.scene, load_coordinates(case.scene)
+    basis, objective = motion_basis(case.n_basis, "velocity"), Objective(scene, coordinates)
+    boundary = coordinates.boundary()
+    shape = (POPULATION, coordinates.n_columns, case.n_basis)
+    rng = np.random.default_rng(0)
+    weights = 0.005 * rng.standard_normal(shape)
+
+    def generation() -> None:
+        objective.evaluate(rollouts(basis, boundary, weights, case.n_steps))
+
+    generation()
+    begun, count = time.process_time(), 0
+    while time.process_time() < begun + LEAST:
+        generation()
+        count += 1
+    times = []
+    for _ in range(repeats):
+        begun = time.process_time()
+        for _ in range(count):
+            generation()
+        times.append((time.process_time() - begun) / count)
+    return times
+
+
+def _solved(case: Case, seed: int) -> tuple[float, bool]:
+    method = replace(Comove(), n_basis=case.n_basis)
+    begun = time.process_time()
+    solution = solve(case.scene, seed=seed, method=method, budget=BUDGET)
+    return time.process_time() - begun, solution.verified
+
+
+def write_scaling(
+    folder: str | Path, names: Sequence[str], repeats: int, *, solves: bool = True
+) -> list[Curve]:
+    """Measure, and write `scaling.md` and `scaling.png`.
+
+    Raises
+    ------
+    OptionError
+        As `measure`.
+    ResultError
+        If the folder holds something else or cannot be written.
+    """
+    with whole_folder_of(folder, (REPORT, PICTURE)) as draft:
+        curves = measure(names, repeats, solves=solves)
+        (draft / REPORT).write_text(scaling_text(curves), encoding="utf-8")
+        grown = [
+            Growth(f"{c.family}, {c.quantity}", FAMILIES[c.family].label, c.x, c.times, c.exponent.value)
+            for c in curves
+        ]
+        save(draw_growth(grown), draft / PICTURE)
+    return curves
+
+
+def scaling_text(curves: Sequence[Curve]) -> str:
+    """The report in Markdown."""
+    where = machine()
+    lines = ["# Scaling", "", f"On {where.cpu}, {where.cores} cores, Python {where.python}, one thread.", ""]
+    lines += ["| what grows | of what | exponent | over the larger half | target | verdict | verified |"]
+    lines += ["| --- | --- | --- | --- | --- | --- | --- |"]
+    for c in curves:
+        all_of, end = (f"{e.value:.2f} ({e.low:.2f} to {e.high:.2f})" for e in (c.exponent, c.exponent_end))
+        target = "-" if c.target is None else f"at most {c.target:g}"
+        share = "-" if c.quantity == "generation" else f"{100 * c.verified:.0f} %"
+        lines.append(f"| {c.family} | {c.quantity} | {all_of} | {end} | {target} | {c.verdict} | {share} |")
+    told = {v: [f"{c.family} ({c.quantity})" for c in curves if c.verdict == v] for v in ("missed", "open")}
+    lines += ["", f"**Targets missed**: {', '.join(told['missed']) or 'none'}."]
+    lines += [f"Not decided by these measurements: {', '.join(told['open']) or 'none'}.", ""]
+    for c in curves:
+        medians = "; ".join(
+            f"{x:g}: {1e3 * t:.3g} ms" for x, t in zip(c.x, np.median(c.times, axis=1), strict=True)
+        )
+        lines.append(f"- {c.family}, {c.quantity}: {medians}")
+    lines += [
+        "",
+        f"![Times against what grows]({PICTURE})",
+        "",
+        "Exponents e of processor time ~ x^e with intervals of 95 % by the bootstrap over "
+        f"{curves[0].times.shape[1]} measurements a point. *Generation*: rollouts of {POPULATION} candidates and "
+        "their evaluation. *Solve*: a whole search with as many seeds. A target is met where both intervals lie "
+        "within it, missed where one lies beyond it, open otherwise.",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,88 @@
+"""Witnesses: movements that show that a scene can be solved, made before the scene and without any planner.
+
+A witness is a few poses of the load. Between two of them the load moves by minimum jerk, from rest to rest: its
+centre on the straight line, its orientation on the shortest turn. Segments last as long as their way is of the whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.primitives.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
+from comove.scenes.scene import Scene
+from comove.verification.record import RecordReport, Samples, judge
+
+Array = NDArray[np.float64]
+
+N_SAMPLES = 801  # of a witness
+WHERE_NOTHING_MOVES = 1e-9  # m, added to every segment's way
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """Poses that a load passes, one after the other.
+
+    Attributes
+    ----------
+    center : array, shape (n_poses, 3), of the load's frame, whose origin is the middle of the hands [m]
+    quaternion : array, shape (n_poses, 4), w x y z; the shorter turn from one to the next is meant
+    held : array, shape (n_manipulators, 3), hands in the load's frame [m]
+    """
+
+    center: Array
+    quaternion: Array
+    held: Array
+
+    @classmethod
+    def from_rows(cls, rows: list[list[float]], scene: Scene) -> Witness:
+        """Poses as files hold them, in a scene whose start is the first of them.
+
+        Parameters
+        ----------
+        rows : a pose each: x, y [m] and an angle [rad] in the plane; x, y, z [m] and a quaternion w, x, y, z in space
+        """
+        center, quaternion = poses(np.array(rows, dtype=float))
+        hands = np.zeros((len(scene.manipulators), 3))
+        hands[:, : scene.n_dims] = scene.start
+        return cls(center, quaternion, (hands - center[0]) @ matrices(quaternion[0]))
+
+    @property
+    def reach(self) -> float:
+        """Of the farthest hand from the centre [m]."""
+        return float(np.linalg.norm(self.held, axis=1).max())
+
+    def hands(self, n_samples: int = N_SAMPLES) -> Array:
+        """Hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
+        turns = np.stack(
+            [
+                logarithm(quaternion_product(conjugate(before), after))
+                for before, after in zip(self.quaternion, self.quaternion[1:], strict=False)
+            ]
+        )
+        moves = np.diff(self.center, axis=0)
+        ways = np.linalg.norm(moves, axis=1) + self.reach * np.linalg.norm(turns, axis=1)
+        ends = np.cumsum(np.append(0.0, ways + WHERE_NOTHING_MOVES))
+        s = np.linspace(0.0, ends[-1], n_samples)
+        k = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(moves) - 1)
+        share = np.clip((s - ends[k]) / (ends[k + 1] - ends[k]), 0.0, 1.0)
+        share = (share**3 * (10 - 15 * share + 6 * share**2))[:, None]
+        center = self.center[k] + share * moves[k]
+        rotation = matrices(quaternion_product(self.quaternion[k], exponential(share * turns[k])))
+        return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)
+
+    def judged(self, scene: Scene) -> RecordReport:
+        """What the judge says of it, between the samples too."""
+        hands = self.hands()[:, :, : scene.n_dims]
+        return judge(Samples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
+
+
+def poses(rows: Array) -> tuple[Array, Array]:
+    """Centres and quaternions of poses as files hold them; arrays, shapes (n_poses, 3) and (n_poses, 4)."""
+    if rows.shape[1] == 7:
+        return rows[:, :3], rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+    zero, half = np.zeros(len(rows)), 0.5 * rows[:, 2]
+    center = np.stack([rows[:, 0], rows[:, 1], zero], axis=1)
+    return center, np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)

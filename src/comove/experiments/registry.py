@@ -1,0 +1,41 @@
+"""All systems that are compared, by name."""
+
+from __future__ import annotations
+
+from comove.errors import OptionError, near_name
+from comove.experiments.peers import PEERS
+from comove.experiments.systems import Own, System
+from comove.planning.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
+from comove.planning.methods import Comove, Projection
+from comove.planning.paper import Paper
+
+OWN: dict[str, System] = {
+    system.name: system
+    for system in (
+        Own("comove", Comove()),
+        Own("comove-no-planner", Comove(), planner=False),
+        Own("projection", Projection()),
+        Own("paper", Paper()),
+        Own("unconstrained", Unconstrained()),
+        Own("leader-follower", LeaderFollower()),
+        Own("speed-scaled", SpeedScaled()),
+        Own("task-priority", TaskPriority()),
+    )
+}
+SYSTEMS: dict[str, System] = OWN | PEERS
+
+
+def systems_named(names: list[str]) -> dict[str, System]:
+    """The systems of these names.
+
+    Raises
+    ------
+    OptionError
+        If one is not there.
+    """
+    for name in names:
+        if name not in SYSTEMS:
+            raise OptionError(
+                f"there is no system '{name}'", key="--systems", way_out=near_name(name, SYSTEMS)
+            )
+    return {name: SYSTEMS[name] for name in names}

@@ -1,0 +1,132 @@
+"""Pictures of benchmarks: shares solved against time, ratios of cost, and how times grow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from comove.views.motion import COLOURS, new_figure
+
+Array = NDArray[np.float64]
+
+STYLES = ("-", "--", "-.", ":")
+LEAST = 1e-4  # s, before which no times are drawn
+LARGEST = 10.0  # ratio, up to which they are drawn
+
+
+def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
+    """Share of runs with a verified motion against time, a panel a set (a cactus plot, turned).
+
+    Parameters
+    ----------
+    times : by set and system, array, shape (n_runs,), to the first verified motion, infinite for never [s]
+    """
+    known = [t for of in times.values() for t in of.values()]
+    finite = np.concatenate([np.empty(0), *(t[np.isfinite(t)] for t in known)])
+    least, most = (finite.min(), finite.max()) if len(finite) else (LEAST, 1.0)
+    least = max(LEAST, 0.5 * least)
+
+    def draw(axes: Axes, values: Array, style: dict) -> None:
+        ordered = np.sort(values[np.isfinite(values)])
+        share = np.arange(len(ordered) + 1) / len(values)
+        x = np.concatenate([[least], np.maximum(ordered, least), [1.5 * most]])
+        axes.step(x, np.append(share, share[-1]), where="post", **style)
+
+    figure = _panels(times, draw)
+    for axes in figure.axes:
+        axes.set(xscale="log", xlabel="time to the first verified motion [s]", ylim=(-0.02, 1.02))
+    figure.axes[0].set_ylabel("share of runs")
+    return figure
+
+
+def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
+    """Final cost over the best one known, a panel a set: which share of runs is within a ratio.
+
+    Parameters
+    ----------
+    ratios : by set and system, array, shape (n_runs,), infinite where nothing is verified
+    """
+
+    def draw(axes: Axes, values: Array, style: dict) -> None:
+        ordered = np.sort(values[values <= LARGEST])
+        share = np.arange(len(ordered) + 1) / len(values)
+        axes.step(
+            np.concatenate([[1.0], ordered, [LARGEST]]), np.append(share, share[-1]), where="post", **style
+        )
+
+    figure = _panels(ratios, draw)
+    for axes in figure.axes:
+        axes.set(
+            xscale="log", xlabel="final cost / best cost known", xlim=(0.98, LARGEST), ylim=(-0.02, 1.02)
+        )
+        axes.set_xticks([1, 1.5, 2, 3, 5, 10], ["1", "1.5", "2", "3", "5", "10"])
+        axes.minorticks_off()
+    figure.axes[0].set_ylabel("share of runs")
+    return figure
+
+
+def _panels(values: Mapping[str, Mapping[str, Array]], draw) -> Figure:
+    names = list(dict.fromkeys(name for of in values.values() for name in of))
+    figure = new_figure(4.2 * len(values) + 0.6, 4.0)
+    panels = figure.subplots(1, len(values), squeeze=False, sharey=True)[0]
+    for axes, (title, of) in zip(panels, values.items(), strict=True):
+        for name, those in of.items():
+            k = names.index(name)
+            style = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k // len(COLOURS) % len(STYLES)]}
+            draw(axes, those, {**style, "label": name})
+        axes.set_title(title)
+        axes.grid(alpha=0.25)
+    found = dict(
+        pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
+    )
+    figure.legend(found.values(), found, loc="outside lower center", ncols=min(5, len(found)), frameon=False)
+    return figure
+
+
+class Growth(NamedTuple):
+    """How a time grows.
+
+    Attributes
+    ----------
+    title : of the panel
+    label : of what grows
+    x : array, shape (n_points,)
+    times : array, shape (n_points, n_repeats) [s]
+    exponent : of the fitted power
+    """
+
+    title: str
+    label: str
+    x: Array
+    times: Array
+    exponent: float
+
+
+def draw_growth(curves: Sequence[Growth]) -> Figure:
+    """Times against what grows, both axes logarithmic, a panel a curve, with the fitted power."""
+    columns = min(4, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = new_figure(3.4 * columns, 3.0 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, curve in zip(panels, curves, strict=False):
+        medians = np.median(curve.times, axis=1)
+        axes.plot(
+            np.repeat(curve.x, curve.times.shape[1]), curve.times.ravel(), ".", color="0.7", markersize=4
+        )
+        axes.plot(curve.x, medians, "o-", color=COLOURS[1], markersize=4)
+        x, middle = np.asarray(curve.x, dtype=float), np.log(curve.x).mean()
+        line = np.exp(np.log(medians).mean() + curve.exponent * (np.log(x) - middle))
+        axes.plot(x, line, "--", color=COLOURS[2], linewidth=1, label=f"exponent {curve.exponent:.2f}")
+        axes.set(xscale="log", yscale="log", title=curve.title, xlabel=curve.label, ylabel="time [s]")
+        axes.set_xticks(curve.x, [f"{value:g}" for value in curve.x], fontsize=7)
+        axes.minorticks_off()
+        axes.legend(frameon=False, fontsize=8)
+        axes.grid(alpha=0.25)
+    for axes in panels[len(curves) :]:
+        axes.set_visible(False)
+    return figure

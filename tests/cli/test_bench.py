@@ -1,0 +1,154 @@
+"""`comove bench`: what it writes, what it says, and one sentence for bad input."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from comove.cli import bench  # noqa: F401  registers the verbs
+from comove.cli.app import app
+from comove.experiments.bench.sets import scenes_of
+from comove.results.runs import RunStore
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["bench", *map(str, arguments)])
+
+
+def command(*arguments):
+    return [sys.executable, "-m", "comove", "bench", *map(str, arguments)]
+
+
+def refused(outcome, *words):
+    """One sentence on stderr, nothing else."""
+    assert outcome.exit_code == 2, outcome.output
+    assert outcome.stdout == ""
+    assert outcome.stderr.startswith("error: ")
+    assert outcome.stderr.count("\n") == 1
+    for word in words:
+        assert word in outcome.stderr
+
+
+@pytest.fixture
+def others(tmp_path):
+    """A text and a database of somebody else."""
+    text, other = tmp_path / "text.sqlite", tmp_path / "other.sqlite"
+    text.write_text("these are no runs, but a text that is long enough for a header\n" * 9)
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE things (a)")
+    connection.close()
+    return text, other
+
+
+def test_drawing(tmp_path):
+    outcome = invoke("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
+    assert outcome.exit_code == 0, outcome.output
+    frozen = scenes_of("easy", 2)
+    for scene in frozen:
+        assert (tmp_path / "mine" / scene.path.name).read_bytes() == scene.path.read_bytes()
+    refused(invoke("draw", "easy", "--out", tmp_path / "mine"), "the folder holds", "name another")
+    refused(invoke("draw", "hrad", "--out", tmp_path / "new"), "did you mean 'hard'?")
+    refused(invoke("draw", "hard", "--out", tmp_path / "new", "--count", 0), "--count")
+    assert not (tmp_path / "new").exists()
+
+
+def test_bad_runs(tmp_path, others):
+    store = tmp_path / "runs.sqlite"
+    refused(invoke("run", "--out", store, "--sets", "esay"), "did you mean 'easy'?")
+    refused(invoke("run", "--out", store, "--sets", "easy,nothing"), "nothing")
+    refused(invoke("run", "--out", store, "--scenes", 0), "--scenes", "1 to 50")
+    refused(invoke("run", "--out", store, "--systems", "comvoe"), "did you mean 'comove'?")
+    refused(invoke("run", "--out", store, "--systems", ","), "nothing to run")
+    refused(invoke("run", "--out", store, "--seeds", 0), "--seeds")
+    refused(invoke("run", "--out", store, "--budget", -1), "--budget")
+    refused(invoke("run", "--out", store, "--workers", 0), "--workers")
+    assert not store.exists()
+    refused(invoke("run", "--out", tmp_path / "none" / "runs.sqlite"), "its folder is not there")
+    refused(invoke("run", "--out", others[0]), "it is no SQLite file")
+    refused(invoke("run", "--out", others[1]), "no store of runs")
+
+
+def test_bad_stores(tmp_path, others):
+    for verb in ("report", "export"):
+        refused(invoke(verb, others[0], "--out", tmp_path / "out"), "it is no SQLite file")
+        refused(invoke(verb, others[1], "--out", tmp_path / "out"), "no store of runs")
+        refused(invoke(verb, tmp_path / "none", "--out", tmp_path / "out"), "no such file")
+    empty = RunStore.create(tmp_path / "empty.sqlite")
+    refused(invoke("report", empty.path, "--out", tmp_path / "out"), "no run has ended yet")
+    assert not (tmp_path / "out").exists()
+
+
+def test_folders_that_cannot_be_written(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("a file, where a folder is wanted")
+    refused(invoke("draw", "easy", "--out", blocked, "--count", 1), "it is a file")
+    refused(invoke("draw", "easy", "--out", blocked / "in", "--count", 1), "cannot be written")
+    refused(invoke("scaling", "--out", blocked), "it is a file")
+    refused(invoke("scaling", "--out", tmp_path / "new", "--of", "setps"), "did you mean 'steps'?")
+    assert not (tmp_path / "new").exists()
+
+
+def test_what_is_missing_is_said_with_the_way_out(tmp_path, monkeypatch):
+    store = RunStore.create(tmp_path / "runs.sqlite")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "joblib", None)
+    monkeypatch.setitem(sys.modules, "joblib.externals", None)
+    refused(invoke("export", store.path, "--out", tmp_path / "runs.parquet"), "pip install 'comove[data]'")
+    run = invoke("run", "--out", store.path, "--sets", "easy", "--scenes", 1)
+    refused(run, "pip install 'comove[bench]'")
+
+
+@pytest.mark.slow
+def test_from_runs_to_a_report(tmp_path):
+    store = tmp_path / "runs.sqlite"
+    arguments = ("run", "--out", store, "--sets", "easy", "--scenes", "2", "--budget", "2")
+    first = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    assert first.returncode == 0, first.stderr
+    assert "holds all 2 runs" in first.stdout
+    again = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    assert "2 of 2 runs were in" in again.stderr
+    assert [run.status for run in RunStore.open(store).runs()] == ["verified"] * 2
+    assert invoke("report", store, "--out", tmp_path / "report").exit_code == 0
+    assert "| comove | 2/2 |" in (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
+    assert invoke("export", store, "--out", tmp_path / "runs.parquet").exit_code == 0
+
+
+@pytest.mark.slow
+def test_interrupted(tmp_path):
+    store = tmp_path / "runs.sqlite"
+    process = subprocess.Popen(
+        command("run", "--out", store, "--sets", "hard", "--budget", "5"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    end = time.monotonic() + 120
+    while not (store.exists() and _count(store) >= 1):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "of 50 runs are in" in err
+    assert "the same command goes on" in err
+    assert "Traceback" not in err
+
+
+def _count(store):
+    try:
+        return len(RunStore.open(store).keys())
+    except Exception:  # it is just being made
+        return 0
+
+
+@pytest.mark.slow
+def test_scaling(tmp_path):
+    outcome = invoke("scaling", "--out", tmp_path / "curves", "--of", "basis", "--repeats", 2, "--no-solve")
+    assert outcome.exit_code == 0, outcome.output
+    assert "| basis | generation |" in (tmp_path / "curves" / "scaling.md").read_text(encoding="utf-8")

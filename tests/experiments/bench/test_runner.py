@@ -1,0 +1,155 @@
+"""What is killed loses nothing that had ended; what goes on is as if it had never been interrupted."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from comove.errors import OptionError
+from comove.experiments.bench.runner import jobs_of, run_all
+from comove.experiments.bench.sets import scenes_of
+from comove.experiments.systems import Problem, measured
+from comove.results.runs import RunStore
+from tests.experiments.bench.driver import Witnessed
+
+DRIVER = Path(__file__).with_name("driver.py")
+ONE_THREAD = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def start(store, *arguments):
+    command = [sys.executable, str(DRIVER), str(store), *map(str, arguments)]
+    return subprocess.Popen(
+        command, env=ONE_THREAD, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def drive(store, *arguments):
+    process = start(store, *arguments)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out.splitlines()
+
+
+def told(store):
+    """What a store holds but for times, in an order that does not matter."""
+    return sorted(
+        (r.configuration.system, r.configuration.scene, r.status, r.message, r.figures.cost)
+        for r in RunStore.open(store).runs()
+    )
+
+
+def wait_for(condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.02)
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture(scope="module")
+def uninterrupted():
+    """The same in this process, one after the other."""
+    rows = []
+    for frozen in scenes_of("easy", 4):
+        outcome = measured(Witnessed("slow"), Problem(frozen.load()))
+        rows.append(("slow", frozen.name, "verified", "", outcome.cost))
+    return sorted(rows)
+
+
+def test_a_driver_that_is_killed(tmp_path, uninterrupted):
+    store = tmp_path / "runs.sqlite"
+    process = start(store, 2, "slow")
+    for line in process.stdout:
+        if int(line) >= 1:
+            break
+    workers = [pid for _, pid, _ in _begun(store)]
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    wait_for(lambda: not any(alive(pid) for pid in workers))
+    ended = told(store)
+    assert 1 <= len(ended) < 4
+    assert set(ended) <= set(uninterrupted)
+    lines = drive(store, 2, "slow")
+    assert int(lines[0]) >= len(ended)  # it says what was there
+    assert told(store) == uninterrupted
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed(tmp_path, uninterrupted):
+    store = tmp_path / "runs.sqlite"
+    process = start(store, 2, "slow")
+    wait_for(lambda: store.exists() and len(_begun(store)) > 0)
+    os.kill(_begun(store)[0][1], signal.SIGKILL)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert told(store) == uninterrupted
+
+
+def _begun(store):
+    opened = RunStore(store)
+    try:
+        with opened.connected() as connection:
+            return connection.execute("SELECT key, pid, since FROM begun").fetchall()
+    except Exception:  # it is just being made
+        return []
+
+
+@pytest.mark.slow
+def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
+    store = tmp_path / "runs.sqlite"
+    drive(store, 2, "witnessed", "killer")
+    rows = told(store)
+    assert len(rows) == 8
+    assert [row[:4] for row in rows if row[2] != "verified"] == [
+        ("killer", "planar-01", "killed", "its process was killed 3 times")
+    ]
+    again = drive(store, 2, "witnessed", "killer")
+    assert again[0] == "8"
+    assert told(store) == rows
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sleeper", "deaf"])
+def test_what_does_not_end_is_stopped(tmp_path, name):
+    store = tmp_path / "runs.sqlite"
+    drive(store, 2, name, "witnessed")
+    rows = told(store)
+    assert [row[2:4] for row in rows if row[0] == name] == [("late", "stopped after 0.8 s")] * 4
+    assert [row[2] for row in rows if row[0] == "witnessed"] == ["verified"] * 4
+
+
+@pytest.mark.slow
+def test_what_throws_refuses_or_offers_nothing_is_a_row(tmp_path):
+    store = tmp_path / "runs.sqlite"
+    drive(store, 1, "thrower")
+    refused = ("thrower", "refused", "it is in space", None)
+    assert [(r[0], *r[2:]) for r in told(store)] == [
+        ("thrower", "error", "ValueError: no idea", None),
+        ("thrower", "error", "SystemExit: gone", None),
+        refused,
+        refused,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [({"seeds": 0}, "--seeds"), ({"budget": 0.0}, "--budget"), ({"budget": float("nan")}, "--budget")],
+)
+def test_options_that_make_no_sense(options, named):
+    with pytest.raises(OptionError, match=named):
+        jobs_of(scenes_of("easy", 2), {}, **options)
+
+
+def test_nothing_to_run(tmp_path):
+    with pytest.raises(OptionError, match="nothing to run"):
+        run_all(tmp_path / "runs.sqlite", [])
