@@ -1,1 +1,17 @@
-"""Tools that people would take instead, behind one interface; each needs what `comove[bench]` installs."""
+"""Tools that people would take instead, behind one interface; each needs what `comove[bench]` installs.
+
+`PEERS` holds them by the name that tables call them by. To import this module needs none of them; a system whose
+module is missing raises `comove.errors.ExtraError` when it is to run.
+"""
+
+from comove.experiments.peers.ompl import OMPL, ProjectedOMPL
+from comove.experiments.systems import System
+
+_SYSTEMS: tuple[System, ...] = (
+    OMPL("ompl-rrtconnect", "RRTConnect"),
+    ProjectedOMPL("ompl-projected"),
+    OMPL("ompl-aorrtc", "AORRTC", improves=True),
+)
+PEERS: dict[str, System] = {system.name: system for system in _SYSTEMS}
+
+__all__ = ["PEERS"]
