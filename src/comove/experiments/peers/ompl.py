@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any, ClassVar
 
 import numba
@@ -32,8 +33,9 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 STEP = 0.005  # m, between the states that are checked along a motion
+RANGE = 0.2  # m, of a motion that a tree grows by: better in all scenes tried than what OMPL chooses (0.35 to 0.41)
 SHORTER = 0.99  # of the path that was noted last, below which another is
-PROJECTIONS = 10  # of a state onto the manifold, at most
+PROJECTIONS = 20  # steps of Newton's method onto the manifold, at most
 SIMPLIFYING = 0.2  # share of the budget that simplification may take
 
 
@@ -82,6 +84,7 @@ class OMPL(System):
         wanted.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
         planner = getattr(geometric, self.planner)(information)
         planner.setProblemDefinition(wanted)
+        planner.setRange(RANGE)
         planner.setup()
         found = _solved(
             base,
@@ -119,6 +122,7 @@ class ProjectedOMPL(System):
         for module in ("base", "geometric", "util"):
             needed(f"ompl.{module}")
         _free_hands(problem.scene)(problem.scene.start.ravel())
+        Manifold(problem.scene).project(problem.scene.start.ravel(), 0.0)
 
     def run(self, problem: Problem, offers: Offers) -> None:
         """Plan, simplify, and offer both paths."""
@@ -149,6 +153,7 @@ class ProjectedOMPL(System):
         wanted.setStartAndGoalStates(*ends)
         planner = geometric.RRTConnect(information)
         planner.setProblemDefinition(wanted)
+        planner.setRange(RANGE)
         planner.setup()
         found = _solved(base, planner, wanted, offers, problem.budget, lambda path: None, improves=False)
         best = Best(problem, offers)
@@ -220,7 +225,7 @@ class Manifold:
 
     Attributes
     ----------
-    first, second : arrays of int, shape (n_distances,), hands
+    pairs : array of int, shape (n_distances, 2), hands
     wanted : array, shape (n_distances,), [m]
     tolerance : of a projection [m]
     """
@@ -228,32 +233,22 @@ class Manifold:
     def __init__(self, scene: Scene):
         kept = independent_distances(scene)
         self.shape = scene.start.shape
-        self.first, self.second = (np.array([getattr(c, end) for c in kept]) for end in ("first", "second"))
+        self.pairs = np.array([(c.first, c.second) for c in kept], dtype=np.int64)
         self.wanted = np.array([c.distance for c in kept])
         self.tolerance = 0.1 * min(c.tolerance for c in scene.distances)
-
-    def errors(self, x: Array) -> tuple[Array, Array]:
-        """Errors (n, n_distances) [m] and their slopes (n, n_distances, n_hands * n_dims); x (n, same)."""
-        hands, rows = x.reshape(-1, *self.shape), np.arange(len(self.wanted))
-        apart = hands[:, self.first] - hands[:, self.second]
-        length = np.linalg.norm(apart, axis=2, keepdims=True)
-        along = apart / np.maximum(length, 1e-12)
-        slopes = np.zeros((len(hands), len(rows), *self.shape))
-        slopes[:, rows, self.first] = along
-        slopes[:, rows, self.second] = -along
-        return length[..., 0] - self.wanted, slopes.reshape(len(hands), len(rows), -1)
 
     def hands(self, states: Array, shares: Array) -> Array:
         """Hands at shares of a path's length, projected; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
         length = np.linalg.norm(np.diff(states, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
         x = np.stack([np.interp(shares, at, column) for column in states.T], axis=1)
-        for _ in range(PROJECTIONS):
-            errors, slopes = self.errors(x)
-            if np.abs(errors).max() < 1e-12:
-                break
-            x = x - (np.linalg.pinv(slopes) @ errors[..., None])[..., 0]
+        for row in x:
+            self.project(row, 1e-12)
         return x.reshape(-1, *self.shape)
+
+    def project(self, x: Array, tolerance: float) -> bool:
+        """Move hands, array, shape (n_hands * n_dims,), onto the manifold in place; whether they came to it."""
+        return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance))
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -287,6 +282,43 @@ def _along(space, path, shares):
         copy_to(path[i - 1], result[t])
         interpolate(space, path[i - 1], path[i], f, result[t])
     return result
+
+
+@numba.njit(cache=True, error_model="numpy")
+def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
+    """Errors of distances [m] and their slopes, in place.
+
+    Parameters
+    ----------
+    x : array, shape (n_hands * n_dims,), [m]
+    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): hands, and how far apart they must be [m]
+    errors, slopes : arrays, shapes (n_distances,) [m] and (n_distances, n_hands * n_dims)
+    """
+    slopes[:] = 0.0
+    for k in range(pairs.shape[0]):
+        a, b, square = pairs[k, 0] * n_dims, pairs[k, 1] * n_dims, 0.0
+        for axis in range(n_dims):
+            square += (x[a + axis] - x[b + axis]) ** 2
+        length = sqrt(square)
+        errors[k] = length - wanted[k]
+        for axis in range(n_dims):
+            slope = (x[a + axis] - x[b + axis]) / max(length, 1e-12)
+            slopes[k, a + axis], slopes[k, b + axis] = slope, -slope
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _project(x, pairs, wanted, n_dims, tolerance):
+    n = pairs.shape[0]
+    errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
+    for _ in range(PROJECTIONS):
+        distance_errors(x, pairs, wanted, n_dims, errors, slopes)
+        if np.abs(errors).max() <= tolerance:
+            return True
+        square = slopes @ slopes.T
+        for k in range(n):
+            square[k, k] += 1e-12  # hands on one line
+        x -= slopes.T @ np.linalg.solve(square, errors)
+    return False
 
 
 def _quiet(seed: int) -> None:
@@ -338,12 +370,17 @@ def _constraint(base: Any, manifold: Manifold) -> Any:
         def __init__(self) -> None:
             n = manifold.shape[0] * manifold.shape[1]
             super().__init__(n, len(manifold.wanted), manifold.tolerance)
+            self.errors, self.slopes = np.zeros(len(manifold.wanted)), np.zeros((len(manifold.wanted), n))
 
         def function(self, x: Array, out: Array) -> None:
-            out[:] = manifold.errors(x[None])[0][0]
+            distance_errors(x, manifold.pairs, manifold.wanted, manifold.shape[1], out, self.slopes)
 
         def jacobian(self, x: Array, out: Array) -> None:
-            out[:] = manifold.errors(x[None])[1][0]
+            distance_errors(x, manifold.pairs, manifold.wanted, manifold.shape[1], self.errors, self.slopes)
+            out[:] = self.slopes
+
+        def project(self, x: Array) -> bool:
+            return manifold.project(x, manifold.tolerance)
 
     return Distances()
 
