@@ -4,6 +4,8 @@
 module is missing raises `comove.errors.ExtraError` when it is to run.
 """
 
+from comove.experiments.peers.augmented_lagrangian import PycmaAL
+from comove.experiments.peers.gradients import Scipy
 from comove.experiments.peers.ompl import OMPL, ProjectedOMPL
 from comove.experiments.systems import System
 
@@ -11,6 +13,9 @@ _SYSTEMS: tuple[System, ...] = (
     OMPL("ompl-rrtconnect", "RRTConnect"),
     ProjectedOMPL("ompl-projected"),
     OMPL("ompl-aorrtc", "AORRTC", improves=True),
+    PycmaAL("pycma-al"),
+    Scipy("slsqp", "SLSQP"),
+    Scipy("trust-constr", "trust-constr"),
 )
 PEERS: dict[str, System] = {system.name: system for system in _SYSTEMS}
 
