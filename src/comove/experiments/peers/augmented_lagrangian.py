@@ -46,12 +46,14 @@ class PycmaAL(System):
 
         def evaluate(points: Array) -> None:
             hands = shapes.hands(points)
-            costs, left = shapes.costs(hands), shapes.spare(hands)
-            missed = np.concatenate([np.maximum.reduceat(-each, edges, axis=1) for each in left], axis=1)
+            costs, asked = shapes.costs(hands), shapes.demands(hands)
+            missed = np.concatenate(
+                [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked], axis=1
+            )
             known.clear()
-            for x, cost, most in zip(points, costs, missed, strict=True):
-                known[x.tobytes()] = float(cost), most
-                shapes.note(x, float(cost), float(most.max()))
+            for k, x in enumerate(points):
+                known[x.tobytes()] = float(costs[k]), missed[k]
+                shapes.note(x, float(costs[k]), asked, k)
 
         def value(x: Array) -> tuple[float, Array]:
             x = np.asarray(x)
@@ -68,7 +70,7 @@ class PycmaAL(System):
         with suppress(OutOfTime):
             while True:
                 fitness = handler.ConstrainedFitnessAL(
-                    lambda x: value(x)[0], lambda x: value(x)[1], logging=0
+                    lambda x: value(x)[0], lambda x: value(x)[1], logging=0, archives=False
                 )
                 run = cma.CMAEvolutionStrategy(np.zeros(shapes.n), SIGMA, options)
                 while not run.stop():

@@ -20,7 +20,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_BASIS = 20
+N_BASIS = 24
 NOISE = 0.02  # of the weights a first attempt begins with, and a further one with more
 GROWTH = 2.0
 MOST = 0.5  # at most so much
@@ -60,20 +60,19 @@ class Scipy(System):
     def _attempt(self, shapes: Shapes, x: Array) -> None:
         optimize = needed("scipy.optimize")
 
-        def cost(x: Array) -> float:
-            hands = shapes.hands(x[None])
-            value, left = float(shapes.costs(hands)[0]), shapes.spare(hands)
-            shapes.note(x, value, -min(float(each.min()) for each in left))
-            return value
+        def hands(x: Array) -> Array:
+            return shapes.hands(x[None])
 
-        def one(x: Array) -> Array:
-            return shapes.hands(x[None])[0]
+        def constraints(x: Array) -> Array:
+            asked = shapes.demands(samples := hands(x))
+            shapes.note(x, float(shapes.costs(samples)[0]), asked)
+            return shapes.constraints(asked)
 
         options: dict[str, Any] = {"maxiter": 1000, "ftol": 1e-6}
         limits: Any = {
             "type": "ineq",
-            "fun": lambda x: shapes.limits(one(x)),
-            "jac": lambda x: shapes.limit_slopes(one(x)),
+            "fun": constraints,
+            "jac": lambda x: shapes.constraint_slopes(hands(x)[0]),
         }
         extra: dict[str, Any] = {}
         if self.method == "trust-constr":
@@ -83,9 +82,9 @@ class Scipy(System):
             )
             extra["hess"] = lambda x: shapes.curvature
         optimize.minimize(
-            cost,
+            lambda x: float(shapes.costs(hands(x))[0]),
             x,
-            jac=lambda x: shapes.cost_slope(one(x)),
+            jac=lambda x: shapes.cost_slope(hands(x)[0]),
             method=self.method,
             constraints=[limits],
             options=options,

@@ -1,13 +1,14 @@
 """The shape weights of all hands, as optimisers that know no robot take them: numbers in, costs and constraints out.
 
 Every hand is a primitive of its own, whose ends hold by construction. That the hands keep their distances, touch
-nothing and keep their limits are constraints at samples; those of distances have 0.9 of the tolerance and
-clearances 5 mm more than is asked for, because hands also move between the samples.
+nothing and keep their limits are constraints at samples. Because hands also move between these, the constraints keep
+a part of what is allowed: half of a tolerance, 5 mm of clearance, a tenth of a limit.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,25 @@ Array = NDArray[np.float64]
 
 N_STEPS = 201
 AT = np.arange(2, N_STEPS - 2, 2)  # samples at which there are constraints
+AT_LIMITS = AT[::4]  # those of limits
 WINDOWS = 20  # of time
-INSIDE = 0.9  # of a tolerance or limit
-MARGIN = 0.005  # m
+KEPT_TOLERANCE, KEPT_CLEARANCE, KEPT_LIMIT = 0.5, 0.005, 0.1  # shares, and m
+SCALE = 10.0  # of the constraints: decimetres
+
+
+class Demand(NamedTuple):
+    """One thing that is asked for.
+
+    Attributes
+    ----------
+    spare : what is left of it, negative where it is missed; array, shape (n_points, n_samples) [m], [m/s], [m/s^2]
+    kept : how much of it the constraints keep
+    at : array, shape (n_constraints,), the samples at which there are constraints
+    """
+
+    spare: Array
+    kept: float
+    at: NDArray[np.int64]
 
 
 class Shapes:
@@ -68,32 +85,34 @@ class Shapes:
         effort = (np.diff(hands, axis=1) ** 2).sum(axis=(1, 2, 3)) * (N_STEPS - 1) ** 2 / N_STEPS
         return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
 
-    def spare(self, hands: Array) -> list[Array]:
-        """What is left of all that is asked for, [m] or [m/s]; arrays, shape (n_points, n_samples) for each demand.
+    def demands(self, hands: Array) -> list[Demand]:
+        """All that is asked for; hands as `costs` takes them.
 
-        Twice for each distance (too far, too near), for each separation, for the clearance, and for speed and
-        acceleration of each hand where there are limits.
+        Two for each distance (not too far, not too near), one for each separation, one for the clearance, and one for
+        speed and acceleration of each hand where there are limits.
         """
         scene, rate = self.problem.scene, (N_STEPS - 1) / self.problem.scene.duration
-        left = []
+        asked = []
         for c in scene.distances:
             error = np.linalg.norm(hands[:, :, c.first] - hands[:, :, c.second], axis=2) - c.distance
-            left += [INSIDE * c.tolerance - error, INSIDE * c.tolerance + error]
+            asked += [Demand(c.tolerance + e, KEPT_TOLERANCE * c.tolerance, AT) for e in (-error, error)]
         for (first, second), least in zip(*scene.kept_apart, strict=True):
-            left.append(np.linalg.norm(hands[:, :, first] - hands[:, :, second], axis=2) - least)
+            apart = np.linalg.norm(hands[:, :, first] - hands[:, :, second], axis=2)
+            asked.append(Demand(apart - least, KEPT_CLEARANCE, AT))
         clear = clearances(scene, hands.reshape(-1, *hands.shape[2:])).reshape(hands.shape[:2])
-        left.append(clear - scene.clearance - MARGIN)
+        asked.append(Demand(clear - scene.clearance, KEPT_CLEARANCE, AT))
         for i in range(len(scene.manipulators)):
-            velocity = np.diff(hands[:, :, i], axis=1) * rate
-            if scene.speed_limit < np.inf:
-                left.append(INSIDE * scene.speed_limit - np.linalg.norm(velocity, axis=2))
-            if scene.acceleration_limit < np.inf:
-                change = np.diff(velocity, axis=1) * rate
-                left.append(INSIDE * scene.acceleration_limit - np.linalg.norm(change, axis=2))
-        return left
+            changing = hands[:, :, i]
+            for limit in (scene.speed_limit, scene.acceleration_limit):
+                changing = np.diff(changing, axis=1) * rate
+                if limit < np.inf:
+                    size = np.linalg.norm(changing, axis=2)
+                    asked.append(Demand(limit - size, KEPT_LIMIT * limit, AT_LIMITS))
+        return asked
 
-    def note(self, x: Array, cost: float, missed: float) -> None:
-        """Keep a point by the most that it misses at the samples and its cost; see whether it is to be offered."""
+    def note(self, x: Array, cost: float, asked: list[Demand], k: int = 0) -> None:
+        """Keep a point, the k-th of those with these demands, if it is the best; offer it if it looks feasible."""
+        missed = -min(float(demand.spare[k].min()) for demand in asked)
         promise = (max(missed, 0.0), cost)
         if promise < self.promise:
             self.promise, self.seen = promise, x.copy()
@@ -126,12 +145,12 @@ class Shapes:
         by_hands = 2 * (WEIGHTS.goal * (hands - scene.goal) - WEIGHTS.velocity * pull) / N_STEPS
         return (by_hands.reshape(N_STEPS, -1).T @ self.phi).ravel()
 
-    def limits(self, hands: Array) -> Array:
-        """`spare` of one movement at every second sample, distances as shares of a decimetre; shape (n_limits,)."""
-        return np.concatenate([left[0, AT] for left in self.spare(hands[None])]) * 10
+    def constraints(self, asked: list[Demand]) -> Array:
+        """What is left of demands beyond what is kept, of the first point; array, shape (n_constraints,)."""
+        return SCALE * np.concatenate([demand.spare[0, demand.at] - demand.kept for demand in asked])
 
-    def limit_slopes(self, hands: Array) -> Array:
-        """How `limits` follow the weights; array, shape (n_limits, n)."""
+    def constraint_slopes(self, hands: Array) -> Array:
+        """How `constraints` follow the weights; array, shape (n_constraints, n)."""
         scene = self.problem.scene
         rate, shape = (N_STEPS - 1) / scene.duration, scene.start.shape
         rows: list[Array] = []
@@ -157,8 +176,8 @@ class Shapes:
             for limit in (scene.speed_limit, scene.acceleration_limit):
                 changing, phi = np.diff(changing, axis=0) * rate, np.diff(phi, axis=0) * rate
                 if limit < np.inf:
-                    slopes = np.zeros((len(AT), *shape))
-                    size = np.linalg.norm(changing[AT], axis=1, keepdims=True)
-                    slopes[:, i] = -changing[AT] / np.maximum(size, 1e-12)
-                    rows.append(of_hands(slopes, phi[AT]))
-        return np.concatenate(rows) * 10
+                    slopes = np.zeros((len(AT_LIMITS), *shape))
+                    size = np.linalg.norm(changing[AT_LIMITS], axis=1, keepdims=True)
+                    slopes[:, i] = -changing[AT_LIMITS] / np.maximum(size, 1e-12)
+                    rows.append(of_hands(slopes, phi[AT_LIMITS]))
+        return SCALE * np.concatenate(rows)
