@@ -5,8 +5,11 @@ module is missing raises `comove.errors.ExtraError` when it is to run.
 """
 
 from comove.experiments.peers.augmented_lagrangian import PycmaAL
+from comove.experiments.peers.coupled import Coupled
+from comove.experiments.peers.drake import Drake
 from comove.experiments.peers.gradients import Scipy
 from comove.experiments.peers.ompl import OMPL, ProjectedOMPL
+from comove.experiments.peers.transcription import Transcription
 from comove.experiments.systems import System
 
 _SYSTEMS: tuple[System, ...] = (
@@ -16,6 +19,9 @@ _SYSTEMS: tuple[System, ...] = (
     PycmaAL("pycma-al"),
     Scipy("slsqp", "SLSQP"),
     Scipy("trust-constr", "trust-constr"),
+    Transcription("ipopt"),
+    Coupled("movement-primitives"),
+    Drake("drake"),
 )
 PEERS: dict[str, System] = {system.name: system for system in _SYSTEMS}
 

@@ -72,6 +72,13 @@ def first_hands(problem: Problem, s: Array) -> Array:
     return taught.rollout().hands(s)[0]
 
 
+def moved_aside(hands: Array, size: float, rng: np.random.Generator, n_waves: int = 3) -> Array:
+    """Hands moved aside together on the way by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
+    s, n_dims = np.linspace(0.0, np.pi, len(hands)), hands.shape[2]
+    waves = np.sin(s[:, None] * np.arange(1, n_waves + 1)) / np.arange(1, n_waves + 1)
+    return hands + (waves @ rng.normal(0.0, size, (n_waves, n_dims)))[:, None]
+
+
 def spatial(hands: Array) -> Array:
     """Hands, (n_steps, n_manipulators, n_dims), as nodes, (n_steps, n_manipulators, 3) [m]."""
     nodes = np.zeros((*hands.shape[:2], 3))
