@@ -15,6 +15,7 @@ from comove.primitives.basis import motion_basis
 from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.distances import configuration_distance
 from comove.scenes.scene import Scene
+from comove.verification.record import END_SPEED
 
 Array = NDArray[np.float64]
 
@@ -150,6 +151,7 @@ def violation(problem: Problem, hands: Array) -> float:
             missed.append(c.least - apart.min())
     velocity = np.diff(hands, axis=0, prepend=hands[:1]) / step
     missed.append(np.linalg.norm(velocity, axis=2).max() - scene.speed_limit)
+    missed.append(np.linalg.norm(velocity[-1], axis=1).max() - END_SPEED)
     changes = np.diff(velocity, axis=0) / step
     missed.append(np.linalg.norm(changes, axis=2).max() - scene.acceleration_limit)
     return float(np.max(missed)) if np.isfinite(hands).all() else np.inf

@@ -30,6 +30,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 N_CONTROL, ORDER = 24, 5  # control points, and one more than the degree
+MAJOR = 200  # iterations of an attempt
 N_INSTANTS = 99  # at which constraints hold
 N_COST = 201  # at which J is summed
 MARGIN = 0.005  # m
@@ -59,27 +60,28 @@ class Drake(System):
         rng, noise, scene = np.random.default_rng(problem.seed), NOISE, problem.scene
         optimisation = _optimisation(problem, offers)
         basis, points = optimisation.basis(), optimisation.control_points()
-        values = _values(basis, problem.instants)
-        s = np.linspace(0.0, 1.0, N_COST)
+        values, s = _values(basis, problem.instants), np.linspace(0.0, 1.0, N_COST)
         fit, guess = np.linalg.pinv(_values(basis, s)), first_hands(problem, s)
-        while (left := problem.budget - offers.seconds) > 0.0:
-            control = fit @ moved_aside(guess, noise, rng).reshape(N_COST, -1)
-            programme = optimisation.get_mutable_prog()
-            programme.SetInitialGuess(points, control.T)
+        programme, latest = optimisation.get_mutable_prog(), np.zeros(points.shape)
+
+        def visit(x: Array) -> None:
+            latest[:] = x.reshape(points.shape)
+
+        programme.AddVisualizationCallback(visit, points.ravel())
+        options = solvers.SolverOptions()
+        options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", MAJOR)
+        while offers.seconds < problem.budget:
+            visit((fit @ moved_aside(guess, noise, rng).reshape(N_COST, -1)).T)
+            programme.SetInitialGuess(points, latest)
             programme.SetInitialGuess(optimisation.duration(), scene.duration)
-            options = solvers.SolverOptions()
-            options.SetOption(solvers.SnoptSolver.id(), "Time limit", left)
-            options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", 200)
             try:
-                result = solvers.SnoptSolver().Solve(programme, None, options)
-            except OutOfTime:
-                break
-            control = result.GetSolution(points).T
-            if np.isfinite(control).all() and best.see((values @ control).reshape(-1, *scene.start.shape)):
+                visit(solvers.SnoptSolver().Solve(programme, None, options).GetSolution(points))
+            except RuntimeError:  # Drake's own, about what `_clearance` raises when time is up
+                if offers.seconds < problem.budget:
+                    raise
+            if best.see((values @ latest.T).reshape(-1, *scene.start.shape)):
                 break
             noise = min(GROWTH * noise, MOST)
-        if best.hands is None:
-            best.see((values @ control).reshape(-1, *scene.start.shape))
         best.close()
 
 
@@ -98,6 +100,7 @@ def _optimisation(problem: Problem, offers: Offers) -> Any:
     for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
         optimisation.AddPathPositionConstraint(end, end, s)
         optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
+    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
     low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
     optimisation.AddPositionBounds(low, high)
     most = np.full(n, LIMIT * scene.speed_limit / np.sqrt(n_dims))

@@ -33,10 +33,11 @@ KNOTS = 80
 MARGIN = 0.004  # m, on top of what smooth bounds stay below the distance
 SPACING = 0.02  # m, of the points along the load
 SHARPNESS = 400.0  # 1/m, of the smooth bounds
-STRIDE = 0.03  # m from knot to knot: with more, movements jump walls
+STRIDE = 0.04  # m from knot to knot: with more, movements jump walls
 LIMIT = 0.95  # of speed and acceleration limits, that differences of knots keep
 SMOOTH = 1e-9  # m^2, under square roots
 OPTIONS = {"tol": 1e-4, "constr_viol_tol": 1e-6, "acceptable_tol": 1e-2, "acceptable_iter": 5, "mu_strategy": "adaptive"}
+MOST_ITERATIONS = 150  # of an attempt
 NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
 
 
@@ -66,7 +67,7 @@ class Transcription(System):
         guess = first_hands(problem, s)
         while (left := problem.budget - offers.seconds) > 0.0:
             programme.set_initial(y, moved_aside(guess, noise, rng).reshape(KNOTS, -1))
-            options = {"print_level": 0, "sb": "yes", "max_wall_time": left, "max_iter": 500, **OPTIONS}
+            options = {"print_level": 0, "sb": "yes", "max_wall_time": left, "max_iter": MOST_ITERATIONS, **OPTIONS}
             programme.solver("ipopt", {"print_time": False}, options)
             with suppress(RuntimeError):  # not converged: its last iterate is looked at all the same
                 programme.solve()
@@ -84,29 +85,30 @@ def _programme(scene: Scene) -> tuple[Any, Any]:
     n_hands, n_dims = scene.start.shape
     y = programme.variable(KNOTS, n_hands * n_dims)
     hands = [y[:, i * n_dims : (i + 1) * n_dims] for i in range(n_hands)]
-    for row, end in ((0, scene.start), (1, scene.start), (KNOTS - 2, scene.goal), (KNOTS - 1, scene.goal)):
-        programme.subject_to(y[row, :] == end.ravel()[None])  # at rest
+    for end, rows in ((scene.start, (0, 1)), (scene.goal, (KNOTS - 3, KNOTS - 2, KNOTS - 1))):
+        for row in rows:  # several, so that they are at rest
+            programme.subject_to(y[row, :] == end.ravel()[None])
     for c in independent_distances(scene):
         apart = casadi.sum2((hands[c.first] - hands[c.second]) ** 2)
-        programme.subject_to(apart[2:-2] == c.distance**2)
+        programme.subject_to(apart[2:-3] == c.distance**2)
     for (first, second), least in zip(*scene.kept_apart, strict=True):
         apart = casadi.sum2((hands[first] - hands[second]) ** 2)
-        programme.subject_to(apart[2:-2] >= (least + MARGIN) ** 2)
+        programme.subject_to(apart[2:-3] >= (least + MARGIN) ** 2)
     rate = (KNOTS - 1) / scene.duration
     for hand in hands:
-        programme.subject_to(casadi.sum2((hand[1:, :] - hand[:-1, :]) ** 2)[1:-1] <= STRIDE**2)
+        programme.subject_to(casadi.sum2((hand[1:, :] - hand[:-1, :]) ** 2)[1:-2] <= STRIDE**2)
         changing = hand
         for limit in (scene.speed_limit, scene.acceleration_limit):
             changing = (changing[1:, :] - changing[:-1, :]) * rate
             if limit < np.inf:
-                programme.subject_to(casadi.sum2(changing**2)[1:-1] <= (LIMIT * limit) ** 2)
+                programme.subject_to(casadi.sum2(changing**2)[1:-2] <= (LIMIT * limit) ** 2)
     margin = _margin(scene)
     for hand in hands:
         for axis in range(n_dims):
             low, high = scene.lower[axis] + margin, scene.upper[axis] - margin
-            programme.subject_to(programme.bounded(low, hand[2:-2, axis], high))
+            programme.subject_to(programme.bounded(low, hand[2:-3, axis], high))
     if len(scene.obstacles):
-        along = y[2:-2, :].T
+        along = y[2:-3, :].T
         clearance = _clearance(scene).map(along.shape[1])(along)
         programme.subject_to(casadi.vec(clearance) >= margin)
     goal = np.tile(scene.goal.ravel(), (KNOTS, 1))
