@@ -1,7 +1,7 @@
 """Drake's `KinematicTrajectoryOptimization`: a B-spline through the positions of all hands.
 
-Distances are equalities and clearances inequalities at even instants, the latter with comove's exact kernel and its
-central differences; J is a quadratic cost of the control points.
+Distances within half of their tolerance and clearances are inequalities at even instants, the latter with comove's
+exact kernel and its central differences; J is a quadratic cost of the control points.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_CONTROL, ORDER = 24, 5  # control points, and one more than the degree
+N_CONTROL, ORDER = 20, 4  # control points, and one more than the degree
 MAJOR = 200  # iterations of an attempt
-N_INSTANTS = 99  # at which constraints hold
+N_INSTANTS = 79  # at which constraints hold
 N_COST = 201  # at which J is summed
+BAND = 0.5  # of a distance's tolerance: a spline cannot meet more equalities than it has control points
 MARGIN = 0.005  # m
 LIMIT = 0.9  # of speed and acceleration limits
 NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
@@ -117,7 +118,10 @@ def _optimisation(problem: Problem, offers: Offers) -> Any:
             square[[a, b], [a, b]], square[[a, b], [b, a]] = 2.0, -2.0
         return solvers.QuadraticConstraint(square, np.zeros(n), least**2, greatest**2)
 
-    demands = [apart(c.first, c.second, c.distance, c.distance) for c in independent_distances(scene)]
+    demands = []
+    for c in independent_distances(scene):
+        kept = BAND * c.tolerance
+        demands.append(apart(c.first, c.second, c.distance - kept, c.distance + kept))
     for (first, second), least in zip(*scene.kept_apart, strict=True):
         demands.append(apart(first, second, least + MARGIN, np.inf))
     demands.append(_clearance(problem, offers))
