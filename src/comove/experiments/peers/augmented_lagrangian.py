@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comove.experiments.peers.common import OutOfTime, load_clearances, refusal
 from comove.experiments.peers.needed import needed
-from comove.experiments.peers.shapes import N_STEPS, WINDOWS, Shapes
+from comove.experiments.peers.shapes import Shapes
 from comove.experiments.systems import Offers, Problem, System
 from comove.scenes.scene import Scene
 
@@ -41,15 +41,12 @@ class PycmaAL(System):
         """Minimise J."""
         cma, handler = needed("cma"), needed("cma.constraints_handler")
         shapes, rng = Shapes(problem, offers, N_BASIS), np.random.default_rng(problem.seed)
-        edges = np.linspace(0, N_STEPS - 2, WINDOWS, endpoint=False, dtype=int)
         known: dict[bytes, tuple[float, Array]] = {}
 
         def evaluate(points: Array) -> None:
             hands = shapes.hands(points)
             costs, asked = shapes.costs(hands), shapes.demands(hands)
-            missed = np.concatenate(
-                [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked], axis=1
-            )
+            missed = shapes.windows(asked)
             known.clear()
             for k, x in enumerate(points):
                 known[x.tobytes()] = float(costs[k]), missed[k]

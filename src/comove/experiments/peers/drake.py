@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 N_CONTROL, ORDER = 20, 4  # control points, and one more than the degree
 MAJOR = 200  # iterations of an attempt
-N_INSTANTS = 79  # at which constraints hold
+N_INSTANTS = 119  # at which constraints hold
 N_COST = 201  # at which J is summed
 BAND = 0.5  # of a distance's tolerance: a spline cannot meet more equalities than it has control points
 MARGIN = 0.005  # m

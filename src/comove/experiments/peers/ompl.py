@@ -359,7 +359,7 @@ def _validator(base: Any, information: Any, load: Load) -> Any:
     """Checks of motions in one call, instead of one for every state along them."""
 
     class Validator(base.MotionValidator):
-        def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:  # noqa: N802  OMPL's name
+        def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:
             return motion_is_free(load.space, load.read(first), load.read(second), STEP, load.margin)
 
     return Validator(information)

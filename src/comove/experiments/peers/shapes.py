@@ -120,6 +120,12 @@ class Shapes:
                 self.looked_at = cost
                 self.best.see(self.offered(x))
 
+    def windows(self, asked: list[Demand]) -> Array:
+        """What demands miss most in each window of time, with what is kept; array, shape (n_points, n_windows)."""
+        edges = np.linspace(0, N_STEPS - 2, WINDOWS, endpoint=False, dtype=int)
+        missed = [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked]
+        return SCALE * np.concatenate(missed, axis=1)
+
     def offered(self, x: Array) -> Array:
         """The hands of a point at the instants of an offer."""
         weights = self.dmp.weights + x.reshape(self.dmp.weights.shape)

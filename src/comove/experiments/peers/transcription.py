@@ -36,7 +36,13 @@ SHARPNESS = 400.0  # 1/m, of the smooth bounds
 STRIDE = 0.04  # m from knot to knot: with more, movements jump walls
 LIMIT = 0.95  # of speed and acceleration limits, that differences of knots keep
 SMOOTH = 1e-9  # m^2, under square roots
-OPTIONS = {"tol": 1e-4, "constr_viol_tol": 1e-6, "acceptable_tol": 1e-2, "acceptable_iter": 5, "mu_strategy": "adaptive"}
+OPTIONS = {
+    "tol": 1e-4,
+    "constr_viol_tol": 1e-6,
+    "acceptable_tol": 1e-2,
+    "acceptable_iter": 5,
+    "mu_strategy": "adaptive",
+}
 MOST_ITERATIONS = 150  # of an attempt
 NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
 
@@ -67,7 +73,13 @@ class Transcription(System):
         guess = first_hands(problem, s)
         while (left := problem.budget - offers.seconds) > 0.0:
             programme.set_initial(y, moved_aside(guess, noise, rng).reshape(KNOTS, -1))
-            options = {"print_level": 0, "sb": "yes", "max_wall_time": left, "max_iter": MOST_ITERATIONS, **OPTIONS}
+            options = {
+                "print_level": 0,
+                "sb": "yes",
+                "max_wall_time": left,
+                "max_iter": MOST_ITERATIONS,
+                **OPTIONS,
+            }
             programme.solver("ipopt", {"print_time": False}, options)
             with suppress(RuntimeError):  # not converged: its last iterate is looked at all the same
                 programme.solve()
