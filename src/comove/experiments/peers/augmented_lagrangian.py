@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +67,7 @@ class PycmaAL(System):
             "seed": np.nan,
             "randn": lambda *size: rng.standard_normal(size),
         }
-        with suppress(OutOfTime):
+        with suppress(OutOfTime), _silence(handler, needed("cma.logger").LoggerDummy):
             while True:
                 fitness = handler.ConstrainedFitnessAL(
                     lambda x: value(x)[0], lambda x: value(x)[1], logging=0, archives=False
@@ -76,3 +79,16 @@ class PycmaAL(System):
                     run.tell(points, [fitness(x) for x in points])
                     fitness.update(run)
         shapes.close()
+
+
+@contextmanager
+def _silence(handler: ModuleType, dummy: type) -> Iterator[None]:
+    """No warnings (about demands that never change), and no folder, which pycma makes even where it logs nothing."""
+    logger = handler._Logger
+    handler._Logger = dummy  # as pycma's source advises
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        handler._Logger = logger

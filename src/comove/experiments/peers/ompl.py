@@ -92,13 +92,13 @@ class OMPL(System):
             wanted,
             offers,
             problem.budget,
-            lambda path: np.array([load.read(state) for state in path.getStates()]),
+            load.path,
             improves=self.improves,
         )
         if found and not self.improves:
             path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
             geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
-            found.append((offers.seconds, np.array([load.read(state) for state in path.getStates()])))
+            found.append((offers.seconds, load.path(path)))
         best = Best(problem, offers)
         for seconds, path in found:
             best.see(timed(lambda shares, path=path: load.hands(path, shares), problem), seconds)
@@ -212,6 +212,12 @@ class Load:
             return np.array([state.getX(), state.getY(), state.getYaw()])
         turn = state.rotation()
         return np.array([state.getX(), state.getY(), state.getZ(), turn.w, turn.x, turn.y, turn.z])
+
+    def path(self, path: Any) -> Array:
+        """The states of a path; AORRTC (OMPL 2.0.1) leaves the start out where the straight way is free."""
+        states = np.array([self.read(state) for state in path.getStates()])
+        begins = span(self.space, self.start, states[0]) < 1e-9
+        return states if begins else np.concatenate([self.start[None], states])
 
     def hands(self, path: Array, shares: Array) -> Array:
         """Hands at shares of a path's span, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
