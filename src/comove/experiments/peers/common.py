@@ -131,6 +131,17 @@ def load_clearances(scene: Scene) -> None:
     clearance_slopes(scene, scene.start[None])
 
 
+def kept_clearance(scene: Scene, most: float) -> float:
+    """What samples keep beyond the clearance asked for, because hands also move in between [m].
+
+    Parameters
+    ----------
+    most : of it [m]; where the ends have less to spare, it is half of that
+    """
+    ends = float(clearances(scene, np.stack([scene.start, scene.goal])).min())
+    return max(0.0, min(most, 0.5 * (ends - scene.clearance)))
+
+
 def violation(problem: Problem, hands: Array) -> float:
     """By how much samples miss what is asked for, at most 0 where nothing is; [m], [m/s] or [m/s^2].
 

@@ -19,6 +19,7 @@ from comove.experiments.peers.common import (
     clearances,
     first_hands,
     independent_distances,
+    kept_clearance,
     load_clearances,
     moved_aside,
     refusal,
@@ -63,6 +64,7 @@ class Drake(System):
         basis, points = optimisation.basis(), optimisation.control_points()
         values, s = _values(basis, problem.instants), np.linspace(0.0, 1.0, N_COST)
         fit, guess = np.linalg.pinv(_values(basis, s)), first_hands(problem, s)
+        best.see(first_hands(problem, problem.instants))  # it may do already
         programme, latest = optimisation.get_mutable_prog(), np.zeros(points.shape)
 
         def visit(x: Array) -> None:
@@ -139,8 +141,7 @@ def _optimisation(problem: Problem, offers: Offers) -> Any:
 def _clearance(problem: Problem, offers: Offers) -> Any:
     solvers, autodiff = needed("pydrake.solvers"), needed("pydrake.autodiffutils")
     scene = problem.scene
-    ends = float(clearances(scene, np.stack([scene.start, scene.goal])).min())
-    margin = scene.clearance + max(0.0, min(MARGIN, 0.5 * (ends - scene.clearance)))
+    margin = scene.clearance + kept_clearance(scene, MARGIN)
 
     def value(x: Array) -> Array:
         if offers.seconds > problem.budget:

@@ -52,8 +52,10 @@ class Scipy(System):
         shapes, rng = Shapes(problem, offers, N_BASIS), np.random.default_rng(problem.seed)
         noise = NOISE
         with suppress(OutOfTime):
-            while shapes.promise[0] > 0.0:
+            while True:
                 self._attempt(shapes, rng.normal(0.0, noise, shapes.n))
+                if shapes.promise[0] <= 0.0:
+                    break
                 noise = min(GROWTH * noise, MOST)
         shapes.close()
 

@@ -2,7 +2,7 @@
 
 Every hand is a primitive of its own, whose ends hold by construction. That the hands keep their distances, touch
 nothing and keep their limits are constraints at samples. Because hands also move between these, the constraints keep
-a part of what is allowed: half of a tolerance, 5 mm of clearance, a tenth of a limit.
+a part of what is allowed: half of a tolerance, up to 5 mm of clearance, a tenth of a limit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedDMP
-from comove.experiments.peers.common import BETTER, Best, OutOfTime, clearance_slopes, clearances, first_hands
+from comove.experiments.peers.common import (
+    BETTER,
+    Best,
+    OutOfTime,
+    clearance_slopes,
+    clearances,
+    first_hands,
+    kept_clearance,
+)
 from comove.experiments.systems import WEIGHTS, Offers, Problem
 from comove.primitives.basis import motion_basis
 
@@ -63,7 +71,9 @@ class Shapes:
         self.n, self.best = self.dmp.weights.size, Best(problem, offers)
         self.phi = basis.at(s)[1][0]
         self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
-        self.looked_at = np.inf
+        self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
+        guess = self.hands(self.seen)
+        self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
         """Samples of many; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
@@ -100,7 +110,7 @@ class Shapes:
             apart = np.linalg.norm(hands[:, :, first] - hands[:, :, second], axis=2)
             asked.append(Demand(apart - least, KEPT_CLEARANCE, AT))
         clear = clearances(scene, hands.reshape(-1, *hands.shape[2:])).reshape(hands.shape[:2])
-        asked.append(Demand(clear - scene.clearance, KEPT_CLEARANCE, AT))
+        asked.append(Demand(clear - scene.clearance, self.kept, AT))
         for i in range(len(scene.manipulators)):
             changing = hands[:, :, i]
             for limit in (scene.speed_limit, scene.acceleration_limit):

@@ -18,6 +18,7 @@ from comove.experiments.peers.common import (
     Best,
     first_hands,
     independent_distances,
+    kept_clearance,
     load_clearances,
     moved_aside,
     refusal,
@@ -71,6 +72,7 @@ class Transcription(System):
         s, rng, noise = np.linspace(0.0, 1.0, KNOTS), np.random.default_rng(problem.seed), NOISE
         programme, y = _programme(problem.scene)
         guess = first_hands(problem, s)
+        best.see(first_hands(problem, problem.instants))  # it may do already
         while (left := problem.budget - offers.seconds) > 0.0:
             programme.set_initial(y, moved_aside(guess, noise, rng).reshape(KNOTS, -1))
             options = {
@@ -114,7 +116,7 @@ def _programme(scene: Scene) -> tuple[Any, Any]:
             changing = (changing[1:, :] - changing[:-1, :]) * rate
             if limit < np.inf:
                 programme.subject_to(casadi.sum2(changing**2)[1:-2] <= (LIMIT * limit) ** 2)
-    margin = _margin(scene)
+    margin = scene.clearance + kept_clearance(scene, MARGIN)
     for hand in hands:
         for axis in range(n_dims):
             low, high = scene.lower[axis] + margin, scene.upper[axis] - margin
@@ -127,12 +129,6 @@ def _programme(scene: Scene) -> tuple[Any, Any]:
     effort = casadi.sumsqr(y[1:, :] - y[:-1, :]) * (KNOTS - 1) ** 2
     programme.minimize((WEIGHTS.goal * casadi.sumsqr(y - goal) + WEIGHTS.velocity * effort) / KNOTS)
     return programme, y
-
-
-def _margin(scene: Scene) -> float:
-    """What is kept from everything [m]: less where the ends have less."""
-    ends = min(scene.clearance_at(scene.nodes_at(end))[0] for end in ("start", "goal"))
-    return scene.clearance + max(0.0, min(MARGIN, 0.5 * (ends - scene.clearance)))
 
 
 def _clearance(scene: Scene) -> Any:
