@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import comove
+from comove.errors import OptionError
 from comove.scenes import Scene
-from comove.verification.record import Record, judge
+from comove.verification.record import Record, Samples, judge
 
 PERIOD, DURATION = 0.01, 2.0
 
@@ -153,3 +155,77 @@ def test_poses_that_are_no_numbers():
     center = done.center.copy()
     center[7] = np.nan
     assert judge(replace(done, center=center)).reasons
+
+
+def samples(around, hands=None, n_steps=201):
+    """Hands of the same straight line, or those given."""
+    time = np.linspace(0.0, DURATION, n_steps)
+    s = time / DURATION
+    share = (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]
+    straight = around.start + share * (around.goal - around.start)
+    return Samples(around, time, straight if hands is None else hands(straight))
+
+
+def test_samples_of_a_straight_line_are_as_they_should_be():
+    report = judge(samples(scene(speed=1.0, acceleration=2.0)))
+    assert report.reasons == ()
+    assert report.clearance_min == pytest.approx(0.2, abs=1e-4)  # of the hands from the border
+
+
+def test_samples_of_a_solved_motion_are_accepted():
+    wall = [{"shape": "box", "center": [0.5, y], "size": [0.1, 0.44]} for y in (0.22, 0.78)]
+    solution = comove.solve(scene(*wall, speed=1.0), seed=0)
+    s = np.linspace(0.0, 1.0, 2001)
+    report = judge(Samples(solution.attempt.scene, s * DURATION, solution.attempt.hands(s)[0]))
+    assert report.reasons == ()
+    assert report.clearance_min == pytest.approx(solution.report.clearance_min, abs=1e-3)
+
+
+def test_hands_pulled_apart_in_one_sample_are_found():
+    def pulled(hands):
+        hands[100, 1] += [0.0, 0.003]
+        return hands
+
+    report = judge(samples(scene(), pulled))
+    assert report.distance_error_max == pytest.approx(0.003, rel=1e-6)
+    assert any("distance between 'a' and 'b' is off by up to 0.003 m" in reason for reason in report.reasons)
+
+
+def test_hands_that_turn_between_two_samples_come_nearer_on_their_chords():
+    """A bar that turns by 0.2 rad in one step is 0.2 m long at both ends of it, and cos(0.1) of that between."""
+
+    def turned(hands):
+        middle, along = hands.mean(axis=1, keepdims=True), np.array([[-0.1], [0.1]])
+        angle = np.pi / 2 + np.where(np.arange(len(hands)) >= 100, 0.2, 0.0)
+        return middle + along * np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None]
+
+    assert judge(samples(scene(), turned)).distance_error_max == pytest.approx(
+        0.2 * (1 - np.cos(0.1)), rel=1e-3
+    )
+
+
+def test_a_thin_wall_between_two_samples_is_found():
+    """1 mm thick, in steps of up to 11 mm; samples alone see nothing of it."""
+    around = scene({"shape": "box", "center": [0.5037, 0.5], "size": [0.001, 0.05]})
+    found = samples(around, n_steps=101)
+    assert min(around.clearance_at(nodes)[0] for nodes in found.nodes) > 0.0
+    (reason,) = judge(found).reasons
+    assert "obstacles[0] (box)" in reason
+
+
+def test_loads_that_hands_do_not_tell_are_refused_in_words():
+    around = scene()
+    data = {**around.file.model_dump(exclude_none=True), "load": {"shape": "box", "size": [0.2, 0.02]}}
+    with pytest.raises(OptionError, match="hands do not tell how this load is turned; take a bar or a frame"):
+        samples(Scene.from_dict(data))
+
+
+@pytest.mark.parametrize("shape", [(201, 2, 3), (201, 1, 2), (200, 2, 2), (201, 4)])
+def test_samples_of_the_wrong_shape_are_refused(shape):
+    with pytest.raises(OptionError, match="give 2 hands in 2 dimensions at every time"):
+        samples(scene(), lambda hands: np.zeros(shape))
+
+
+def test_two_samples_are_too_few():
+    with pytest.raises(OptionError, match="3 or more"):
+        samples(scene(), n_steps=2)

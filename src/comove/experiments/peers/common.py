@@ -1,0 +1,234 @@
+"""What peers share: what they are told of a scene, where they begin, and what they keep of all they visit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.experiments.systems import Offers, Problem, cost_of
+from comove.primitives.basis import motion_basis
+from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
+from comove.scenes.distances import configuration_distance
+from comove.scenes.scene import Scene
+from comove.verification.record import END_SPEED
+
+Array = NDArray[np.float64]
+
+BETTER = 0.99  # of the cost of the last offer, below which there is another
+DIFFERENCE = 1e-6  # m, of slopes
+FINE = 4001  # places along a path at which its length is measured
+
+
+class OutOfTime(Exception):
+    """The budget of a peer is used up."""
+
+
+def refusal(scene: Scene) -> str:
+    """Why no peer can be told of a scene, in one sentence; empty where they can."""
+    if scene.moving.any():
+        return "It knows only obstacles that stand still."
+    if scene.body.n_nodes > len(scene.manipulators):
+        return "It moves hands, which do not tell how this load is turned."
+    if not all(isinstance(c, (DistanceConstraint, SeparationConstraint)) for c in scene.constraints):
+        return "It is told of distances and separations of hands, and of no other constraint."
+    return ""
+
+
+def independent_distances(scene: Scene) -> list[DistanceConstraint]:
+    """The distances without those that follow from the others (where the hands are at the start)."""
+    rows: list[Array] = []
+    kept: list[DistanceConstraint] = []
+    for c in scene.distances:
+        row = np.zeros_like(scene.start)
+        row[c.first] = scene.start[c.first] - scene.start[c.second]
+        row[c.second] = -row[c.first]
+        if np.linalg.matrix_rank(np.array([*rows, row.ravel()]), tol=1e-6) > len(rows):
+            rows.append(row.ravel())
+            kept.append(c)
+    return kept
+
+
+def first_hands(problem: Problem, s: Array) -> Array:
+    """Where peers that improve a movement begin: the demonstration, or the load straight and turned evenly.
+
+    Parameters
+    ----------
+    s : array, shape (n_steps,), shares of the duration
+
+    Returns
+    -------
+    array, shape (n_steps, n_manipulators, n_dims), [m]; what ties hands holds along it
+    """
+    scene = problem.scene
+    if problem.demonstration is None:
+        return CoordinatedMotion.straight(scene).hands(s)[0]
+    taught = CoordinatedDMP.from_demonstration(
+        problem.demonstration, scene, load_coordinates(scene), motion_basis(30, "velocity")
+    )
+    return taught.rollout().hands(s)[0]
+
+
+def moved_aside(hands: Array, size: float, rng: np.random.Generator, n_waves: int = 3) -> Array:
+    """Hands moved aside together on the way by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
+    s, n_dims = np.linspace(0.0, np.pi, len(hands)), hands.shape[2]
+    waves = np.sin(s[:, None] * np.arange(1, n_waves + 1)) / np.arange(1, n_waves + 1)
+    return hands + (waves @ rng.normal(0.0, size, (n_waves, n_dims)))[:, None]
+
+
+def spatial(hands: Array) -> Array:
+    """Hands, (n_steps, n_manipulators, n_dims), as nodes, (n_steps, n_manipulators, 3) [m]."""
+    nodes = np.zeros((*hands.shape[:2], 3))
+    nodes[..., : hands.shape[2]] = hands
+    return nodes
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _clearances(nodes, edges, radii, table, lower, upper):
+    result = np.empty(nodes.shape[0])
+    for t in range(nodes.shape[0]):
+        result[t] = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
+    return result
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _clearance_slopes(nodes, n_dims, edges, radii, table, lower, upper):
+    slopes = np.empty((nodes.shape[0], nodes.shape[1], n_dims))
+    for t in range(nodes.shape[0]):
+        for i in range(nodes.shape[1]):
+            for axis in range(n_dims):
+                at = nodes[t, i, axis]
+                nodes[t, i, axis] = at + DIFFERENCE
+                more = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
+                nodes[t, i, axis] = at - DIFFERENCE
+                less = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
+                nodes[t, i, axis] = at
+                slopes[t, i, axis] = (more - less) / (2 * DIFFERENCE)
+    return slopes
+
+
+def clearances(scene: Scene, hands: Array) -> Array:
+    """Signed distance of the load to what is nearest, array, shape (n_steps,) [m]; hands as `spatial` takes them."""
+    body = scene.body
+    return _clearances(spatial(hands), body.edges, body.radii, scene.obstacles, *scene.workspace)
+
+
+def clearance_slopes(scene: Scene, hands: Array) -> Array:
+    """How `clearances` follow hands, by central differences; array, shape (n_steps, n_manipulators, n_dims)."""
+    body = scene.body
+    return _clearance_slopes(
+        spatial(hands), scene.n_dims, body.edges, body.radii, scene.obstacles, *scene.workspace
+    )
+
+
+def load_clearances(scene: Scene) -> None:
+    """Compile, or load from the cache, the kernels of the two functions above."""
+    clearances(scene, scene.start[None])
+    clearance_slopes(scene, scene.start[None])
+
+
+def kept_clearance(scene: Scene, most: float) -> float:
+    """What samples keep beyond the clearance asked for, because hands also move in between [m].
+
+    Parameters
+    ----------
+    most : of it [m]; where the ends have less to spare, it is half of that
+    """
+    ends = float(clearances(scene, np.stack([scene.start, scene.goal])).min())
+    return max(0.0, min(most, 0.5 * (ends - scene.clearance)))
+
+
+def violation(problem: Problem, hands: Array) -> float:
+    """By how much samples miss what is asked for, at most 0 where nothing is; [m], [m/s] or [m/s^2].
+
+    A peer's own look at a candidate, at the samples alone: what is between them is for the judge to find.
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators, n_dims), even in time [m]
+    """
+    scene = problem.scene
+    step = scene.duration / (len(hands) - 1)
+    missed = [scene.clearance - clearances(scene, hands).min()]
+    for c in scene.constraints:
+        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+        if isinstance(c, DistanceConstraint):
+            missed.append(np.abs(apart - c.distance).max() - c.tolerance)
+        else:
+            missed.append(c.least - apart.min())
+    velocity = np.diff(hands, axis=0, prepend=hands[:1]) / step
+    missed.append(np.linalg.norm(velocity, axis=2).max() - scene.speed_limit)
+    missed.append(np.linalg.norm(velocity[-1], axis=1).max() - END_SPEED)
+    changes = np.diff(velocity, axis=0) / step
+    missed.append(np.linalg.norm(changes, axis=2).max() - scene.acceleration_limit)
+    return float(np.max(missed)) if np.isfinite(hands).all() else np.inf
+
+
+class Best:
+    """The best of the candidates seen, each offered when it looks feasible and is clearly cheaper than the last.
+
+    Parameters
+    ----------
+    problem : whose offers they are
+    offers : that take them
+    """
+
+    def __init__(self, problem: Problem, offers: Offers):
+        self.problem, self.offers = problem, offers
+        self.rank, self.seconds, self.hands = (np.inf, np.inf), 0.0, None
+        self.offered: tuple[float, Array | None] = np.inf, None
+
+    def see(self, hands: Array, seconds: float | None = None) -> bool:
+        """Look at a candidate at the problem's instants, found now unless said; whether it looks feasible."""
+        missed, cost = violation(self.problem, hands), cost_of(self.problem.scene, hands)
+        rank = (max(missed, 0.0), cost)
+        if self.hands is None or rank < self.rank:
+            self.rank, self.hands = rank, hands
+            self.seconds = self.offers.seconds if seconds is None else seconds
+            if missed <= 0.0 and cost < BETTER * self.offered[0]:
+                self._offer()
+        return missed <= 0.0
+
+    def close(self) -> None:
+        """Offer the best, unless it was the last that was offered."""
+        if self.hands is not None and self.hands is not self.offered[1]:
+            self._offer()
+
+    def _offer(self) -> None:
+        self.offered = self.rank[1], self.hands
+        self.offers.take(self.hands, self.seconds)
+
+
+def timed(hands_at: Callable[[Array], Array], problem: Problem) -> Array:
+    """A path in time: from rest to rest, with the speed of minimum jerk along its length.
+
+    Where that were too fast, it is constant but for ramps at both ends, as short as they must be. Length is that of
+    the hand that moves most, so that no hand is faster than the path.
+
+    Parameters
+    ----------
+    hands_at : hands, (n, n_manipulators, n_dims) [m], at shares of the path, (n,), however they are spread
+
+    Returns
+    -------
+    array, shape (N_SAMPLES, n_manipulators, n_dims), [m]
+    """
+    shares = np.linspace(0.0, 1.0, FINE)
+    steps = np.linalg.norm(np.diff(hands_at(shares), axis=0), axis=2).max(axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    if length[-1] == 0.0:
+        return hands_at(np.zeros_like(problem.instants))
+    scene, s = problem.scene, problem.instants
+    travelled = s**3 * (10 - 15 * s + 6 * s**2)
+    fastest = 0.98 * scene.speed_limit * scene.duration / length[-1]  # in lengths a duration
+    if fastest < 1.875:
+        ramp = min(max(1.0 - 1.0 / fastest, 0.05), 0.5)
+        speed = np.minimum(np.minimum(s, 1.0 - s) / ramp, 1.0)
+        speed = speed**2 * (3 - 2 * speed)
+        travelled = np.concatenate([[0.0], np.cumsum(speed[1:] + speed[:-1])])
+        travelled /= travelled[-1]
+    return hands_at(np.interp(travelled * length[-1], length, shares))

@@ -1,0 +1,155 @@
+"""Drake's `KinematicTrajectoryOptimization`: a B-spline through the positions of all hands.
+
+Distances within half of their tolerance and clearances are inequalities at even instants, the latter with comove's
+exact kernel and its central differences; J is a quadratic cost of the control points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.experiments.peers.common import (
+    Best,
+    OutOfTime,
+    clearance_slopes,
+    clearances,
+    first_hands,
+    independent_distances,
+    kept_clearance,
+    load_clearances,
+    moved_aside,
+    refusal,
+)
+from comove.experiments.peers.needed import needed
+from comove.experiments.systems import WEIGHTS, Offers, Problem, System
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_CONTROL, ORDER = 20, 4  # control points, and one more than the degree
+MAJOR = 200  # iterations of an attempt
+N_INSTANTS = 119  # at which constraints hold
+N_COST = 201  # at which J is summed
+BAND = 0.5  # of a distance's tolerance: a spline cannot meet more equalities than it has control points
+MARGIN = 0.005  # m
+LIMIT = 0.9  # of speed and acceleration limits
+NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
+
+
+@dataclass(frozen=True)
+class Drake(System):
+    """SNOPT on Drake's programme, again from elsewhere around the guess until a movement looks feasible."""
+
+    name: str
+
+    def refuses(self, scene: Scene) -> str:
+        """What no peer can be told."""
+        return refusal(scene)
+
+    def warm_up(self, problem: Problem) -> None:
+        """Import Drake and compile the distances."""
+        for module in ("planning", "solvers", "autodiffutils", "math", "trajectories"):
+            needed(f"pydrake.{module}")
+        load_clearances(problem.scene)
+
+    def run(self, problem: Problem, offers: Offers) -> None:
+        """Minimise J over the control points."""
+        solvers, best = needed("pydrake.solvers"), Best(problem, offers)
+        rng, noise, scene = np.random.default_rng(problem.seed), NOISE, problem.scene
+        optimisation = _optimisation(problem, offers)
+        basis, points = optimisation.basis(), optimisation.control_points()
+        values, s = _values(basis, problem.instants), np.linspace(0.0, 1.0, N_COST)
+        fit, guess = np.linalg.pinv(_values(basis, s)), first_hands(problem, s)
+        best.see(first_hands(problem, problem.instants))  # it may do already
+        programme, latest = optimisation.get_mutable_prog(), np.zeros(points.shape)
+
+        def visit(x: Array) -> None:
+            latest[:] = x.reshape(points.shape)
+
+        programme.AddVisualizationCallback(visit, points.ravel())
+        options = solvers.SolverOptions()
+        options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", MAJOR)
+        while offers.seconds < problem.budget:
+            visit((fit @ moved_aside(guess, noise, rng).reshape(N_COST, -1)).T)
+            programme.SetInitialGuess(points, latest)
+            programme.SetInitialGuess(optimisation.duration(), scene.duration)
+            try:
+                visit(solvers.SnoptSolver().Solve(programme, None, options).GetSolution(points))
+            except RuntimeError:  # Drake's own, about what `_clearance` raises when time is up
+                if offers.seconds < problem.budget:
+                    raise
+            if best.see((values @ latest.T).reshape(-1, *scene.start.shape)):
+                break
+            noise = min(GROWTH * noise, MOST)
+        best.close()
+
+
+def _values(basis: Any, s: Array) -> Array:
+    """The basis at shares of the duration; array, shape (n, N_CONTROL)."""
+    return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
+
+
+def _optimisation(problem: Problem, offers: Offers) -> Any:
+    planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
+    scene = problem.scene
+    (n_hands, n_dims), n = scene.start.shape, scene.start.size
+    optimisation = planning.KinematicTrajectoryOptimization(n, N_CONTROL, ORDER, scene.duration)
+    programme, points = optimisation.get_mutable_prog(), optimisation.control_points()
+    optimisation.AddDurationConstraint(scene.duration, scene.duration)
+    for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
+        optimisation.AddPathPositionConstraint(end, end, s)
+        optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
+    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
+    low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
+    optimisation.AddPositionBounds(low, high)
+    most = np.full(n, LIMIT * scene.speed_limit / np.sqrt(n_dims))
+    if scene.speed_limit < np.inf:
+        optimisation.AddVelocityBounds(-most, most)
+    if scene.acceleration_limit < np.inf:
+        most = np.full(n, LIMIT * scene.acceleration_limit / np.sqrt(n_dims))
+        optimisation.AddAccelerationBounds(-most, most)
+
+    def apart(first: int, second: int, least: float, greatest: float) -> Any:
+        square = np.zeros((n, n))
+        for axis in range(n_dims):
+            a, b = first * n_dims + axis, second * n_dims + axis
+            square[[a, b], [a, b]], square[[a, b], [b, a]] = 2.0, -2.0
+        return solvers.QuadraticConstraint(square, np.zeros(n), least**2, greatest**2)
+
+    demands = []
+    for c in independent_distances(scene):
+        kept = BAND * c.tolerance
+        demands.append(apart(c.first, c.second, c.distance - kept, c.distance + kept))
+    for (first, second), least in zip(*scene.kept_apart, strict=True):
+        demands.append(apart(first, second, least + MARGIN, np.inf))
+    demands.append(_clearance(problem, offers))
+    for s in np.linspace(0.0, 1.0, N_INSTANTS + 2)[2:-2]:
+        for demand in demands:
+            optimisation.AddPathPositionConstraint(demand, s)
+    values = _values(optimisation.basis(), np.linspace(0.0, 1.0, N_COST))
+    steps = np.diff(values, axis=0) * (N_COST - 1)
+    square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / N_COST
+    for row, goal in zip(points, scene.goal.ravel(), strict=True):
+        programme.AddQuadraticCost(square, -2 * WEIGHTS.goal * goal * values.mean(axis=0), row)
+    return optimisation
+
+
+def _clearance(problem: Problem, offers: Offers) -> Any:
+    solvers, autodiff = needed("pydrake.solvers"), needed("pydrake.autodiffutils")
+    scene = problem.scene
+    margin = scene.clearance + kept_clearance(scene, MARGIN)
+
+    def value(x: Array) -> Array:
+        if offers.seconds > problem.budget:
+            raise OutOfTime
+        if x.dtype == float:
+            return clearances(scene, x.reshape(1, *scene.start.shape))
+        hands = autodiff.ExtractValue(x).reshape(1, *scene.start.shape)
+        slopes = clearance_slopes(scene, hands).reshape(1, -1) @ autodiff.ExtractGradient(x)
+        return autodiff.InitializeAutoDiff(clearances(scene, hands)[:, None], slopes)[:, 0]
+
+    return solvers.PyFunctionConstraint(scene.start.size, value, [margin], [np.inf])

@@ -1,0 +1,447 @@
+"""OMPL: sampling-based planners in the configuration space of the load, and on the manifold of its hands.
+
+What they return is a path, given a time as people would: from rest to rest with the speed of minimum jerk along its
+length. States keep half of the checked step (5 mm) from everything, and along a motion no point of the load moves
+further than that between two of them: nothing is hidden in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
+from comove.experiments.peers.common import Best, independent_distances, refusal, timed
+from comove.experiments.peers.needed import needed
+from comove.experiments.systems import Offers, Problem, System
+from comove.planning.configurations import (
+    Space,
+    clearance_of,
+    configuration_space,
+    copy_to,
+    interpolate,
+    span,
+)
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+STEP = 0.005  # m, between the states that are checked along a motion
+RANGE = 0.2  # m, of a motion that a tree grows by: better in all scenes tried than what OMPL chooses (0.35 to 0.41)
+SHORTER = 0.99  # of the path that was noted last, below which another is
+PROJECTIONS = 20  # steps of Newton's method onto the manifold, at most
+SIMPLIFYING = 0.2  # share of the budget that simplification may take
+
+
+@dataclass(frozen=True)
+class OMPL(System):
+    """A planner in SE(2) or SE(3), whose metric is the travel of the furthest hand at most.
+
+    Attributes
+    ----------
+    planner : its name in `ompl.geometric`
+    improves : whether it goes on for the whole budget; otherwise its path is simplified and that is all
+    """
+
+    name: str
+    planner: str
+    improves: bool = False
+    orientations: ClassVar[tuple[str, ...]] = ("plane", "axis", "space")
+
+    def refuses(self, scene: Scene) -> str:
+        """It plans for one load that all hands hold."""
+        if len(scene.groups) > 1 or scene.groups[0].orientation not in self.orientations:
+            return "It plans for one load that all hands hold and that may turn freely."
+        return refusal(scene)
+
+    def warm_up(self, problem: Problem) -> None:
+        """Import OMPL and compile the checks."""
+        for module in ("base", "geometric", "util"):
+            needed(f"ompl.{module}")
+        load = Load(problem.scene)
+        motion_is_free(load.space, load.start, load.goal, STEP, load.margin)
+        load.hands(np.stack([load.start, load.goal]), np.zeros(1))
+
+    def run(self, problem: Problem, offers: Offers) -> None:
+        """Plan; offer the path as it is found and as it becomes shorter."""
+        base, geometric = needed("ompl.base"), needed("ompl.geometric")
+        _quiet(problem.seed)
+        load = Load(problem.scene)
+        space = _pose_space(base, load)
+        information = base.SpaceInformation(space)
+        information.setStateValidityChecker(lambda state: load.is_free(load.read(state)))
+        information.setMotionValidator(_validator(base, information, load))
+        information.setup()
+        ends = [_write(space, load, q) for q in (load.start, load.goal)]
+        wanted = base.ProblemDefinition(information)
+        wanted.setStartAndGoalStates(*ends)
+        wanted.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
+        planner = getattr(geometric, self.planner)(information)
+        planner.setProblemDefinition(wanted)
+        planner.setRange(RANGE)
+        planner.setup()
+        found = _solved(
+            base,
+            planner,
+            wanted,
+            offers,
+            problem.budget,
+            load.path,
+            improves=self.improves,
+        )
+        if found and not self.improves:
+            path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
+            geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
+            found.append((offers.seconds, load.path(path)))
+        best = Best(problem, offers)
+        for seconds, path in found:
+            best.see(timed(lambda shares, path=path: load.hands(path, shares), problem), seconds)
+        best.close()
+
+
+@dataclass(frozen=True)
+class ProjectedOMPL(System):
+    """RRTConnect on the manifold of hands that keep their distances, reached by projection."""
+
+    name: str
+
+    def refuses(self, scene: Scene) -> str:
+        """It needs distances to keep."""
+        if not scene.distances:
+            return "No distance ties the hands, so that there is nothing to project on."
+        return refusal(scene)
+
+    def warm_up(self, problem: Problem) -> None:
+        """Import OMPL and compile the check."""
+        for module in ("base", "geometric", "util"):
+            needed(f"ompl.{module}")
+        _free_hands(problem.scene)(problem.scene.start.ravel())
+        Manifold(problem.scene).project(problem.scene.start.ravel(), 0.0)
+
+    def run(self, problem: Problem, offers: Offers) -> None:
+        """Plan, simplify, and offer both paths."""
+        base, geometric = needed("ompl.base"), needed("ompl.geometric")
+        _quiet(problem.seed)
+        scene, manifold = problem.scene, Manifold(problem.scene)
+        ambient = base.RealVectorStateSpace(scene.start.size)
+        bounds = base.RealVectorBounds(scene.start.size)
+        for i in range(scene.start.size):
+            bounds.setLow(i, float(scene.lower[i % scene.n_dims]))
+            bounds.setHigh(i, float(scene.upper[i % scene.n_dims]))
+        ambient.setBounds(bounds)
+        space = base.ProjectedStateSpace(ambient, _constraint(base, manifold))
+        information = base.ConstrainedSpaceInformation(space)
+        space.setDelta(STEP)
+        free, n = _free_hands(scene), scene.start.size
+
+        def read(state: Any) -> Array:
+            return np.array([state[i] for i in range(n)])
+
+        information.setStateValidityChecker(lambda state: free(read(state)))
+        information.setup()
+        ends = []
+        for hands in (scene.start, scene.goal):
+            ends.append(space.allocState())
+            ends[-1].copy(hands.ravel())
+        wanted = base.ProblemDefinition(information)
+        wanted.setStartAndGoalStates(*ends)
+        planner = geometric.RRTConnect(information)
+        planner.setProblemDefinition(wanted)
+        planner.setRange(RANGE)
+        planner.setup()
+        found = _solved(base, planner, wanted, offers, problem.budget, lambda path: None, improves=False)
+        best = Best(problem, offers)
+        for simplified in (False, True) if found else ():
+            path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
+            if simplified:
+                geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
+            path = geometric.PathGeometric(path)  # a copy, which is filled up along the manifold
+            path.interpolate()
+            states, seconds = np.array([read(state) for state in path.getStates()]), offers.seconds
+            best.see(timed(lambda shares, states=states: manifold.hands(states, shares), problem), seconds)
+        best.close()
+
+
+class Load:
+    """A load as OMPL moves it: x, y and an angle, or x, y, z and a quaternion w x y z.
+
+    Parameters
+    ----------
+    scene : whose load all hands hold
+
+    Attributes
+    ----------
+    space : for the kernels of `comove.planning.configurations`, which move between states as OMPL does
+    start, goal : arrays, shape (3,) or (7,)
+    reach : of the furthest hand from the centre [m]
+    margin : that states keep [m]
+    """
+
+    def __init__(self, scene: Scene):
+        (group,) = scene.groups
+        self.scene, self.n_dims = scene, scene.n_dims
+        kind = ANGLE if self.n_dims == 2 else QUATERNION
+        blocks = Blocks(
+            np.array([kind], dtype=np.int64),
+            np.arange(3, dtype=np.int64)[None] % (self.n_dims + 1),
+            np.array([self.n_dims], dtype=np.int64),
+            np.array([0, len(group.points)], dtype=np.int64),
+            np.array(scene.nodes_of_groups[0], dtype=np.int64),
+            np.ascontiguousarray(group.points),
+            self.n_dims,
+        )
+        self.space: Space = configuration_space(scene, load_coordinates(scene))._replace(blocks=blocks)
+        self.start, self.goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
+        self.reach, self._nodes = float(group.reach), np.zeros((scene.body.n_nodes, 3))
+        ends = min(clearance_of(self.space, q, self._nodes, -1.0) for q in (self.start, self.goal))
+        self.margin = scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
+
+    def is_free(self, q: Array) -> bool:
+        """Whether a state keeps the margin."""
+        return clearance_of(self.space, q, self._nodes, self.margin) > self.margin
+
+    def read(self, state: Any) -> Array:
+        """A state of OMPL."""
+        if self.n_dims == 2:
+            return np.array([state.getX(), state.getY(), state.getYaw()])
+        turn = state.rotation()
+        return np.array([state.getX(), state.getY(), state.getZ(), turn.w, turn.x, turn.y, turn.z])
+
+    def path(self, path: Any) -> Array:
+        """The states of a path; AORRTC (OMPL 2.0.1) leaves the start out where the straight way is free."""
+        states = np.array([self.read(state) for state in path.getStates()])
+        begins = span(self.space, self.start, states[0]) < 1e-9
+        return states if begins else np.concatenate([self.start[None], states])
+
+    def hands(self, path: Array, shares: Array) -> Array:
+        """Hands at shares of a path's span, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
+        q = _along(self.space, np.ascontiguousarray(path), np.ascontiguousarray(shares))
+        nodes = place(self.space.blocks, np.ascontiguousarray(q.T)[None], 1.0)[0]
+        return nodes[:, : len(self.scene.manipulators), : self.n_dims]
+
+
+class Manifold:
+    """Hands, one after the other, that keep the distances which do not follow from one another.
+
+    Attributes
+    ----------
+    pairs : array of int, shape (n_distances, 2), hands
+    wanted : array, shape (n_distances,), [m]
+    tolerance : of a projection [m]
+    """
+
+    def __init__(self, scene: Scene):
+        kept = independent_distances(scene)
+        self.shape = scene.start.shape
+        self.pairs = np.array([(c.first, c.second) for c in kept], dtype=np.int64)
+        self.wanted = np.array([c.distance for c in kept])
+        self.tolerance = 0.1 * min(c.tolerance for c in scene.distances)
+
+    def hands(self, states: Array, shares: Array) -> Array:
+        """Hands at shares of a path's length, projected; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
+        length = np.linalg.norm(np.diff(states, axis=0), axis=1)
+        at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
+        x = np.stack([np.interp(shares, at, column) for column in states.T], axis=1)
+        for row in x:
+            self.project(row, 1e-12)
+        return x.reshape(-1, *self.shape)
+
+    def project(self, x: Array, tolerance: float) -> bool:
+        """Move hands, array, shape (n_hands * n_dims,), onto the manifold in place; whether they came to it."""
+        return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def motion_is_free(space, p, q, step, margin):
+    """Do states between two keep a margin [m], at which no point has moved by more than a step [m] since the last?"""
+    nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
+    if clearance_of(space, q, nodes, margin) <= margin:
+        return False
+    parts = int(span(space, p, q) / step) + 1
+    for i in range(1, parts):
+        interpolate(space, p, q, i / parts, between)
+        if clearance_of(space, between, nodes, margin) <= margin:
+            return False
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _along(space, path, shares):
+    """Configurations at shares of a path's span; arrays, shapes (n_states, n_columns), (n,) -> (n, n_columns)."""
+    length = np.zeros(path.shape[0])
+    for i in range(1, path.shape[0]):
+        length[i] = length[i - 1] + span(space, path[i - 1], path[i])
+    result = np.empty((shares.shape[0], path.shape[1]))
+    for t in range(shares.shape[0]):
+        at = shares[t] * length[-1]
+        i = 1
+        while i < path.shape[0] - 1 and length[i] < at:
+            i += 1
+        part = length[i] - length[i - 1]
+        f = min(1.0, max(0.0, (at - length[i - 1]) / part)) if part > 0.0 else 0.0
+        copy_to(path[i - 1], result[t])
+        interpolate(space, path[i - 1], path[i], f, result[t])
+    return result
+
+
+@numba.njit(cache=True, error_model="numpy")
+def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
+    """Errors of distances [m] and their slopes, in place.
+
+    Parameters
+    ----------
+    x : array, shape (n_hands * n_dims,), [m]
+    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): hands, and how far apart they must be [m]
+    errors, slopes : arrays, shapes (n_distances,) [m] and (n_distances, n_hands * n_dims)
+    """
+    slopes[:] = 0.0
+    for k in range(pairs.shape[0]):
+        a, b, square = pairs[k, 0] * n_dims, pairs[k, 1] * n_dims, 0.0
+        for axis in range(n_dims):
+            square += (x[a + axis] - x[b + axis]) ** 2
+        length = sqrt(square)
+        errors[k] = length - wanted[k]
+        for axis in range(n_dims):
+            slope = (x[a + axis] - x[b + axis]) / max(length, 1e-12)
+            slopes[k, a + axis], slopes[k, b + axis] = slope, -slope
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _project(x, pairs, wanted, n_dims, tolerance):
+    n = pairs.shape[0]
+    errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
+    for _ in range(PROJECTIONS):
+        distance_errors(x, pairs, wanted, n_dims, errors, slopes)
+        if np.abs(errors).max() <= tolerance:
+            return True
+        square = slopes @ slopes.T
+        for k in range(n):
+            square[k, k] += 1e-12  # hands on one line
+        x -= slopes.T @ np.linalg.solve(square, errors)
+    return False
+
+
+def _quiet(seed: int) -> None:
+    """No words, and a seed of its own: OMPL takes positive ones."""
+    util = needed("ompl.util")
+    util.setLogLevel(util.LOG_NONE)
+    util.RNG.setSeed(seed + 1)
+
+
+def _pose_space(base: Any, load: Load) -> Any:
+    space = base.SE2StateSpace() if load.n_dims == 2 else base.SE3StateSpace()
+    bounds = base.RealVectorBounds(load.n_dims)
+    for axis in range(load.n_dims):
+        bounds.setLow(axis, float(load.scene.lower[axis]))
+        bounds.setHigh(axis, float(load.scene.upper[axis]))
+    space.setBounds(bounds)
+    # Between quaternions OMPL measures half of the angle.
+    space.setSubspaceWeight(1, load.reach if load.n_dims == 2 else 2 * load.reach)
+    return space
+
+
+def _write(space: Any, load: Load, q: Array) -> Any:
+    """A state of OMPL; array, shape (n_columns,)."""
+    state, values = space.allocState(), [float(value) for value in q]
+    if load.n_dims == 2:
+        state.setX(values[0])
+        state.setY(values[1])
+        state.setYaw(values[2])
+    else:
+        state.setXYZ(*values[:3])
+        turn = state.rotation()
+        turn.w, turn.x, turn.y, turn.z = values[3:]
+    space.enforceBounds(state)
+    return state
+
+
+def _validator(base: Any, information: Any, load: Load) -> Any:
+    """Checks of motions in one call, instead of one for every state along them."""
+
+    class Validator(base.MotionValidator):
+        def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:
+            return motion_is_free(load.space, load.read(first), load.read(second), STEP, load.margin)
+
+    return Validator(information)
+
+
+def _constraint(base: Any, manifold: Manifold) -> Any:
+    class Distances(base.Constraint):
+        def __init__(self) -> None:
+            n = manifold.shape[0] * manifold.shape[1]
+            super().__init__(n, len(manifold.wanted), manifold.tolerance)
+            self.errors, self.slopes = np.zeros(len(manifold.wanted)), np.zeros((len(manifold.wanted), n))
+
+        def function(self, x: Array, out: Array) -> None:
+            distance_errors(x, manifold.pairs, manifold.wanted, manifold.shape[1], out, self.slopes)
+
+        def jacobian(self, x: Array, out: Array) -> None:
+            distance_errors(x, manifold.pairs, manifold.wanted, manifold.shape[1], self.errors, self.slopes)
+            out[:] = self.slopes
+
+        def project(self, x: Array) -> bool:
+            return manifold.project(x, manifold.tolerance)
+
+    return Distances()
+
+
+def _free_hands(scene: Scene) -> Callable[[Array], bool]:
+    """The check of hands, array of shape (n_hands * n_dims,), with the same kernel and margin as for poses."""
+    coordinates = load_coordinates(scene)
+    space, nodes = configuration_space(scene, coordinates), np.zeros((scene.body.n_nodes, 3))
+    # A block for every hand: what ties them is not for the kernel to know.
+    n, n_dims = scene.start.shape
+    blocks = Blocks(
+        np.zeros(n, dtype=np.int64),
+        np.array([[*range(i * n_dims, (i + 1) * n_dims), *[0] * (3 - n_dims)] for i in range(n)]),
+        np.full(n, n * n_dims, dtype=np.int64),
+        np.arange(n + 1),
+        np.arange(n),
+        np.zeros((n, 3)),
+        n_dims,
+    )
+    space = space._replace(blocks=blocks, reach=np.zeros(n))
+    ends = min(clearance_of(space, q.ravel(), nodes, -1.0) for q in (scene.start, scene.goal))
+    margin = scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
+    return lambda x: clearance_of(space, x, nodes, margin) > margin
+
+
+def _solved(
+    base: Any,
+    planner: Any,
+    wanted: Any,
+    offers: Offers,
+    budget: float,
+    copied: Callable[[Any], Array | None],
+    *,
+    improves: bool,
+) -> list[tuple[float, Array]]:
+    """When which path was found, and `copied`; a planner that improves is stopped by the clock alone.
+
+    The planner asks whether to stop after every little step: a good time to look at what it has.
+    """
+    found: list[tuple[float, Any]] = []
+    shortest = np.inf
+
+    def note() -> None:
+        nonlocal shortest
+        path = wanted.getSolutionPath()
+        if path.length() < SHORTER * shortest:
+            shortest = path.length()
+            found.append((offers.seconds, copied(path)))
+
+    def stop() -> bool:
+        if improves and wanted.hasExactSolution():
+            note()
+        return offers.seconds > budget
+
+    planner.solve(base.PlannerTerminationCondition(stop))
+    if wanted.hasExactSolution():
+        note()
+    return found

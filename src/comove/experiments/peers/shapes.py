@@ -1,0 +1,199 @@
+"""The shape weights of all hands, as optimisers that know no robot take them: numbers in, costs and constraints out.
+
+Every hand is a primitive of its own, whose ends hold by construction. That the hands keep their distances, touch
+nothing and keep their limits are constraints at samples. Because hands also move between these, the constraints keep
+a part of what is allowed: half of a tolerance, up to 5 mm of clearance, a tenth of a limit.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.experiments.peers.common import (
+    BETTER,
+    Best,
+    OutOfTime,
+    clearance_slopes,
+    clearances,
+    first_hands,
+    kept_clearance,
+)
+from comove.experiments.systems import WEIGHTS, Offers, Problem
+from comove.primitives.basis import motion_basis
+
+Array = NDArray[np.float64]
+
+N_STEPS = 201
+AT = np.arange(2, N_STEPS - 2, 2)  # samples at which there are constraints
+AT_LIMITS = AT[::4]  # those of limits
+WINDOWS = 20  # of time
+KEPT_TOLERANCE, KEPT_CLEARANCE, KEPT_LIMIT = 0.5, 0.005, 0.1  # shares, and m
+SCALE = 10.0  # of the constraints: decimetres
+
+
+class Demand(NamedTuple):
+    """One thing that is asked for.
+
+    Attributes
+    ----------
+    spare : what is left of it, negative where it is missed; array, shape (n_points, n_samples) [m], [m/s], [m/s^2]
+    kept : how much of it the constraints keep
+    at : array, shape (n_constraints,), the samples at which there are constraints
+    """
+
+    spare: Array
+    kept: float
+    at: NDArray[np.int64]
+
+
+class Shapes:
+    """Offsets x of the weights from those of the first guess, array, shape (n,), which is 0.
+
+    Parameters
+    ----------
+    problem : whose hands they move
+    offers : that take what looks feasible
+    n_basis : shape weights a hand and dimension
+    """
+
+    def __init__(self, problem: Problem, offers: Offers, n_basis: int):
+        self.problem, self.offers, scene = problem, offers, problem.scene
+        coordinates, basis = arms_coordinates(scene), motion_basis(n_basis, "acceleration")
+        s = np.linspace(0.0, 1.0, N_STEPS)
+        dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), np.zeros(0))
+        self.dmp = dmp.fitted(s, coordinates.from_hands(first_hands(problem, s)))
+        self.n, self.best = self.dmp.weights.size, Best(problem, offers)
+        self.phi = basis.at(s)[1][0]
+        self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
+        self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
+        guess = self.hands(self.seen)
+        self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
+
+    def hands(self, x: Array) -> Array:
+        """Samples of many; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
+
+        Raises
+        ------
+        OutOfTime
+            When the budget is used up.
+        """
+        if self.offers.seconds > self.problem.budget:
+            raise OutOfTime
+        weights = self.dmp.weights + x.reshape(-1, *self.dmp.weights.shape)
+        q = self.dmp.rollouts(weights, N_STEPS)
+        return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)
+
+    def costs(self, hands: Array) -> Array:
+        """J; hands (n_points, N_STEPS, n_manipulators, n_dims) -> (n_points,)."""
+        to_goal = ((hands - self.problem.scene.goal) ** 2).sum(axis=(1, 2, 3)) / N_STEPS
+        effort = (np.diff(hands, axis=1) ** 2).sum(axis=(1, 2, 3)) * (N_STEPS - 1) ** 2 / N_STEPS
+        return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
+
+    def demands(self, hands: Array) -> list[Demand]:
+        """All that is asked for; hands as `costs` takes them.
+
+        Two for each distance (not too far, not too near), one for each separation, one for the clearance, and one for
+        speed and acceleration of each hand where there are limits.
+        """
+        scene, rate = self.problem.scene, (N_STEPS - 1) / self.problem.scene.duration
+        asked = []
+        for c in scene.distances:
+            error = np.linalg.norm(hands[:, :, c.first] - hands[:, :, c.second], axis=2) - c.distance
+            asked += [Demand(c.tolerance + e, KEPT_TOLERANCE * c.tolerance, AT) for e in (-error, error)]
+        for (first, second), least in zip(*scene.kept_apart, strict=True):
+            apart = np.linalg.norm(hands[:, :, first] - hands[:, :, second], axis=2)
+            asked.append(Demand(apart - least, KEPT_CLEARANCE, AT))
+        clear = clearances(scene, hands.reshape(-1, *hands.shape[2:])).reshape(hands.shape[:2])
+        asked.append(Demand(clear - scene.clearance, self.kept, AT))
+        for i in range(len(scene.manipulators)):
+            changing = hands[:, :, i]
+            for limit in (scene.speed_limit, scene.acceleration_limit):
+                changing = np.diff(changing, axis=1) * rate
+                if limit < np.inf:
+                    size = np.linalg.norm(changing, axis=2)
+                    asked.append(Demand(limit - size, KEPT_LIMIT * limit, AT_LIMITS))
+        return asked
+
+    def note(self, x: Array, cost: float, asked: list[Demand], k: int = 0) -> None:
+        """Keep a point, the k-th of those with these demands, if it is the best; offer it if it looks feasible."""
+        missed = -min(float(demand.spare[k].min()) for demand in asked)
+        promise = (max(missed, 0.0), cost)
+        if promise < self.promise:
+            self.promise, self.seen = promise, x.copy()
+            if missed <= 0.0 and cost < BETTER * self.looked_at:
+                self.looked_at = cost
+                self.best.see(self.offered(x))
+
+    def windows(self, asked: list[Demand]) -> Array:
+        """What demands miss most in each window of time, with what is kept; array, shape (n_points, n_windows)."""
+        edges = np.linspace(0, N_STEPS - 2, WINDOWS, endpoint=False, dtype=int)
+        missed = [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked]
+        return SCALE * np.concatenate(missed, axis=1)
+
+    def offered(self, x: Array) -> Array:
+        """The hands of a point at the instants of an offer."""
+        weights = self.dmp.weights + x.reshape(self.dmp.weights.shape)
+        return self.dmp.rollout(weights).hands(self.problem.instants)[0]
+
+    def close(self) -> None:
+        """Offer the best that was seen."""
+        self.best.see(self.offered(self.seen))
+        self.best.close()
+
+    @cached_property
+    def curvature(self) -> Array:
+        """Second derivatives of J, which is quadratic; array, shape (n, n)."""
+        steps = np.diff(self.phi, axis=0) * (N_STEPS - 1)
+        block = 2 * (WEIGHTS.goal * self.phi.T @ self.phi + WEIGHTS.velocity * steps.T @ steps) / N_STEPS
+        return np.kron(np.eye(self.n // len(block)), block)
+
+    def cost_slope(self, hands: Array) -> Array:
+        """How J follows the weights; hands (N_STEPS, n_manipulators, n_dims) -> (n,)."""
+        scene = self.problem.scene
+        steps = np.diff(hands, axis=0)
+        pull = np.diff(steps, axis=0, prepend=0.0 * steps[:1], append=0.0 * steps[:1]) * (N_STEPS - 1) ** 2
+        by_hands = 2 * (WEIGHTS.goal * (hands - scene.goal) - WEIGHTS.velocity * pull) / N_STEPS
+        return (by_hands.reshape(N_STEPS, -1).T @ self.phi).ravel()
+
+    def constraints(self, asked: list[Demand]) -> Array:
+        """What is left of demands beyond what is kept, of the first point; array, shape (n_constraints,)."""
+        return SCALE * np.concatenate([demand.spare[0, demand.at] - demand.kept for demand in asked])
+
+    def constraint_slopes(self, hands: Array) -> Array:
+        """How `constraints` follow the weights; array, shape (n_constraints, n)."""
+        scene = self.problem.scene
+        rate, shape = (N_STEPS - 1) / scene.duration, scene.start.shape
+        rows: list[Array] = []
+
+        def of_hands(slopes: Array, phi: Array) -> Array:
+            """Slopes by hands (n_samples, n_hands, n_dims) and these by weights (n_samples, n_basis)."""
+            return (slopes[..., None] * phi[:, None, None]).reshape(len(slopes), -1)
+
+        def apart(first: int, second: int) -> Array:
+            slopes = np.zeros((len(AT), *shape))
+            along = hands[AT, first] - hands[AT, second]
+            along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+            slopes[:, first], slopes[:, second] = along, -along
+            return of_hands(slopes, self.phi[AT])
+
+        for c in scene.distances:
+            error = apart(c.first, c.second)
+            rows += [-error, error]
+        rows += [apart(first, second) for first, second in scene.kept_apart[0]]
+        rows.append(of_hands(clearance_slopes(scene, hands[AT]), self.phi[AT]))
+        for i in range(shape[0]):
+            changing, phi = hands[:, i], self.phi
+            for limit in (scene.speed_limit, scene.acceleration_limit):
+                changing, phi = np.diff(changing, axis=0) * rate, np.diff(phi, axis=0) * rate
+                if limit < np.inf:
+                    slopes = np.zeros((len(AT_LIMITS), *shape))
+                    size = np.linalg.norm(changing[AT_LIMITS], axis=1, keepdims=True)
+                    slopes[:, i] = -changing[AT_LIMITS] / np.maximum(size, 1e-12)
+                    rows.append(of_hands(slopes, phi[AT_LIMITS]))
+        return SCALE * np.concatenate(rows)
