@@ -21,6 +21,7 @@ LONG = (
     "library combine",
     "comove run",
     "--method paper",
+    "comove reproduce",
     "05_a_load_of_any_shape",
 )
 

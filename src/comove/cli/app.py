@@ -95,7 +95,17 @@ def options(
 def main() -> None:
     """Entry point of the `comove` command."""
     try:
-        from comove.cli import demo, learn, library, robot, run, show, solve, verify  # noqa: F401  registers verbs
+        from comove.cli import (  # noqa: F401  registers verbs
+            demo,
+            learn,
+            library,
+            reproduce,
+            robot,
+            run,
+            show,
+            solve,
+            verify,
+        )
 
         app()
     except KeyboardInterrupt:

@@ -76,8 +76,27 @@ class StoredResult:
         return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
 
 
-def check_target(folder: str | Path) -> Path:
-    """Make sure that a result may be written to `folder`.
+@dataclass(frozen=True)
+class Contents:
+    """What a kind of folder holds.
+
+    Attributes
+    ----------
+    what : its name in messages
+    marks : files of which at least one shows that it is of this kind
+    names : all files that may be in it, relative to it
+    """
+
+    what: str
+    marks: frozenset[str]
+    names: frozenset[str]
+
+
+RESULT = Contents("result", frozenset({SUMMARY, RUN_SUMMARY}), frozenset(FILES))
+
+
+def check_target(folder: str | Path, contents: Contents = RESULT) -> Path:
+    """Make sure that a result, or what `contents` describes, may be written to `folder`.
 
     Raises
     ------
@@ -89,13 +108,21 @@ def check_target(folder: str | Path) -> Path:
         raise ResultError("it is a file", file=folder, way_out="name a folder")
     if folder.is_dir():
         names = {entry.name for entry in folder.iterdir()}
-        if names and not names & {SUMMARY, RUN_SUMMARY}:
+        if names and not names & contents.marks:
             raise ResultError(
-                "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
+                f"the folder is not empty and holds no {contents.what}",
+                file=folder,
+                way_out="name another or empty it",
             )
-        if names - FILES:
+        known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
+        others = (
+            names - known
+            or {path.relative_to(folder).as_posix() for name in names for path in (folder / name).rglob("*")}
+            - known
+        )
+        if others:
             raise ResultError(
-                f"besides a result the folder holds '{min(names - FILES)}'",
+                f"besides a {contents.what} the folder holds '{min(others)}'",
                 file=folder,
                 way_out="name another folder or move that away",
             )
@@ -112,9 +139,9 @@ def check_target(folder: str | Path) -> Path:
 
 
 @contextmanager
-def whole_folder(folder: str | Path) -> Iterator[Path]:
+def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Path]:
     """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
-    folder = check_target(folder)
+    folder = check_target(folder, contents)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
