@@ -23,7 +23,7 @@ def reproduce(
     """Run every experiment of the paper and of the systems it names; write one page with all figures."""
     from comove.experiments.paper import reproduce as reproduce_all
     from comove.experiments.paper.claims import Verdict
-    from comove.experiments.paper.reproduce import CONTENTS, PAGE
+    from comove.experiments.paper.reproduction import CONTENTS, PAGE
     from comove.primitives.arguments import require_count
     from comove.results import whole_folder
 

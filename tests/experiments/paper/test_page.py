@@ -1,6 +1,9 @@
 """The page of made-up runs, and a small reproduction from end to end."""
 
 import re
+import signal
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -12,7 +15,7 @@ from comove.experiments.paper.claims import Verdict, judge_all
 from comove.experiments.paper.figures import FIGURES, story_panels
 from comove.experiments.paper.jobs import CONTENDERS, run
 from comove.experiments.paper.page import write_page
-from comove.experiments.paper.reproduce import CONTENTS
+from comove.experiments.paper.reproduction import CONTENTS
 from comove.experiments.paper.runs import SCENES, STORY, STRAIGHT, Job, all_jobs, recorded
 from comove.experiments.paper.tables import all_runs
 from comove.primitives import DMP
@@ -117,6 +120,19 @@ def test_only_a_reproduction_is_replaced(tmp_path):
     (tmp_path / "paper" / "mine.txt").write_text("mine")
     with pytest.raises(ResultError, match=r"besides a reproduction the folder holds 'paper/mine.txt'"):
         check_target(tmp_path, CONTENTS)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path):
+    command = [sys.executable, "-m", "comove", "reproduce", "--seeds", "1", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if "at once" in line:
+            break
+    process.send_signal(signal.SIGINT)  # to the parent alone: it ends the others
+    assert process.wait(timeout=60) == 130
+    assert "interrupted" in process.stderr.read()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -13,10 +13,12 @@ from comove.experiments.paper import tables
 from comove.experiments.paper.claims import Claim, Finding, Verdict
 from comove.experiments.paper.figures import verdict
 from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST
-from comove.experiments.paper.runs import BAND, GAIT, MOVEMENT_BUDGET, RESEMBLANCE, SCENES, STORY, Runs
+from comove.experiments.paper.runs import BAND, GAIT, RESEMBLANCE, SCENES, STORY, Runs
+from comove.views.motion import N_STATES
 
 MINUTE = 60.0  # s
 WIDTH = 118  # of the page's lines
+LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 
 
 def write_page(
@@ -88,14 +90,14 @@ comove reproduce --seeds 2 --out look
 The first writes this page, the second is a quick look at it. This page: version {__version__}, {runs.seeds} seeds,
 {len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {processes} at a time, in
 {seconds / MINUTE:.1f} minutes on the wall and {processor / processes / MINUTE:.1f} minutes of processor time each.
-Times below are processor times: what else the machine did meanwhile does not count.
-[Every run]({folder}/runs.csv) is one line of a table.
+Times below are processor times: what else the machine did meanwhile does not count. [Every run]({folder}/runs.csv)
+is one line of a table.
 
-**Statements of the paper**: {len(findings)}; {verdicts}
-([all of them](#what-the-paper-says-and-what-this-run-says)).
+**Statements of the paper**: {len(findings)}; {verdicts} ([all of
+them](#what-the-paper-says-and-what-this-run-says)).
 
 **Verified** motions by method and scene. "Verified" is what an independent [judge](verification.md) says: ends
-reached, limits kept, the distance within {1e3 * 0.0002:g} mm of {1e3 * 0.2:g} mm and nothing touched, at every
+reached, limits kept, the distance within {TOLERANCE} of {LENGTH} and nothing touched, at every
 instant.
 
 {tables.table(["method", *SCENES], rows)}
@@ -116,31 +118,28 @@ def _figures(runs: Runs, folder: str) -> str:
     return f"""
 ## Figures
 
-The paper's numbers of figures are kept. Green circles are starts, red squares goals. A load is black; orange
-where the
-distance of its ends is off by more than the tolerance, red where it touches something. The paper gives no
-coordinates;
-the scenes are `wide`, `narrow` and `complex` of the package. In Figures 3 to 6 the weight of velocities in (4) is
-{GAIT["velocity"]:g}, accelerations are limited to {GAIT["acceleration"]:g} m/s², and the band of the distance is
-{1e3 * BAND:g} mm wide to either side. The paper says none of these.
+The paper's numbers of figures are kept. Green circles are starts, red squares goals. A load is black; orange where
+the distance of its ends is off by more than the tolerance, red where it touches something. The paper gives no
+coordinates; the scenes are `wide`, `narrow` and `complex` of the package. In Figures 3 to 6 the weight of
+velocities in (4) is {GAIT["velocity"]:g}, accelerations are limited to {GAIT["acceleration"]:g} m/s², and the band
+of the distance is {1e3 * BAND:g} mm wide to either side. The paper says none of these.
 
 ### Figure 1: the pipeline
 
 ![From a recorded movement to a verified motion of two hands, in four steps]({folder}/figure1.png)
 
-A person's handwriting; the one DMP that was learned from it; the same DMP modulated to the ends of both hands, on one
-phase, before it knows of the wall; and what the optimiser makes of it when its shape still counts
-(`--resemblance {RESEMBLANCE:g}`): {verdict(first)}, J = {first.cost:.3f}. About the same by hand:
-`comove solve narrow.yaml --out near --resemblance {RESEMBLANCE:g}`.
+A person's handwriting; the one DMP that was learned from it; the same DMP modulated to the ends of both hands, on
+one phase, before it knows of the wall; and what the optimiser makes of it when its shape still counts
+(`--resemblance {RESEMBLANCE:g}`): {verdict(first)}, J = {first.cost:.3f}. About the same by hand: `comove solve
+narrow.yaml --out near --resemblance {RESEMBLANCE:g}`.
 
 ### Figure 2: a moving obstacle
 
 ![The same matrix on both hands, and comove's reaction, beside a disc that crosses the way]({folder}/figure2.png)
 
 Left: the modulation matrix of whichever hand is nearest, on both hands, as the paper proposes. Middle and right:
-comove's [execution](execution.md), with obstacles that are only seen, and with motions that are known. Numbers
-tell what
-was where at the same time. With two more ways to do it (`comove run turning.yaml --out beside --compare`):
+comove's [execution](execution.md), with obstacles that are only seen, and with motions that are known. Numbers tell
+what was where at the same time. With two more ways to do it (`comove run turning.yaml --out beside --compare`):
 
 {tables.encounters_table(runs)}
 
@@ -149,19 +148,16 @@ was where at the same time. With two more ways to do it (`comove run turning.yam
 ![The path of one hand through the wide passage, and the same given to both hands]({folder}/figure3.png)
 
 Left: movements of a library combined and optimised for one hand, after [6]: {verdict(initial)}, J =
-{initial.cost:.3f}.
-Right: the same DMP for both hands, before any optimisation: {verdict(given)}. All of Figures 4, 5, 6a and 6b
-begin with
-it. (`comove solve wide.yaml --out one --method single`, with the numbers above.)
+{initial.cost:.3f}. Right: the same DMP for both hands, before any optimisation: {verdict(given)}. All of Figures 4,
+5, 6a and 6b begin with it. (`comove solve wide.yaml --out one --method single`, with the numbers above.)
 
 ### Figure 4: wide and narrow passage
 
 ![Paths of two hands through both passages, by the paper's method and by comove]({folder}/figure4.png)
 
-Above the paper's method (`--method paper`), below comove's default. The bar is {1e3 * 0.2:g} mm long, the gaps
-are 300 and
-100 mm wide: in the narrow one it must turn, by {np.rad2deg(paper["narrow"].measures.turn):.0f}° (paper's method) and
-{np.rad2deg(comove["narrow"].measures.turn):.0f}° (comove) at most.
+Above the paper's method (`--method paper`), below comove's default. The bar is {LENGTH} long, the gaps are
+300 and 100 mm wide: in the narrow one it must turn, by {np.rad2deg(paper["narrow"].measures.turn):.0f}° (paper's
+method) and {np.rad2deg(comove["narrow"].measures.turn):.0f}° (comove) at most.
 
 | | J wide | J narrow | squared jerk wide [m²/s⁵] | squared jerk narrow [m²/s⁵] |
 | --- | --- | --- | --- | --- |
@@ -173,20 +169,18 @@ are 300 and
 ![Objective and constraint along the motions of Figure 4b]({folder}/figure5.png)
 
 Along the motions of Figure 4b, left the paper's method, right comove. Above (5a): the objective begins at
-{along.at_start:.2f} and ends at {along.at_end:.0e} (paper's method) and {exact.at_end:.0e} (comove). Below
-(5b): the paper's
-method may leave the distance by a band, and does, by {1e3 * along.error:.2f} mm at most; comove's coordinates
-hold it, to
-{exact.error:.0e} m.
+{along.at_start:.2f} and ends at {along.at_end:.0e} (paper's method) and {exact.at_end:.0e} (comove). Below (5b):
+the paper's method may leave the distance by a band, and does, by {1e3 * along.error:.2f} mm at most; comove's
+coordinates hold it, to {exact.error:.0e} m.
 
 ### Figure 6: every state with the bar
 
 ![States with the bar, with and without the constraint, and in the complex environment]({folder}/figure6.png)
 
-Two hands at {26} equal times. (a) Paper's method: {verdict(paper["narrow"].measures)}. (b) Jointly taught in
-the wide passage,
-optimised in the narrow one without the constraint, after [22]: {verdict(free)}. (c) The complex environment, from a
-recorded movement: {verdict(complex_paper)} by the paper's method, {verdict(complex_comove)} by comove.
+Two hands at {N_STATES} equal times. (a) Paper's method: {verdict(paper["narrow"].measures)}. (b) Jointly taught in
+the wide passage, optimised in the narrow one without the constraint, after [22]: {verdict(free)}. (c) The complex
+environment, from a recorded movement: {verdict(complex_paper)} by the paper's method, {verdict(complex_comove)} by
+comove.
 """
 
 
@@ -197,10 +191,9 @@ def _systems(runs: Runs, folder: str) -> str:
 ![Four other systems at the narrow passage]({folder}/systems.png)
 
 The narrow passage from straight lines, [each system](compared.md) as the command line runs it (`comove solve` with
-`--method unconstrained`, `leader-follower`, `speed-scaled`, `task-priority` on `narrow` without its
-demonstration). The
-coupling of [7] is learned over 20 epochs. In the table the other columns begin with the scene's recorded movement,
-at the same settings as the [large comparison](#over-seeds).
+`--method unconstrained`, `leader-follower`, `speed-scaled`, `task-priority` on `narrow` without its demonstration).
+The coupling of [7] is learned over 20 epochs. In the table the other columns begin with the scene's recorded
+movement, at the same settings as the [large comparison](#over-seeds).
 
 {tables.systems_table(runs)}
 """
@@ -215,14 +208,14 @@ def _story(runs: Runs, folder: str) -> str:
 
 ![Measures by method and scene]({folder}/story.png)
 
-Every method on every scene, {runs.seeds} seeds each, from the same recorded movements ({movements}). {fixed}
-draw no random
-numbers and run once. Marks are medians, bars their 95 % bootstrap intervals; for shares of successes, intervals after
-Wilson. Measures are those of the motion handed out, verified or not. Smoothness is the largest acceleration of a hand
-and the squared jerk of both hands, integrated over the motion of 10 s. J rewards early arrival, and the scenes limit
-no acceleration: on `narrow`, `comove` accelerates by {_fastest(runs, "comove")} m/s² in the median, the paper's method
-by {_fastest(runs, "paper")} m/s². `comove, {GENTLE:g} m/s²` is the same method under a limit of {GENTLE:g} m/s².
-Brackets hold intervals; "none" says that no run has the measure. Every run is stopped after {LONGEST:g} s on the wall.
+Every method on every scene, {runs.seeds} seeds each, from the same recorded movements ({movements}). {fixed} draw
+no random numbers and run once. Marks are medians, bars their 95 % bootstrap intervals; for shares of successes,
+intervals after Wilson. Measures are those of the motion handed out, verified or not. Smoothness is the largest
+acceleration of a hand and the squared jerk of both hands, integrated over the motion of 10 s. J rewards early
+arrival, and the scenes limit no acceleration: on `narrow`, `comove` accelerates by {_fastest(runs, "comove")} m/s²
+in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, {GENTLE:g} m/s²` is the same method
+under a limit of {GENTLE:g} m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
+stopped after {LONGEST:g} s on the wall.
 
 {shown}
 """
@@ -233,11 +226,9 @@ def _movements(runs: Runs) -> str:
 ## Several movements
 
 A straight line of minimum jerk, a smooth synthetic curve, and recorded handwriting (LASA), on the same scenes:
-verified
-runs and the median of J over them. `comove` keeps the movement's shape where it can
-(`--resemblance {RESEMBLANCE:g}`: J then
-holds a term for it, and is larger); without the planner, and for the paper's method, the movement is where the search
-begins. A run has {MOVEMENT_BUDGET:g} s on the wall.
+verified runs and the median of J over them. `comove` keeps the movement's shape where it can (`--resemblance
+{RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the paper's method, the
+movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the wall.
 
 {tables.movements_table(runs)}
 """
@@ -246,9 +237,8 @@ begins. A run has {MOVEMENT_BUDGET:g} s on the wall.
 CLAIMS_TEXT = """
 ## What the paper says, and what this run says
 
-Quotes are the paper's. A verdict is what a function of this run's numbers returns. "Reproduced with a remark":
-it holds,
-but not as it is said, or not by the paper's method alone. What no software can test is called so.
+Quotes are the paper's. A verdict is what a function of this run's numbers returns. "Reproduced with a remark": it
+holds, but not as it is said, or not by the paper's method alone. What no software can test is called so.
 """.strip()
 
 ERRATA = """

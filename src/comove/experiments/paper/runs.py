@@ -28,7 +28,7 @@ GAIT = {"velocity": 0.2, "acceleration": 1.0}
 RESEMBLANCE = 10.0
 PRINTED_SEEDS, PRINTED_BUDGET = 5, 4.0  # of the method as printed, which may never end by itself
 MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
-FEW = 0.1  # seeds in the small tables, for one of the large table
+FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
 MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
 RECORDED = {
@@ -199,7 +199,7 @@ def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
         job(
             *("movements", scene, who, movement),
             seed=seed,
-            budget=MOVEMENT_BUDGET,
+            budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds),
             resemblance=RESEMBLANCE if who == "comove" else 0.0,
         )
         for movement in RECORDED
