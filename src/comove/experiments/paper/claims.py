@@ -217,7 +217,7 @@ def jumps(runs: Runs) -> Finding:
     where = "near the walls" if along.rise_near else "away from the walls"
     why = (
         f"The largest climb is {along.rise:.2g}, or {along.rise / along.at_start:.1%} of the first value, {where}. A "
-        " verified motion touches nothing, so that the term of obstacles is 0 all along and cannot jump; only the "
+        "verified motion touches nothing, so that the term of obstacles is 0 all along and cannot jump; only the "
         "speed can climb."
     )
     if along.rise <= SMALL * along.at_start:
@@ -303,7 +303,11 @@ def novel_scenarios(runs: Runs) -> Finding:
     """Six movements on three scenes."""
     by = {who: runs.measures("movements", who=who) for who in ("comove", "comove without planner", "paper")}
     counts = ", ".join(f"{who} {_count(found)}" for who, found in by.items())
-    why = f"Two synthetic and four recorded movements on three scenes: {counts} verified."
+    budget = runs.of("movements")[0].job.budget
+    why = (
+        f"Two synthetic and four recorded movements on three scenes, {budget:g} s on the wall each: "
+        f"{counts} verified."
+    )
     if _share(by["paper"]) >= RELIABLE:
         return Finding(Verdict.REPRODUCED, why)
     return Finding(Verdict.REMARK if _share(by["comove"]) >= RELIABLE else Verdict.NOT, why)

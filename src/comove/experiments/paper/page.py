@@ -228,7 +228,7 @@ def _movements(runs: Runs) -> str:
 A straight line of minimum jerk, a smooth synthetic curve, and recorded handwriting (LASA), on the same scenes:
 verified runs and the median of J over them. `comove` keeps the movement's shape where it can (`--resemblance
 {RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the paper's method, the
-movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the wall.
+movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the wall. {_stopped(runs)}
 
 {tables.movements_table(runs)}
 """
@@ -248,8 +248,8 @@ What had to be read otherwise than it is printed:
 
 - (1b) has lost a minus sign: the phase decays.
 - (2) knows no scaling by the goal; here the ends are exact for all weights instead ([primitives](primitives.md)).
-- (4) tests the hands alone against obstacles. A carried bar is tested along its whole length, and between
-samples too.
+- (4) tests the hands alone against obstacles. A carried bar is tested along its whole length, and
+  between samples too.
 - (6) is not invariant to scale and can lose positive definiteness. Its factor form cannot
   ([optimisers](optimisers.md)).
 - (7b) as two inequalities has no interior: resampling until nothing is violated needs a band.
@@ -260,6 +260,17 @@ samples too.
 def _fastest(runs: Runs, who: str) -> str:
     found = runs.measures("story", scene="narrow", who=who)
     return f"{np.median([m.acceleration for m in found]):.2g}"
+
+
+def _stopped(runs: Runs) -> str:
+    """What those without a verified motion in the table of movements had used, in words."""
+    used = [m.total for m in runs.measures("movements") if not m.verified]
+    if not used:
+        return ""
+    return (
+        f"The {len(used)} that ended without a verified motion had had {np.median(used):.1f} s of processor time in "
+        "the median by then: with more they may succeed."
+    )
 
 
 def _pair(outcomes: dict, name: str) -> str:
