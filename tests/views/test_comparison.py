@@ -1,18 +1,17 @@
 """Pictures of all methods side by side: every scene that can be executed can be drawn."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from comove.execution import Executor, compare
+from comove.experiments.examples import example_path
 from comove.experiments.random_scenes import moving_scene
 from comove.scenes import Scene
 from comove.views import animate_comparison, draw_comparison, save
 from comove.views.comparison import MAX_FRAMES
 
-TURNING = Path(__file__).parents[2] / "examples" / "moving" / "turning.yaml"
+TURNING = example_path("turning")
 
 
 @pytest.fixture(scope="module", params=[TURNING, 3])

@@ -100,6 +100,7 @@ def main() -> None:
             demo,
             learn,
             library,
+            reproduce,
             robot,
             run,
             show,

@@ -55,6 +55,7 @@ class Paper(Method):
     windows : of time, in each of which the largest error of a distance is a constraint for either sign
     generations : with progress, until band and load are final
     finishing : generations with a feasible sample after that, before the best motion is judged
+    schedules : narrow the band and grow the load; without, as printed: the final band and the whole load at once
     """
 
     name: ClassVar[str] = "paper"
@@ -66,6 +67,7 @@ class Paper(Method):
     windows: int = 20
     generations: int = 300
     finishing: int = 30
+    schedules: bool = True
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
@@ -107,7 +109,8 @@ class Paper(Method):
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
         run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
-        progress, furthest, finished, waited = 0.0, 0.0, 0, 0
+        progress = furthest = 0.0 if self.schedules else 1.0
+        finished, waited = 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
         while run.reason is None and finished < self.finishing and waited < WAIT:
             if search.over():  # what there is, judged and labelled
@@ -137,7 +140,8 @@ class Paper(Method):
                     best, best_value = dmp.rollout(weights[i]), float(found[i])
             stuck = search.hard and not (value.clearance > scene.clearance).any()
             step = min(PACE * (share - ENOUGH), 0.0 if stuck else np.inf)
-            progress = min(1.0, max(0.0, progress + step / self.generations))
+            if self.schedules:
+                progress = min(1.0, max(0.0, progress + step / self.generations))
             if progress > furthest:
                 furthest, waited = progress, 0
             errors = np.maximum(0.0, 1.0 + request.known / bands)

@@ -1,6 +1,7 @@
 """Result folders: written as a whole, read with care, judged anew; and the store of runs."""
 
 from comove.results.folder import (
+    Contents,
     StoredResult,
     check_target,
     read_result,
@@ -11,6 +12,7 @@ from comove.results.folder import (
 from comove.results.runs import RunStore, export_parquet
 
 __all__ = [
+    "Contents",
     "RunStore",
     "StoredResult",
     "check_target",

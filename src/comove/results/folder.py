@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,8 +76,27 @@ class StoredResult:
         return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
 
 
-def check_target(folder: str | Path) -> Path:
-    """Make sure that a result may be written to `folder`.
+@dataclass(frozen=True)
+class Contents:
+    """What a kind of folder holds.
+
+    Attributes
+    ----------
+    what : its name in messages
+    marks : files of which at least one shows that it is of this kind
+    names : all files that may be in it, relative to it
+    """
+
+    what: str
+    marks: frozenset[str]
+    names: frozenset[str]
+
+
+RESULT = Contents("result", frozenset({SUMMARY, RUN_SUMMARY}), frozenset(FILES))
+
+
+def check_target(folder: str | Path, contents: Contents = RESULT) -> Path:
+    """Make sure that a result, or what `contents` describes, may be written to `folder`.
 
     Raises
     ------
@@ -89,20 +108,24 @@ def check_target(folder: str | Path) -> Path:
         raise ResultError("it is a file", file=folder, way_out="name a folder")
     if folder.is_dir():
         names = {entry.name for entry in folder.iterdir()}
-        if names and not names & {SUMMARY, RUN_SUMMARY}:
+        if names and not names & contents.marks:
             raise ResultError(
-                "the folder is not empty and holds no result", file=folder, way_out="name another or empty it"
+                f"the folder is not empty and holds no {contents.what}",
+                file=folder,
+                way_out="name another or empty it",
             )
-        if names - FILES:
+        known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
+        others = (
+            names - known
+            or {path.relative_to(folder).as_posix() for name in names for path in (folder / name).rglob("*")}
+            - known
+        )
+        if others:
             raise ResultError(
-                f"besides a result the folder holds '{min(names - FILES)}'",
+                f"besides a {contents.what} the folder holds '{min(others)}'",
                 file=folder,
                 way_out="name another folder or move that away",
             )
-    return _writable(folder)
-
-
-def _writable(folder: Path) -> Path:
     parent = folder.parent
     while not parent.exists():
         parent = parent.parent
@@ -115,41 +138,10 @@ def _writable(folder: Path) -> Path:
     return folder
 
 
-def check_only(folder: str | Path, names: Collection[str] = ()) -> Path:
-    """Make sure that `folder` can be written and holds nothing but files of these names.
-
-    Raises
-    ------
-    ResultError
-        If it is a file, holds anything else, or is not writable.
-    """
-    folder = Path(folder).resolve()
-    if folder.exists() and not folder.is_dir():
-        raise ResultError("it is a file", file=folder, way_out="name a folder")
-    others = {entry.name for entry in folder.iterdir()} - set(names) if folder.is_dir() else set()
-    if others:
-        raise ResultError(
-            f"the folder holds '{min(others)}'", file=folder, way_out="name another folder or move that away"
-        )
-    return _writable(folder)
-
-
 @contextmanager
-def whole_folder_of(folder: str | Path, names: Collection[str] = ()) -> Iterator[Path]:
-    """As `whole_folder`, for a folder that holds nothing but files of these names."""
-    with _whole(check_only(folder, names)) as draft:
-        yield draft
-
-
-@contextmanager
-def whole_folder(folder: str | Path) -> Iterator[Path]:
+def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Path]:
     """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
-    with _whole(check_target(folder)) as draft:
-        yield draft
-
-
-@contextmanager
-def _whole(folder: Path) -> Iterator[Path]:
+    folder = check_target(folder, contents)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))

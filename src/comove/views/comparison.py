@@ -18,7 +18,17 @@ from PIL import Image
 from comove.execution.comparison import Compared
 from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
-from comove.views.motion import COLOURS, MOVING, draw_frame, new_figure, outline, views_of
+from comove.views.motion import (
+    COLOURS,
+    FINE,
+    MOVING,
+    OFF,
+    TOUCHES,
+    draw_frame,
+    new_figure,
+    outline,
+    views_of,
+)
 from comove.views.run import load_lines
 
 Array = NDArray[np.float64]
@@ -30,7 +40,6 @@ TITLES = {
     "obstacles seen only": "comove, obstacles seen only",
     "motions known": "comove, motions known",
 }
-FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"
 N_STATES = 11
 FRAME_RATE, MAX_FRAMES, N_TONES = 8, 64, 64  # of the animation: frames a second, frames, colours
 TRAIL = 1.5  # s, of the way that an animation shows behind the hands

@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
 N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
+FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
+C_VEL = 0.01  # weight of velocities in the objective (4), as `planning.CostWeights` has it
 VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
 
 
@@ -60,17 +62,21 @@ def draw_side_by_side(
     demonstrations: Sequence[Array | None] | None = None,
     *,
     states: bool = True,
+    columns: int | None = None,
 ) -> Figure:
-    """Planar motions next to each other (the paper's Figures 3 and 4).
+    """Planar motions next to each other (the paper's Figures 3, 4 and 6).
 
     Parameters
     ----------
     demonstrations : one for each motion, as in `draw_motion`
     states : draw the load at equal steps, not the paths alone
+    columns : motions in a row; all of them unless given
     """
-    figure = new_figure(5.4 * len(motions) + 0.4, 6.2)
+    columns = columns or len(motions)
+    rows = -(-len(motions) // columns)
+    figure = new_figure(5.4 * columns + 0.4, 5.6 * rows + 0.6)
     for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
-        axes = figure.add_subplot(1, len(motions), i + 1)
+        axes = figure.add_subplot(rows, columns, i + 1)
         axes.set_title(title)
         draw_panel(axes, motion, (0, 1), demonstrations[i] if demonstrations else None, states=states)
     draw_legend(figure)
@@ -90,8 +96,9 @@ def draw_panel(
     draw_frame(axes, scene, view)
     _draw_obstacles(axes, scene, view)
     if states:
-        sparse = motion.coordinates.motion(motion.at(np.linspace(0, 1, N_STATES)))[0]
-        _draw_load(axes, scene, sparse[:, :, columns])
+        s = np.linspace(0, 1, N_STATES)
+        sparse = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
+        _draw_load(axes, scene, sparse[:, :, columns], _tones(scene, sparse, s * scene.duration))
     if demonstration is not None:
         for hand in range(demonstration.shape[1]):
             label = "demonstration, carried to each hand" if hand == 0 else None
@@ -101,45 +108,81 @@ def draw_panel(
         path = dense[:, hand][:, columns]
         axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=name)
         axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
-        axes.plot(*path[-1], "s", color="#d62728", markersize=7, zorder=5)
+        axes.plot(*scene.goal[hand][columns], "s", color="#d62728", markersize=7, zorder=5)
 
 
-def draw_legend(figure: Figure) -> None:
+def draw_legend(figure: Figure, columns: int = 4) -> None:
     """One legend for all panels."""
     labelled = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
         labelled |= dict(zip(labels, handles, strict=True))
-    figure.legend(labelled.values(), labelled, loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(labelled.values(), labelled, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def draw_progress(motion: CoordinatedMotion) -> Figure:
     """Objective and constraint along the movement (the paper's Figure 5)."""
+    return draw_progress_side_by_side(
+        [motion], [f"{motion.scene.name}: objective and constraint along the movement"]
+    )
+
+
+def draw_progress_side_by_side(
+    motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, velocity: float = C_VEL
+) -> Figure:
+    """The same of several motions, on the same axes.
+
+    Parameters
+    ----------
+    velocity : weight of the velocities in the objective
+    """
+    figure = new_figure(5.6 * len(motions) + 1.6, 5.4)
+    panels = figure.subplots(2, len(motions), sharex=True, sharey="row", squeeze=False)
+    reach = 0.0
+    for motion, title, (upper, lower) in zip(motions, titles, panels.T, strict=True):
+        upper.set_title(title)
+        _draw_objective(upper, motion, velocity)
+        reach = max(reach, _draw_constraint(lower, motion))
+    if reach > 0:
+        panels[1, 0].set_ylim(-1.3 * reach, 1.9 * reach)  # with room for the legend
+    for axes in panels[:, 1:].flat:
+        axes.set_ylabel("")
+    return figure
+
+
+def _draw_objective(axes: Axes, motion: CoordinatedMotion, weight: float) -> None:
     scene = motion.scene
     s = np.linspace(0.0, 1.0, 801)
-    time = s * scene.duration
     position, velocity, _ = motion.hands(s)
     to_goal = ((position - scene.goal) ** 2).sum(axis=(1, 2))
-    effort = 0.01 * (velocity**2).sum(axis=(1, 2))
-    figure = new_figure(7.2, 5.4)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(time, to_goal + effort, color=COLOURS[1], label="objective, terms of goal and velocity")
-    upper.plot(time, to_goal, "--", color="0.4", linewidth=1, label="distance to the goal, squared [m²]")
-    upper.set(title=f"{scene.name}: objective and constraint along the movement", ylabel="objective")
-    upper.legend(frameon=False)
+    effort = weight * (velocity**2).sum(axis=(1, 2))
+    time = s * scene.duration
+    axes.plot(time, to_goal + effort, color=COLOURS[1], label="objective, terms of goal and velocity")
+    axes.plot(time, to_goal, "--", color="0.4", linewidth=1, label="distance to the goal, squared [m²]")
+    axes.set_ylabel("objective")
+    axes.legend(frameon=False)
+
+
+def _draw_constraint(axes: Axes, motion: CoordinatedMotion) -> float:
+    """Errors of the distances; returns how far the axis should reach to either side [m]."""
+    scene = motion.scene
+    s = np.linspace(0.0, 1.0, 801)
+    position, reach = motion.hands(s)[0], 0.0
     for c in scene.distances:
         apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
         names = scene.manipulators[c.first], scene.manipulators[c.second]
-        lower.plot(time, apart - c.distance, label=f"|{names[0]} − {names[1]}| − {c.distance:g} m")
+        axes.plot(
+            s * scene.duration, apart - c.distance, label=f"|{names[0]} − {names[1]}| − {c.distance:g} m"
+        )
+        reach = max(reach, float(np.abs(apart - c.distance).max()))
     if scene.distances:
         # Down to rounding errors the axis would show noise: open it to the tolerance at the least.
         tolerance = max(max(c.tolerance for c in scene.distances), 1e-12)
-        reach = max(tolerance, *(abs(limit) for limit in lower.get_ylim()))
-        lower.set_ylim(-1.2 * reach, 1.2 * reach)
-        lower.axhspan(-tolerance, tolerance, color="0.9", zorder=0, label="tolerance")
-        lower.legend(framealpha=1.0, edgecolor="none")  # the tolerance is grey on grey without a ground
-    lower.set(xlabel="time [s]", ylabel="constraint violation [m]")
-    return figure
+        reach = max(reach, tolerance)
+        axes.axhspan(-tolerance, tolerance, color="0.9", zorder=0, label="tolerance")
+        axes.legend(loc="upper right", ncols=2, frameon=False)
+    axes.set(xlabel="time [s]", ylabel="constraint violation [m]")
+    return reach
 
 
 def views_of(scene: Scene) -> tuple[tuple[int, int], ...]:
@@ -221,18 +264,42 @@ def hull_outline(corners: Array) -> Array:
     return corners[list(dict.fromkeys(farthest.tolist()))]
 
 
-def _draw_load(axes: Axes, scene: Scene, nodes: Array) -> None:
+def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
+    """Colours of the load by state: where it touches something, and where a distance is off.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_states, n_nodes, 3), [m]
+    time : array, shape (n_states,), [s]
+    """
+    tones = []
+    for state, instant in zip(nodes, time, strict=True):
+        errors = [
+            abs(np.linalg.norm(state[c.first] - state[c.second]) - c.distance) - c.tolerance
+            for c in scene.distances
+        ]
+        touches = scene.clearance_at(state, float(instant))[0] < 0.0
+        tones.append(TOUCHES if touches else OFF if max(errors, default=0.0) > 1e-12 else FINE)
+    return tones
+
+
+def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
     """The load's edges, or outlines of its solids, at every state; nodes (n_states, n_nodes, 2)."""
     bars, solids = [e for e in scene.body.edges if e[0] != e[1]], scene.body.solids
     if not bars and not len(solids):
         bars = [(c.first, c.second) for c in scene.distances]
     outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]
+    edges = [tone for tone in tones for _ in solids]
     axes.add_collection(
         PolyCollection(
-            outlines, facecolors=(0.35, 0.35, 0.35, 0.02), edgecolors="0.2", linewidths=0.7, zorder=3
+            outlines, facecolors=(0.35, 0.35, 0.35, 0.02), edgecolors=edges, linewidths=0.7, zorder=3
         )
     )
     lines = [state[list(edge)] for state in nodes for edge in bars]
-    axes.add_collection(LineCollection(lines, colors="0.15", linewidths=1.1, alpha=0.75, zorder=3))
+    colours = [tone for tone in tones for _ in bars]
+    axes.add_collection(LineCollection(lines, colors=colours, linewidths=1.1, alpha=0.75, zorder=3))
+    for tone, what in ((OFF, "load, a distance off"), (TOUCHES, "load, touching")):
+        if tone in tones:
+            axes.plot([], [], color=tone, linewidth=2, label=what)
     for hand in range(len(scene.manipulators)):
         axes.plot(*nodes[:, hand].T, "o", color=COLOURS[hand % len(COLOURS)], markersize=2.6, zorder=4)

@@ -19,7 +19,7 @@ from comove.experiments.bench.statistics import (
     median_interval,
     wilson,
 )
-from comove.results.folder import whole_folder_of
+from comove.results.folder import Contents, whole_folder
 from comove.results.runs import Run, RunStore
 from comove.views.benchmark import draw_cost_ratios, draw_shares
 from comove.views.motion import save
@@ -27,7 +27,7 @@ from comove.views.motion import save
 Array = NDArray[np.float64]
 
 REPORT, SHARES, RATIOS = "report.md", "shares.png", "costs.png"
-FILES = (REPORT, SHARES, RATIOS)
+CONTENTS = Contents("report of runs", frozenset({REPORT}), frozenset({REPORT, SHARES, RATIOS}))
 NEAR = 1.05  # times the best cost known: "near the best"
 REFERENCE = "comove"
 SHOWN = 12  # failures a system and set that are listed
@@ -164,7 +164,7 @@ def write_report(store: RunStore, folder: str | Path) -> str:
         raise ResultError("no run has ended yet", file=store.path, way_out="run some: comove bench run")
     found = standings(runs)
     text = report_text(runs, found, missing_of(store, runs))
-    with whole_folder_of(folder, FILES) as draft:
+    with whole_folder(folder, CONTENTS) as draft:
         (draft / REPORT).write_text(text, encoding="utf-8")
         for draw, of, file in ((draw_shares, "first", SHARES), (draw_cost_ratios, "cost_ratio", RATIOS)):
             values: dict[str, dict[str, Array]] = defaultdict(dict)

@@ -27,7 +27,7 @@ from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
-from comove.results.folder import whole_folder_of
+from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
 from comove.views.benchmark import Growth, draw_growth
 from comove.views.motion import save
@@ -35,6 +35,7 @@ from comove.views.motion import save
 Array = NDArray[np.float64]
 
 REPORT, PICTURE = "scaling.md", "scaling.png"
+CONTENTS = Contents("report of growth", frozenset({REPORT}), frozenset({REPORT, PICTURE}))
 POPULATION = 16
 BASIS, HANDS, OBSTACLES = 30, 3, 10  # where something else grows
 RADIUS = 0.1  # m, of the ring of hands
@@ -260,7 +261,7 @@ def write_scaling(
     ResultError
         If the folder holds something else or cannot be written.
     """
-    with whole_folder_of(folder, (REPORT, PICTURE)) as draft:
+    with whole_folder(folder, CONTENTS) as draft:
         curves = measure(names, repeats, solves=solves)
         (draft / REPORT).write_text(scaling_text(curves), encoding="utf-8")
         grown = [

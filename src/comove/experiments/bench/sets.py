@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.drawing import DIFFICULTIES, Difficulty, drawn
 from comove.experiments.bench.witness import Witness
-from comove.results.folder import whole_folder_of
+from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
 from comove.scenes.yaml_reader import read_yaml
 
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 SETS = tuple(DIFFICULTIES)
 COUNT, SEED = 50, 0  # of the frozen sets
 WITNESSES = "witnesses.yaml"
+CONTENTS = Contents("set of scenes", frozenset(), frozenset())  # one that is drawn replaces nothing
 HEAD = """\
 # That the scenes of this folder can be solved: poses that the load passes, from rest to rest, by scene.
 # In the plane x, y [m] and an angle [rad]; in space x, y, z [m] and a quaternion w, x, y, z.
@@ -121,7 +122,7 @@ def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) 
     difficulty_named(set_name)
     if count < 1:
         raise OptionError(f"count = {count}", key="--count", way_out="draw 1 scene or more")
-    with whole_folder_of(folder) as draft:
+    with whole_folder(folder, CONTENTS) as draft:
         lines = []
         for index in range(count):
             data, rows = draw_scene(set_name, index, seed)

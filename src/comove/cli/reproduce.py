@@ -1,0 +1,41 @@
+"""`comove reproduce`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import VERIFIED, since_process_start, verb
+
+
+@verb
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the page and its figures.")] = Path("reproduced"),
+    seeds: Annotated[int, typer.Option(help="Seeds in the large comparison; a few for a quick look.")] = 50,
+    processes: Annotated[
+        int | None, typer.Option(help="Runs at once; as many as there are cores unless given.")
+    ] = None,
+) -> int:
+    """Run every experiment of the paper and of the systems it names; write one page with all figures."""
+    from comove.experiments.paper import reproduce as reproduce_all
+    from comove.experiments.paper.claims import Verdict
+    from comove.experiments.paper.reproduction import CONTENTS, PAGE
+    from comove.primitives.arguments import require_count
+    from comove.results import whole_folder
+
+    processes = len(os.sched_getaffinity(0)) if processes is None else processes
+    require_count("--seeds", seeds)
+    require_count("--processes", processes)
+
+    def tell(words: str) -> None:
+        print(f"{since_process_start():6.0f} s  {words}", file=sys.stderr)
+
+    with whole_folder(out, CONTENTS) as draft:
+        counts = reproduce_all(draft, seeds, processes=processes, tell=tell)
+    print("\n".join(f"{counts[verdict]:3d} {verdict.value}" for verdict in Verdict))
+    print(f"page: {out / PAGE}")
+    return VERIFIED

@@ -1,0 +1,139 @@
+"""The pictures of the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from comove.experiments.paper.jobs import CONTENDERS, Outcome
+from comove.experiments.paper.measures import Measures
+from comove.experiments.paper.runs import GAIT, SCENES, Runs
+from comove.experiments.paper.statistics import Interval, median_interval, share_interval
+from comove.views import (
+    Panel,
+    draw_comparison,
+    draw_measures,
+    draw_pipeline,
+    draw_progress_side_by_side,
+    draw_side_by_side,
+    save,
+)
+
+FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "story.png")
+REACTIONS = ("same matrix on all", "obstacles seen only", "motions known")
+OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
+NONE = Interval(np.nan, np.nan, np.nan)
+
+
+def draw_all(runs: Runs, folder: Path) -> None:
+    """Draw all `FIGURES` into a folder."""
+    folder.mkdir()
+    recording, primitive, given = runs.recorded
+    pictures = {
+        "figure1.png": draw_pipeline(recording, primitive, given, runs.one("figure 1").motion),
+        "figure2.png": draw_comparison([c for c in runs.compared if c.method in REACTIONS]),
+        "figure3.png": _side_by_side(
+            [
+                ("initial movement of one hand", runs.one("figure 3")),
+                ("given to both hands, not yet optimised", runs.one("given")),
+            ],
+            states=False,
+        ),
+        "figure4.png": _side_by_side(
+            [
+                (f"({letter}) {scene} passage, {_name(who)}", runs.one("figure 4", scene=scene, who=who))
+                for who in ("paper", "comove")
+                for letter, scene in (("a", "wide"), ("b", "narrow"))
+            ],
+            states=False,
+        ),
+        "figure5.png": draw_progress_side_by_side(
+            [runs.one("figure 4", scene="narrow", who=who).motion for who in ("paper", "comove")],
+            [f"narrow passage, {_name(who)}" for who in ("paper", "comove")],
+            velocity=GAIT["velocity"],
+        ),
+        "figure6.png": _side_by_side(
+            [
+                ("(a) narrow, paper's method", runs.one("figure 4", scene="narrow", who="paper")),
+                ("(b) narrow, no constraint [22]", runs.one("figure 6", scene="narrow")),
+                ("(c) complex, paper's method", runs.one("figure 6", who="paper")),
+                ("(c) complex, comove", runs.one("figure 6", who="comove")),
+            ]
+        ),
+        "systems.png": _side_by_side(
+            [
+                (who, runs.one("systems", who=who))
+                for who in (
+                    "unconstrained [22]",
+                    "leader-follower [7]",
+                    "speed-scaled [8]",
+                    "task-priority [5]",
+                )
+            ]
+        ),
+        "story.png": draw_measures(story_panels(runs), tuple(CONTENDERS), SCENES),
+    }
+    for name in FIGURES:
+        save(pictures[name], folder / name)
+
+
+def story_panels(runs: Runs) -> list[Panel]:
+    """Measures by method and scene."""
+    found = [[runs.measures("story", who=who, scene=scene) for scene in SCENES] for who in CONTENDERS]
+    return [
+        _panel("verified [%]", [[share_of(cell, 100.0) for cell in row] for row in found]),
+        _panel("distance error [m]", _medians(found, "distance_error"), floor=1e-16),
+        _panel("certified clearance [mm]", _medians(found, "clearance", 1e3)),
+        _panel("J of (4)", _medians(found, "cost"), floor=1e-3),
+        _panel("peak acceleration [m/s²]", _medians(found, "acceleration"), floor=1e-3),
+        _panel("integrated squared jerk [m²/s⁵]", _medians(found, "jerk"), floor=1e-3),
+        _panel("first verified motion [s]", _medians(found, "first"), floor=1e-3),
+        _panel("time in all [s]", _medians(found, "total"), floor=1e-3),
+    ]
+
+
+def share_of(found: list[Measures], unit: float = 1.0) -> Interval:
+    """Share of verified motions; the interval is the value itself for a single run that knows no chance."""
+    share = share_interval(sum(m.verified for m in found), len(found))
+    return Interval(*(unit * x for x in (share if len(found) > 1 else [share.value] * 3)))
+
+
+def median_of(found: list[Measures], name: str, unit: float = 1.0) -> Interval:
+    """Median of a measure over the runs that have it; NaN where none has."""
+    values = [unit * value for m in found if (value := getattr(m, name)) is not None]
+    return median_interval(values) if values else NONE
+
+
+def _medians(found: list[list[list[Measures]]], name: str, unit: float = 1.0) -> list[list[Interval]]:
+    return [[median_of(cell, name, unit) for cell in row] for row in found]
+
+
+def _panel(title: str, cells: list[list[Interval]], floor: float | None = None) -> Panel:
+    value, low, high = np.moveaxis(np.array(cells), 2, 0)
+    return Panel(title, value, low, high, floor)
+
+
+def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True):
+    return draw_side_by_side(
+        [outcome.motion for _, outcome in drawn],
+        [f"{title}\n{verdict(outcome.measures)}" for title, outcome in drawn],
+        states=states,
+        columns=min(2, len(drawn)),
+    )
+
+
+def verdict(m: Measures) -> str:
+    """A motion's verdict in a few words."""
+    if m.verified:
+        return f"verified, clear by {1e3 * m.clearance:.1f} mm"
+    wrong = [f"{-1e3 * m.clearance:.0f} mm into a wall"] if m.clearance < 0 else []
+    if m.distance_error > OFF:
+        wrong.append(f"distance {1e3 * m.distance_error:.3g} mm off")
+    if m.end_error > 1e-3:
+        wrong.append(f"goal missed by {1e3 * m.end_error:.0f} mm")
+    return ", ".join(wrong) or "not verified"
+
+
+def _name(who: str) -> str:
+    return "paper's method" if who == "paper" else who

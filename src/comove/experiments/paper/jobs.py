@@ -1,0 +1,151 @@
+"""One run: a method on a scene, from a movement."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Literal
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.examples import example
+from comove.experiments.paper.measures import Along, Measures, follow, measure
+from comove.planning import Comove, CostWeights, Paper, Projection, load_kernels, solve
+from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
+from comove.planning.method import Method
+from comove.primitives import DMP
+from comove.scenes import Scene
+
+LONGEST = 60.0  # s, that a run may take unless it is said
+GENTLE = 1.0  # m/s^2, the limit of the gentle variant
+
+
+@dataclass(frozen=True)
+class Contender:
+    """Who is compared.
+
+    Attributes
+    ----------
+    method : how it solves
+    planner : whether it may start from a planned path
+    random : whether its result depends on the seed
+    acceleration : limit that its scenes get [m/s^2], for it to keep and to be judged by; None for the scene's own
+    """
+
+    method: Method
+    planner: bool = True
+    random: bool = True
+    acceleration: float | None = None
+
+
+CONTENDERS = {
+    "comove": Contender(Comove()),
+    "comove, 1 m/s²": Contender(Comove(), acceleration=GENTLE),
+    "comove without planner": Contender(Comove(), planner=False),
+    "projection": Contender(Projection()),
+    "paper": Contender(Paper()),
+    "unconstrained [22]": Contender(Unconstrained()),
+    "leader-follower [7]": Contender(LeaderFollower(), random=False),
+    "speed-scaled [8]": Contender(SpeedScaled()),
+    "task-priority [5]": Contender(TaskPriority(), random=False),
+}
+"""Those of the large table, by the names in it."""
+
+OTHERS = {
+    "single [6]": Contender(Single()),
+    "paper as printed": Contender(Paper(schedules=False)),
+    "right hand leads": Contender(LeaderFollower(leader="right"), random=False),
+    "both follow": Contender(LeaderFollower(mutual=True), random=False),
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run.
+
+    Attributes
+    ----------
+    purpose : what it is for: a figure or a table
+    scene : name of an example; "turn" is `turning` without its obstacle
+    who : name of a contender
+    movement : name of the movement that it begins with
+    taught : that movement; None for straight lines
+    seed : of all random numbers
+    budget : seconds after which the best so far is taken
+    tolerance : of distances [m]; the scene's own unless given
+    acceleration : limit of the hands [m/s^2]; the contender's, or the scene's own, unless given
+    velocity : c_vel of equation (4)
+    resemblance : how much the shape of the movement counts in the cost
+    obstacles : hard constraints, or a term of the cost
+    keep : the motion itself is wanted too
+    """
+
+    purpose: str
+    scene: str
+    who: str
+    movement: str
+    taught: DMP | None = field(default=None, repr=False, compare=False)
+    seed: int = 0
+    budget: float = LONGEST
+    tolerance: float | None = None
+    acceleration: float | None = None
+    velocity: float = 0.01
+    resemblance: float = 0.0
+    obstacles: Literal["constraint", "cost"] = "constraint"
+    keep: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a job; `motion` and what happens along it only where it is kept."""
+
+    job: Job
+    measures: Measures
+    along: Along | None = None
+    motion: CoordinatedMotion | None = None
+
+
+def run(job: Job) -> Outcome:
+    """Solve and measure."""
+    contender = (CONTENDERS | OTHERS)[job.who]
+    begun = time.process_time()
+    solution = solve(
+        scene_of(job.scene, tolerance=job.tolerance, acceleration=job.acceleration or contender.acceleration),
+        demonstration=job.taught,
+        seed=job.seed,
+        method=contender.method,
+        planner=contender.planner,
+        budget=job.budget,
+        cost=CostWeights(velocity=job.velocity, resemblance=job.resemblance),
+        obstacles=job.obstacles,
+    )
+    spent = time.process_time() - begun
+    if solution.interrupted:
+        raise KeyboardInterrupt
+    measures = measure(solution, spent)
+    if not job.keep:
+        return Outcome(job, measures)
+    return Outcome(job, measures, follow(solution.attempt, job.velocity), solution.attempt)
+
+
+def scene_of(name: str, *, tolerance: float | None = None, acceleration: float | None = None) -> Scene:
+    """An example with another tolerance of its distance [m], or another limit of accelerations [m/s^2]."""
+    if name == "turn":
+        scene, changes = example("turning"), {"obstacles": []}
+    else:
+        scene, changes = example(name), {}
+    data = scene.file.model_dump(exclude_defaults=True) | changes
+    if tolerance is not None:
+        first, second = data["manipulators"][:2]
+        distance = {"type": "distance", "distance": data["load"]["length"], "tolerance": tolerance}
+        data["constraints"] = [{**distance, "between": [first["name"], second["name"]]}]
+    if acceleration is not None:
+        data["limits"] = {**data.get("limits", {}), "acceleration": acceleration}
+    return Scene.from_dict(data, folder=scene.folder)
+
+
+def warm_up() -> None:
+    """Load what is compiled on first use, so that times tell of the methods."""
+    load_kernels(2, False)
+    for contender in (CONTENDERS | OTHERS).values():
+        method, planner = contender.method, contender.planner
+        solve(example("narrow"), method=method, planner=planner, budget=0.3)

@@ -1,0 +1,167 @@
+"""What is measured of a motion: figures by the judge, smoothness, and what happens along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning import Solution
+from comove.verification.verify import verify
+
+Array = NDArray[np.float64]
+
+N_JERK, N_ALONG = 4001, 801  # samples of a motion, for its jerk and for what happens along it
+NEAR = 0.05  # m, within which an obstacle is near
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Figures of one motion.
+
+    Attributes
+    ----------
+    verified : by the judge
+    distance_error, clearance : bounds over all instants [m]
+    end_error : miss of an end [m]
+    cost : J of equation (4), unit duration
+    acceleration : largest of a hand [m/s^2]
+    jerk : squared third derivative, integrated over time and summed over the hands [m^2/s^5]
+    turn : largest change of the direction from the first hand to the second [rad]; 0 for one hand
+    first : processor time to the first verified motion [s], None where none was found
+    total : processor time in all [s]
+    reasons : why it is not verified
+    """
+
+    verified: bool
+    distance_error: float
+    clearance: float
+    end_error: float
+    cost: float
+    acceleration: float
+    jerk: float
+    turn: float
+    first: float | None
+    total: float
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Along:
+    """What happens along a motion, as in the paper's Figure 5.
+
+    Attributes
+    ----------
+    at_start, at_end : terms of goal and velocity at both ends, unit duration
+    rise : largest climb above the least value so far, after its first peak
+    rise_near : whether an obstacle is near when that climb is at its height
+    error : largest error of a distance [m]
+    error_near, error_far : root mean square error of the distances while an obstacle is near, and while none is [m]
+    """
+
+    at_start: float
+    at_end: float
+    rise: float
+    rise_near: bool
+    error: float
+    error_near: float
+    error_far: float
+
+
+def measure(solution: Solution, spent: float) -> Measures:
+    """Figures of the motion that a solution hands out.
+
+    Parameters
+    ----------
+    spent : processor time of the search [s]; of it, the first verified motion has the share that it has of the time
+        on the wall, so that what else the machine does counts in neither
+    """
+    first = solution.time_to_first_verified_s
+    share = min(1.0, spent / solution.solve_time_s)
+    return _measures(solution.attempt, solution.cost.total, None if first is None else share * first, spent)
+
+
+def measure_motion(motion: CoordinatedMotion) -> Measures:
+    """Figures of a motion that nobody searched for."""
+    return _measures(motion, np.nan, None, 0.0)
+
+
+def _measures(motion: CoordinatedMotion, cost: float, first: float | None, total: float) -> Measures:
+    verdict = verify(motion)
+    report = verdict.report
+    return Measures(
+        verified=verdict.verified is not None,
+        distance_error=report.distance_error_max,
+        clearance=report.clearance_min,
+        end_error=report.end_error,
+        cost=cost,
+        acceleration=report.acceleration_max,
+        jerk=squared_jerk(motion),
+        turn=largest_turn(motion),
+        first=first,
+        total=total,
+        reasons=verdict.reasons,
+    )
+
+
+def squared_jerk(motion: CoordinatedMotion) -> float:
+    """Squared jerk, integrated over the duration and summed over the hands [m^2/s^5]."""
+    s = np.linspace(0.0, 1.0, N_JERK)
+    jerk = np.diff(motion.hands(s)[2], axis=0) * (N_JERK - 1)
+    return float((jerk**2).sum() / (N_JERK - 1) / motion.scene.duration**5)
+
+
+def largest_turn(motion: CoordinatedMotion) -> float:
+    """Largest change of the direction from the first hand to the second [rad]; 0 for one hand."""
+    hands = motion.hands(np.linspace(0.0, 1.0, N_ALONG))[0]
+    if hands.shape[1] < 2:
+        return 0.0
+    apart = hands[:, 1] - hands[:, 0]
+    apart = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+    return float(np.arccos(np.clip(apart @ apart[0], -1.0, 1.0)).max())
+
+
+def progress(motion: CoordinatedMotion, weight: float) -> tuple[Array, Array, Array]:
+    """Normalised times, terms of goal and velocity, and the largest error of a distance [m]; shapes (n_steps,).
+
+    Parameters
+    ----------
+    weight : c_vel of equation (4)
+    """
+    scene, s = motion.scene, np.linspace(0.0, 1.0, N_ALONG)
+    position, velocity, _ = motion.hands(s)
+    value = ((position - scene.goal) ** 2).sum(axis=(1, 2)) + weight * (velocity**2).sum(axis=(1, 2))
+    error = np.zeros(len(s))
+    for c in scene.distances:
+        apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
+        error = np.maximum(error, np.abs(apart - c.distance))
+    return s, value, error
+
+
+def follow(motion: CoordinatedMotion, weight: float) -> Along:
+    """What happens along a motion, where velocities count with this weight in the objective."""
+    scene = motion.scene
+    s, value, error = progress(motion, weight)
+    nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
+    clearance = np.array(
+        [scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]
+    )
+    near = clearance < NEAR
+    first_fall = int(np.argmax(np.diff(value) < 0))  # the velocity term rises from rest
+    climb = value[first_fall:] - np.minimum.accumulate(value[first_fall:])
+    top = int(np.argmax(climb))
+    return Along(
+        at_start=float(value[0]),
+        at_end=float(value[-1]),
+        rise=float(climb[top]),
+        rise_near=bool(near[first_fall + top]),
+        error=float(error.max()),
+        error_near=_rms(error[near]),
+        error_far=_rms(error[~near]),
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean())) if len(values) else 0.0

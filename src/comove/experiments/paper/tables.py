@@ -1,0 +1,134 @@
+"""The tables of the page, as Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from comove.experiments.paper.claims import Claim, Finding
+from comove.experiments.paper.figures import median_of, share_of, verdict
+from comove.experiments.paper.jobs import CONTENDERS
+from comove.experiments.paper.measures import Measures
+from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, SCENES, Runs
+from comove.experiments.paper.statistics import Interval
+
+SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def claims_table(findings: Sequence[tuple[Claim, Finding]]) -> str:
+    """Claims, verdicts and reasons."""
+    rows = [
+        [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why]
+        for claim, finding in findings
+    ]
+    return table(["where", "the paper says", "verdict", "this run"], rows)
+
+
+def story_table(runs: Runs, scene: str) -> str:
+    """Every method on a scene: share verified, medians with intervals."""
+    head = [
+        *("method", "runs", "verified [%]", "distance error [m]", "clearance [mm]", "J"),
+        *("acceleration [m/s²]", "squared jerk [m²/s⁵]", "first [s]", "all [s]"),
+    ]
+    rows = []
+    for who in CONTENDERS:
+        found = runs.measures("story", scene=scene, who=who)
+        rows.append(
+            [
+                *(who, str(len(found)), interval_text(share_of(found, 100.0), 3)),
+                interval_text(median_of(found, "distance_error"), 2),
+                interval_text(median_of(found, "clearance", 1e3)),
+                *(interval_text(median_of(found, name)) for name in ("cost", "acceleration", "jerk")),
+                *(interval_text(median_of(found, name), 2) for name in ("first", "total")),
+            ]
+        )
+    return table(head, rows)
+
+
+def systems_table(runs: Runs) -> str:
+    """What each system makes of every scene; once with its recorded movement, once from straight lines."""
+    rows = []
+    for who in SYSTEMS:
+        cells = [_broken(runs.measures("story", scene=scene, who=who)) for scene in SCENES]
+        rows.append([who, *cells, _broken(runs.measures("systems", who=who))])
+    return table(["method", *SCENES, "narrow, from straight lines"], rows)
+
+
+def movements_table(runs: Runs) -> str:
+    """Verified runs and median J by movement, scene and method."""
+    rows = []
+    for movement in RECORDED:
+        for who in MOVEMENT_CONTENDERS:
+            found = [runs.measures("movements", scene=scene, who=who, movement=movement) for scene in SCENES]
+            cells = [_cost(cell) for cell in found]
+            rows.append([movement, who, *cells])
+    return table(["movement", "method", *SCENES], rows)
+
+
+def encounters_table(runs: Runs) -> str:
+    """Figures of all ways to deal with the moving obstacle."""
+    rows = [
+        [
+            e.method,
+            f"{e.distance_error:.2g}",
+            f"{1e3 * e.clearance:.1f}",
+            "yes" if e.arrived else "no",
+        ]
+        for e in runs.encounters
+    ]
+    return table(["method", "distance error [m]", "clearance [mm]", "arrives"], rows)
+
+
+def all_runs(runs: Runs) -> str:
+    """Every run, one a line, as CSV."""
+    text = io.StringIO()
+    names = [
+        *("purpose", "scene", "who", "movement", "seed"),
+        *("tolerance", "acceleration", "velocity", "resemblance", "obstacles"),
+    ]
+    figures = [name for name in asdict(runs.outcomes[0].measures) if name != "reasons"]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, *figures])
+    for outcome in runs.outcomes:
+        values = [getattr(outcome.measures, name) for name in figures]
+        writer.writerow([*(getattr(outcome.job, name) for name in names), *map(_plain, values)])
+    return text.getvalue()
+
+
+def interval_text(interval: Interval, digits: int = 3) -> str:
+    """A value and, where there is one, its interval."""
+    if np.isnan(interval.value):
+        return "none"
+    value, low, high = (f"{x:.{digits}g}" for x in interval)
+    return value if low == high else f"{value} ({low} to {high})"
+
+
+def _broken(found: Sequence[Measures]) -> str:
+    """What is wrong with the run of the least seed, and how many of all are verified."""
+    verified = sum(m.verified for m in found)
+    words = verdict(found[0])
+    if len(found) == 1:
+        return words
+    if verified == len(found):
+        return f"{verified} of {len(found)} verified"
+    return f"{verified} of {len(found)} verified; first seed: {words}"
+
+
+def _cost(found: Sequence[Measures]) -> str:
+    verified = [m for m in found if m.verified]
+    count = f"{len(verified)} of {len(found)}"
+    return f"{count}, J {np.median([m.cost for m in verified]):.3f}" if verified else count
+
+
+def _plain(value: object) -> object:
+    return f"{value:.6g}" if isinstance(value, float) else value

@@ -1,0 +1,82 @@
+"""Measures of several series over several groups, with their intervals: one panel a measure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from comove.views.motion import COLOURS, new_figure
+
+Array = NDArray[np.float64]
+
+MARKERS = "osD^v"
+SPREAD = 0.24  # rows between the marks of two groups
+COLUMNS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One measure.
+
+    Attributes
+    ----------
+    title : what it is, with its unit
+    value, low, high : arrays, shape (n_series, n_groups), in that unit; NaN where there is none
+    floor : what is less is drawn here, on a logarithmic axis; None for a linear one
+    """
+
+    title: str
+    value: Array
+    low: Array
+    high: Array
+    floor: float | None = None
+
+
+def draw_measures(panels: Sequence[Panel], series: Sequence[str], groups: Sequence[str]) -> Figure:
+    """A row a series, a colour a group, a panel a measure; bars are intervals.
+
+    Parameters
+    ----------
+    series, groups : their names
+    """
+    rows = -(-len(panels) // COLUMNS)
+    figure = new_figure(13.2, rows * (0.34 * len(series) + 1.2) + 0.4)
+    grid = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True)
+    for axes, panel in zip(grid.flat, panels, strict=False):
+        _draw_panel(axes, panel, len(groups))
+    for axes in grid.flat[len(panels) :]:
+        axes.set_axis_off()
+    grid[0, 0].set_ylim(len(series) - 0.5, -0.5)
+    for axes in grid[:, 0]:
+        axes.set_yticks(range(len(series)), series)
+    handles = [
+        grid[0, 0].plot([], [], MARKERS[g % len(MARKERS)], color=COLOURS[g % len(COLOURS)], label=name)[0]
+        for g, name in enumerate(groups)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(groups), frameon=False)
+    return figure
+
+
+def _draw_panel(axes: Axes, panel: Panel, n_groups: int) -> None:
+    axes.set_title(panel.title, fontsize=10)
+    if panel.floor is not None:
+        axes.set_xscale("log")
+    value, low, high = (
+        np.maximum(x, panel.floor) if panel.floor is not None else x
+        for x in (panel.value, panel.low, panel.high)
+    )
+    rows = np.arange(len(value))
+    for row in rows:
+        axes.axhspan(row - 0.5, row + 0.5, color="0.95" if row % 2 else "1.0", zorder=0, linewidth=0)
+    for g in range(n_groups):
+        at = rows + SPREAD * (g - (n_groups - 1) / 2)
+        look = {"color": COLOURS[g % len(COLOURS)]}
+        axes.hlines(at, low[:, g], high[:, g], linewidth=2.2, alpha=0.5, **look)
+        axes.plot(value[:, g], at, MARKERS[g % len(MARKERS)], markersize=4.5, **look)
+    axes.grid(axis="x", alpha=0.3)
+    axes.tick_params(labelsize=9)

@@ -1,0 +1,64 @@
+"""Runs in which all goes as the paper says, made up without solving anything."""
+
+from dataclasses import replace
+
+from comove.execution.comparison import METHODS
+from comove.experiments.paper.jobs import Job, Outcome
+from comove.experiments.paper.measures import Along, Measures
+from comove.experiments.paper.runs import RECORDED, STRAIGHT, Encounter, Runs, all_jobs
+
+GOOD = Measures(
+    verified=True,
+    distance_error=1e-16,
+    clearance=0.01,
+    end_error=0.0,
+    cost=0.1,
+    acceleration=1.0,
+    jerk=10.0,
+    turn=0.0,
+    first=0.01,
+    total=0.5,
+)
+STEADY = Along(
+    at_start=1.0, at_end=0.0, rise=0.0, rise_near=False, error=1e-3, error_near=1e-3, error_far=1e-4
+)
+
+
+def measures_of(job):
+    if job.who == "paper" and job.scene == "narrow":
+        return replace(GOOD, jerk=100.0, turn=1.2)
+    if job.who == "unconstrained [22]":
+        return replace(GOOD, verified=False, distance_error=0.1)
+    if job.purpose == "leaders" or job.who in ("leader-follower [7]", "speed-scaled [8]"):
+        return replace(GOOD, verified=False, clearance=-0.05, first=None)
+    return GOOD
+
+
+def ideal_runs(seeds=3):
+    movements = dict.fromkeys((STRAIGHT, "initial", *RECORDED))
+    jobs = [
+        Job("figure 3", "wide", "single [6]", STRAIGHT),
+        Job("given", "wide", "nobody", "initial"),
+        *all_jobs(seeds, movements),
+    ]
+    outcomes = tuple(Outcome(job, measures_of(job), STEADY if job.keep else None) for job in jobs)
+    return Runs(seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS))
+
+
+def changed(runs, purpose, asked=None, along=None, **changes):
+    """The runs with other figures in some outcomes."""
+    asked, outcomes = asked or {}, []
+    for outcome in runs.outcomes:
+        if outcome.job.purpose == purpose and all(getattr(outcome.job, k) == v for k, v in asked.items()):
+            outcome = replace(outcome, measures=replace(outcome.measures, **changes))
+            if along:
+                outcome = replace(outcome, along=replace(outcome.along, **along))
+        outcomes.append(outcome)
+    return replace(runs, outcomes=tuple(outcomes))
+
+
+def met(runs, method, **changes):
+    """The runs with another encounter."""
+    return replace(
+        runs, encounters=tuple(replace(e, **changes) if e.method == method else e for e in runs.encounters)
+    )

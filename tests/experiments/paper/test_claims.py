@@ -1,0 +1,118 @@
+"""Verdicts follow from the numbers: what is broken in the runs is broken in the verdicts."""
+
+import pytest
+
+from comove.experiments.paper import claims
+from comove.experiments.paper.claims import CLAIMS, Verdict, judge_all
+from tests.experiments.paper.ideal import changed, ideal_runs, met
+
+GOOD, REMARK, NOT = Verdict.REPRODUCED, Verdict.REMARK, Verdict.NOT
+FIG4 = {"scene": "narrow", "who": "paper"}
+PAPER = {"who": "paper"}
+
+
+@pytest.fixture(scope="module")
+def ideal():
+    return ideal_runs()
+
+
+def test_where_all_goes_well_nothing_is_rejected_but_what_contradicts_itself(ideal):
+    found = {claim.judge: finding.verdict for claim, finding in judge_all(ideal)}
+    rejected = {judge for judge, verdict in found.items() if verdict is NOT}
+    # No jumps where the objective falls steadily, no role that matters, no deformation where modulation is exact.
+    assert rejected == {claims.jumps, claims.roles_matter, claims.does_not_enforce}
+
+
+def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
+    broken = ideal
+    for purpose in {outcome.job.purpose for outcome in ideal.outcomes}:
+        along = {"at_end": 0.5, "error": 0.1} if purpose == "figure 4" else None
+        broken = changed(
+            broken,
+            purpose,
+            along=along,
+            **{"verified": False, "distance_error": 0.2, "clearance": -0.1, "turn": 0.0, "jerk": 1.0},
+        )
+    for method in ("same matrix on all", "obstacles seen only"):
+        broken = met(broken, method, clearance=-0.1, distance_error=0.2)
+    for claim, finding in judge_all(broken):
+        if claim.judge is not claims.does_not_enforce:
+            assert finding.verdict in (NOT, Verdict.UNTESTED), claim.quote
+
+
+@pytest.mark.parametrize(
+    ("judge", "purpose", "asked", "changes", "along", "before", "after"),
+    [
+        (claims.built_from_one, "figure 4", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
+        (claims.verifies_all_constraints, "printed", {}, {"verified": False}, None, GOOD, REMARK),
+        (claims.other_environment, "figure 4", FIG4, {"verified": False}, None, GOOD, REMARK),
+        (claims.other_environment, "figure 4", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.one_phase, "given", {}, {"distance_error": 1e-6}, None, GOOD, NOT),
+        (claims.obstacles_either_way, "obstacles in the cost", {}, {"verified": False}, None, GOOD, REMARK),
+        (claims.obstacles_either_way, "systems", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
+        (claims.combined, "figure 3", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.more_than_two, "three hands", {}, {"verified": False}, None, REMARK, NOT),
+        (claims.figure_4a, "story", {**PAPER, "scene": "wide"}, {"verified": False}, None, GOOD, REMARK),
+        (claims.figure_4a, "story", {"scene": "wide"}, {"verified": False}, None, GOOD, NOT),
+        (claims.adapts_while_ensured, "story", {"seed": 0, **FIG4}, {"verified": False}, None, GOOD, REMARK),
+        (claims.less_smooth, "figure 4", FIG4, {"jerk": 11.0}, None, GOOD, REMARK),
+        (claims.approaches, "figure 4", FIG4, {}, {"rise": 0.1}, GOOD, REMARK),
+        (claims.approaches, "figure 4", FIG4, {}, {"at_end": 0.1}, GOOD, NOT),
+        (claims.jumps, "figure 4", FIG4, {}, {"rise": 0.1, "rise_near": True}, NOT, REMARK),
+        (claims.jumps, "figure 4", FIG4, {}, {"rise": 0.1, "rise_near": False}, NOT, NOT),
+        (claims.small_violations, "figure 4", FIG4, {}, {"error_far": 1e-3}, GOOD, REMARK),
+        (claims.small_violations, "figure 4", FIG4, {}, {"error": 0.01}, GOOD, NOT),
+        (
+            claims.violated_without,
+            "figure 6",
+            {"scene": "narrow"},
+            {"distance_error": 0.001},
+            None,
+            GOOD,
+            NOT,
+        ),
+        (claims.violated_without, "given", {}, {"verified": False}, None, GOOD, NOT),
+        (
+            claims.leader_is_blind,
+            "systems",
+            {"who": "leader-follower [7]"},
+            {"clearance": 0.01},
+            None,
+            GOOD,
+            NOT,
+        ),
+        (claims.leader_is_blind, "systems", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
+        (
+            *(claims.roles_matter, "leaders", {"who": "both follow", "scene": "narrow"}),
+            *({"verified": True}, None, NOT, GOOD),
+        ),
+        (claims.almost_unchanged, "figure 4", FIG4, {"turn": 0.5}, None, REMARK, NOT),
+        (claims.increasing_difficulty, "story", PAPER, {"verified": False}, None, GOOD, NOT),
+        (claims.novel_scenarios, "movements", PAPER, {"verified": False}, None, GOOD, REMARK),
+    ],
+)
+def test_a_verdict_turns_with_its_numbers(ideal, judge, purpose, asked, changes, along, before, after):
+    assert judge(ideal).verdict is before
+    assert judge(changed(ideal, purpose, asked, along, **changes)).verdict is after
+
+
+@pytest.mark.parametrize(
+    ("judge", "method", "changes", "before", "after"),
+    [
+        (claims.same_matrix, "same matrix on all", {"distance_error": 0.01}, GOOD, REMARK),
+        (claims.same_matrix, "same matrix on all", {"clearance": -0.01}, GOOD, NOT),
+        (claims.does_not_enforce, "same matrix on all", {"distance_error": 0.01}, NOT, GOOD),
+        (claims.can_be_enforced, "obstacles seen only", {"arrived": False}, REMARK, NOT),
+    ],
+)
+def test_verdicts_on_moving_obstacles(ideal, judge, method, changes, before, after):
+    assert judge(ideal).verdict is before
+    assert judge(met(ideal, method, **changes)).verdict is after
+
+
+def test_every_finding_says_why_with_numbers(ideal):
+    for claim, finding in judge_all(ideal):
+        assert finding.why.endswith("."), claim.quote
+        assert finding.verdict is Verdict.UNTESTED or any(c.isdigit() for c in finding.why)
+    assert len({claim.quote for claim in CLAIMS}) == len(CLAIMS) >= 20
+    assert {claim.where.split("-")[0].split(",")[0] for claim in CLAIMS} >= {"Abstract", "III", "IV", "V"}

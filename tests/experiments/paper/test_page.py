@@ -1,0 +1,149 @@
+"""The page of made-up runs, and a small reproduction from end to end."""
+
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from comove.cli import reproduce  # noqa: F401  registers the verb
+from comove.cli.app import app
+from comove.errors import ResultError
+from comove.experiments.paper.claims import Verdict, judge_all
+from comove.experiments.paper.figures import FIGURES, story_panels
+from comove.experiments.paper.jobs import CONTENDERS, run
+from comove.experiments.paper.page import write_page
+from comove.experiments.paper.reproduction import CONTENTS
+from comove.experiments.paper.runs import SCENES, STORY, STRAIGHT, Job, all_jobs, recorded
+from comove.experiments.paper.tables import all_runs
+from comove.primitives import DMP
+from comove.results import check_target
+from tests.experiments.paper.ideal import ideal_runs
+
+
+@pytest.fixture(scope="module")
+def page():
+    runs = ideal_runs()
+    return write_page(runs, judge_all(runs), seconds=90.0, processor=150.0, processes=2, folder="paper")
+
+
+def test_the_page_shows_every_figure_and_every_claim(page):
+    assert re.findall(r"!\[.+?\]\(paper/(.+?)\)", page) == list(FIGURES)
+    for claim, finding in judge_all(ideal_runs()):
+        assert f"“{claim.quote}” | **{finding.verdict.value}**" in page
+    assert "in 1.5 minutes" in " ".join(page.split())
+    for heading in re.findall(r"\]\(#(.+?)\)", page):
+        titles = [
+            re.sub(r"[^\w -]", "", t.lower()).replace(" ", "-") for t in re.findall(r"^#+ (.+)$", page, re.M)
+        ]
+        assert heading in titles
+
+
+def test_tables_have_as_many_cells_in_every_line(page):
+    lines = page.splitlines()
+    for line, above in zip(lines[1:], lines, strict=False):
+        if line.startswith("|") and above.startswith("|"):
+            assert line.count(" | ") == above.count(" | "), line
+
+
+def test_prose_is_wrapped_and_numbers_are_numbers(page):
+    for line in page.splitlines():
+        assert len(line) <= 118 or line.startswith(("|", "!"))
+        assert "nan" not in line.lower().split() and "{" not in line
+
+
+def test_every_run_is_a_line_of_the_table():
+    runs = ideal_runs()
+    head, *lines = all_runs(runs).splitlines()
+    assert len(lines) == len(runs.outcomes)
+    assert head.startswith("purpose,scene,who,movement,seed") and "clearance" in head
+
+
+def test_panels_are_methods_by_scenes():
+    for panel in story_panels(ideal_runs()):
+        assert panel.value.shape == panel.low.shape == panel.high.shape == (len(CONTENDERS), len(SCENES))
+
+
+def test_those_without_random_numbers_run_once():
+    movements = dict.fromkeys(
+        (STRAIGHT, "initial", "line", "curve", "Angle", "Sine", "Sshape", "Multi_Models_3")
+    )
+    jobs = [job for job in all_jobs(7, movements) if job.purpose == "story" and job.scene == "wide"]
+    for who, contender in CONTENDERS.items():
+        assert [job.seed for job in jobs if job.who == who] == list(range(7 if contender.random else 1))
+    assert len(set(jobs)) == len(jobs)
+
+
+@pytest.mark.parametrize(
+    "who", ["leader-follower [7]", pytest.param("task-priority [5]", marks=pytest.mark.slow)]
+)
+def test_they_draw_none_indeed(who):
+    taught = DMP.fit(recorded(STORY["narrow"]))
+    assert not CONTENDERS[who].random
+    first, second = (
+        run(Job("story", "narrow", who, STORY["narrow"], taught, seed=seed)).measures for seed in (0, 1)
+    )
+    assert (first.cost, first.distance_error, first.clearance) == (
+        second.cost,
+        second.distance_error,
+        second.clearance,
+    )
+
+
+def invoke(*words):
+    return CliRunner().invoke(app, ["reproduce", *map(str, words)])
+
+
+def test_bad_input_is_told_in_one_sentence_and_nothing_is_written(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("mine")
+    for words, said in (
+        (("--seeds", 0, "--out", tmp_path / "new"), "seeds"),
+        (("--seeds", 1, "--processes", 0, "--out", tmp_path / "new"), "processes"),
+        (("--seeds", 1, "--out", tmp_path / "file"), "it is a file"),
+        (("--seeds", 1, "--out", tmp_path / "other"), "holds no reproduction"),
+    ):
+        result = invoke(*words)
+        assert result.exit_code == 2, result.output
+        assert said in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "other"}
+
+
+def test_only_a_reproduction_is_replaced(tmp_path):
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper.md").write_text("an earlier one")
+    (tmp_path / "paper" / "story.png").write_text("")
+    check_target(tmp_path, CONTENTS)
+    (tmp_path / "paper" / "mine.txt").write_text("mine")
+    with pytest.raises(ResultError, match=r"besides a reproduction the folder holds 'paper/mine.txt'"):
+        check_target(tmp_path, CONTENTS)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path):
+    command = [sys.executable, "-m", "comove", "reproduce", "--seeds", "1", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if "at once" in line:
+            break
+    process.send_signal(signal.SIGINT)  # to the parent alone: it ends the others
+    assert process.wait(timeout=60) == 130
+    assert "interrupted" in process.stderr.read()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_small_reproduction(tmp_path):
+    result = invoke("--seeds", 1, "--out", tmp_path / "small")
+    assert result.exit_code == 0, result.output
+    assert {
+        p.relative_to(tmp_path / "small").as_posix() for p in (tmp_path / "small").rglob("*.*")
+    } == CONTENTS.names
+    page = (tmp_path / "small" / "paper.md").read_text(encoding="utf-8")
+    for target in re.findall(r"\]\((paper/.+?)\)", page):
+        assert 0 < (tmp_path / "small" / target).stat().st_size < 300_000
+    assert sum(page.count(f"**{verdict.value}**") for verdict in Verdict) >= 20
+    assert page.count("verified") > 20

@@ -1,0 +1,95 @@
+"""Pictures of motions, measures and the pipeline: what is wrong is coloured, what is missing is not drawn."""
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.examples import example
+from comove.experiments.paper.jobs import scene_of
+from comove.experiments.paper.runs import given_to_both
+from comove.primitives import DMP
+from comove.views import (
+    Panel,
+    draw_measures,
+    draw_pipeline,
+    draw_progress_side_by_side,
+    draw_side_by_side,
+    save,
+)
+from comove.views.motion import FINE, N_STATES, OFF, TOUCHES
+
+
+def colours(axes):
+    (load,) = [c for c in axes.collections if isinstance(c, LineCollection)]
+    return [to_hex(colour) for colour in load.get_colors()]
+
+
+@pytest.fixture(scope="module")
+def apart():
+    """Free hands that leave their distance on the way, far from all walls in the wide passage."""
+    motion = given_to_both(DMP.fit(example("narrow").demonstration), "wide")
+    weights = motion.weights.copy()
+    weights[1] += 0.05
+    return CoordinatedMotion(motion.scene, motion.coordinates, motion.basis, motion.boundary, weights)
+
+
+def test_the_load_is_coloured_where_it_touches_and_where_it_is_off(apart):
+    straight = CoordinatedMotion.straight(example("narrow"))
+    left, right = draw_side_by_side([straight, apart], ["straight", "apart"]).axes
+    assert len(colours(left)) == len(colours(right)) == N_STATES
+    assert set(colours(left)) == {FINE, TOUCHES} and colours(left)[0] == FINE
+    assert OFF in colours(right)
+    legend = [text.get_text() for text in left.figure.legends[0].get_texts()]
+    assert {"load, touching", "load, a distance off"} <= set(legend)
+
+
+def test_goals_are_where_they_should_be_reached():
+    scene = example("narrow")
+    motion = CoordinatedMotion.straight(scene)
+    boundary = motion.boundary.copy()
+    boundary[2, 0] -= 0.4  # ends half-way
+    short = CoordinatedMotion(scene, motion.coordinates, motion.basis, boundary, motion.weights)
+    (axes,) = draw_side_by_side([short], ["short"]).axes
+    squares = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "s"]
+    np.testing.assert_allclose(squares, scene.goal)
+
+
+def test_motions_are_in_rows_and_their_progress_on_the_same_axes():
+    motion = CoordinatedMotion.straight(scene_of("wide", tolerance=0.002))
+    figure = draw_side_by_side([motion] * 3, ["a", "b", "c"], columns=2)
+    assert [axes.get_subplotspec().get_gridspec().get_geometry() for axes in figure.axes] == [(2, 2)] * 3
+    figure = draw_progress_side_by_side([motion, motion], ["a", "b"], velocity=0.2)
+    lower = figure.axes[2:]
+    assert lower[0].get_ylim() == lower[1].get_ylim()
+    assert lower[0].get_ylim()[0] == pytest.approx(-1.3 * 0.002), (
+        "the tolerance is what one sees of an exact motion"
+    )
+
+
+def test_measures_that_are_missing_are_not_drawn(tmp_path):
+    value = np.array([[1.0, 2.0], [np.nan, 1e-9]])
+    panels = [
+        Panel("linear", value, value - 0.1, value + 0.1),
+        Panel("logarithmic", value, value, value, 1e-3),
+    ]
+    figure = draw_measures(panels, ("one", "two"), ("a", "b"))
+    linear, logarithmic = figure.axes[:2]
+    assert logarithmic.get_xscale() == "log" and linear.get_xscale() == "linear"
+    shown = [np.asarray(line.get_xdata(), dtype=float) for line in logarithmic.lines]
+    assert min(np.nanmin(x) for x in shown) == pytest.approx(1e-3), "what is less is at the floor"
+    assert [text.get_text() for text in linear.get_yticklabels()] == ["one", "two"]
+    save(figure, tmp_path / "measures.png")
+
+
+def test_the_pipeline_has_four_steps(tmp_path):
+    recording = example("narrow").demonstration
+    dmp = DMP.fit(recording)
+    given = given_to_both(dmp, "narrow")
+    straight = CoordinatedMotion.straight(example("wide"))
+    figure = draw_pipeline(recording, dmp, given, straight)
+    assert [axes.get_title()[:2] for axes in figure.axes] == ["1.", "2.", "3.", "4."]
+    assert "50 mm into a wall" in figure.axes[2].get_title()
+    assert "verified" in figure.axes[3].get_title()
+    save(figure, tmp_path / "pipeline.png")
