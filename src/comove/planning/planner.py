@@ -24,14 +24,18 @@ from comove.planning.configurations import (
     random_orientation,
     span,
 )
-from comove.scenes.distances import CENTER, REACH, point_distance
+from comove.scenes.distances import CENTER, REACH, ROTATION, point_distance
 
 Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
 FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
 N_SHORTCUTS = 100
+N_BRIDGES, BRIDGES = 32, 0.3  # nodes of the forest before others are added, and the share of them afterwards
+SLIDES = (2.4, 1.8, 1.2, 0.6)  # of the reach, through what is between two obstacles
 RETRACTIONS = 30  # random steps by which a pose in collision may escape
+PROJECTIONS = 4  # onto each of two obstacles, for points of theirs that face each other
+IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: what is in a window stays there
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
 NEIGHBOURS, CONNECT_WITHIN = 6, 0.5  # of the forest; m
 PLANE_MARGINS = (0.008, 0.004, 0.002, 0.0005)  # m, tried in turn
@@ -200,8 +204,9 @@ def joined(trees, parents, mine, theirs):
 def _forest(space, start, goal, margin, rng, max_nodes):
     """Trees grown from windows, existing nodes and free space until start and goal are in one.
 
-    In space a bar must enter a window nearly end-on: uniform samples hardly ever do, poses that bridge
-    two obstacles and slides along the bar's own axis do.
+    In space a bar must enter a window nearly end-on, and what is flat a slot edge-on: uniform samples hardly ever
+    do. Poses between two obstacles that face each other do, with as much room as can be had; from there a bar slides
+    along its own axis, another body along a side of an obstacle.
     """
     n_columns = start.shape[0]
     tree, member = np.empty((max_nodes, n_columns)), np.empty(max_nodes, dtype=np.int64)
@@ -211,32 +216,88 @@ def _forest(space, start, goal, margin, rng, max_nodes):
     copy_to(goal, tree[1])
     member[0], member[1] = 0, 1
     room = np.full(max_nodes, space.cap)
-    new, scratch = np.empty(n_columns), np.empty(n_columns)
-    nodes = np.empty((space.blocks.node.shape[0], 3))
+    new, ends, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
+    along = np.zeros(5)
+    nodes, flat = np.empty((space.blocks.node.shape[0], 3)), _flat_direction(space.blocks.point)
     if edge_is_free(space, start, goal, margin, scratch, nodes):
         return tree[:2].copy()
     for trial in range(40 * max_nodes):
         if count >= max_nodes:
             break
         draw = rng.random()
-        if (count < 32 and trial < 1000) or draw < 0.1:
-            found = _bridge(space, rng, margin, new, scratch, nodes)
-        elif draw < 0.64:
+        between = -1  # which obstacles, where the new pose is between two
+        if (count < N_BRIDGES and trial < 1000) or draw < BRIDGES:
+            between = _bridge(space, flat, rng, margin, new, scratch, nodes)
+            found = between >= 0
+        elif draw < BRIDGES + 0.6 * (1.0 - BRIDGES):
             i = _node_to_expand(member, room, count, rng)
             _perturb(space, tree[i], 1.0, True, rng, new)
-            found = _retract(space, new, margin, RETRACTIONS, rng, scratch, nodes)
+            found = _retract(space, new, margin, margin, RETRACTIONS, 1.0, rng, scratch, nodes)
         else:
             random_configuration(space, rng, new)
             found = clearance_of(space, new, nodes) > margin
         if not found:
             continue
+        if between >= 0:
+            along = _way_through(space, new, between, margin, ends, scratch, nodes)
         copy_to(new, tree[count])
         member[count], room[count] = count, clearance_of(space, new, nodes)
         count += 1
         n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
+        if between >= 0 and count + 2 <= max_nodes:
+            middle = count - 1
+            for side in range(2):
+                length = along[3 + side]
+                if length == 0.0:
+                    continue
+                _slid(space, tree[middle], along, length, new)
+                copy_to(new, tree[count])
+                member[count], room[count] = member[middle], clearance_of(space, new, nodes)
+                links[n_links, 0], links[n_links, 1] = middle, count
+                count, n_links = count + 1, n_links + 1
+                n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
         if member[0] == member[1]:
             return _path_through(tree, links, n_links, count)
     return np.empty((0, n_columns))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _way_through(space, q, j, margin, out, scratch, nodes):
+    """The direction in which a pose slides furthest both ways, (3,), and how far forwards and backwards [m].
+
+    A bar slides along its own axis, another body along one of those of obstacle j.
+    """
+    n_dims, kind = space.blocks.n_dims, space.blocks.kind[0]
+    best, along = np.zeros(5), np.zeros(5)
+    for axis in range(1 if kind == DIRECTION else 3):
+        for row in range(n_dims):
+            along[row] = (
+                q[n_dims + row] if kind == DIRECTION else space.obstacles[j, ROTATION + 3 * row + axis]
+            )
+        for side in range(2):
+            along[3 + side] = 0.0
+            for share in SLIDES:
+                length = (1.0 - 2.0 * side) * share * space.reach[0]
+                if _slid(space, q, along, length, out) and edge_is_free(
+                    space, q, out, margin, scratch, nodes
+                ):
+                    along[3 + side] = length
+                    break
+        far, least = abs(along[3]) + abs(along[4]), min(abs(along[3]), abs(along[4]))
+        if least + 1e-3 * far > min(abs(best[3]), abs(best[4])) + 1e-3 * (abs(best[3]) + abs(best[4])):
+            best[:] = along
+    return best
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slid(space, q, along, length, out):
+    """Write a pose moved along a direction; whether its centre is still in the workspace."""
+    copy_to(q, out)
+    inside = True
+    for axis in range(space.blocks.n_dims):
+        out[axis] += length * along[axis]
+        inside &= space.lower[axis] < out[axis] < space.upper[axis]
+    return inside
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -278,53 +339,148 @@ def _node_to_expand(member, room, count, rng):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bridge(space, rng, margin, out, scratch, nodes):
-    """A free pose centred between two obstacle points that are near each other; False where none was found."""
+def _bridge(space, flat, rng, margin, out, scratch, nodes):
+    """A free pose centred between two obstacles that are near each other; one of them, -1 where none was found."""
     obstacles, n_obstacles = space.obstacles, space.obstacles.shape[0]
-    n_dims = space.blocks.n_dims
-    if n_obstacles == 0:
-        return False
-    a, b = np.zeros(3), np.zeros(3)
+    n_dims, widest = space.blocks.n_dims, 2.0 * space.reach[0]
+    if n_obstacles < 2:
+        return -1
+    a, b, middle = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(200):
-        j = rng.integers(0, n_obstacles)
-        inside = True
+        j, k = rng.integers(0, n_obstacles), rng.integers(0, n_obstacles)
+        if j == k:
+            continue
         for axis in range(n_dims):
             low = max(space.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
             high = min(space.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])
-            inside &= low < high
             a[axis] = low + rng.random() * (high - low)
-            b[axis] = a[axis] + 0.1 * rng.standard_normal()
-        if not inside or point_distance(obstacles, j, a[0], a[1], a[2]) > 0.0:
-            continue
-        if not in_an_obstacle(obstacles, b[0], b[1], b[2]):
-            continue
-        x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-        if in_an_obstacle(obstacles, x, y, z):
-            continue
+        for _ in range(PROJECTIONS):
+            _onto(obstacles, k, a, b)
+            _onto(obstacles, j, b, a)
+        gap, inside = 0.0, True
         for axis in range(n_dims):
-            out[axis] = 0.5 * (a[axis] + b[axis])
-        for _ in range(4):
+            gap += (a[axis] - b[axis]) ** 2
+            middle[axis] = 0.5 * (a[axis] + b[axis])
+            inside &= space.lower[axis] < middle[axis] < space.upper[axis]
+        if not inside or gap > widest**2 or in_an_obstacle(obstacles, middle[0], middle[1], middle[2]):
+            continue
+        for trial in range(8):
+            for axis in range(n_dims):
+                out[axis] = middle[axis]
             random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
-            if _retract(space, out, margin, 4 * RETRACTIONS, rng, scratch, nodes):
-                return True
-    return False
+            if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
+                _fit(space, j, flat, rng, out[n_dims:])
+            if not _retract(space, out, margin, space.cap, 2 * RETRACTIONS, IN_PLACE, rng, scratch, nodes):
+                continue
+            moved = 0.0
+            for axis in range(n_dims):
+                moved += (out[axis] - middle[axis]) ** 2
+            if moved < (STAYS * space.reach[0]) ** 2:
+                return j
+    return -1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _retract(space, q, margin, n_trials, rng, scratch, nodes):
-    """Move a pose, in place, by random steps that gain clearance until it keeps the margin; False if it does not.
+def _onto(obstacles, j, x, out):
+    """Write the point of an obstacle that is nearest to x, or nearly so."""
+    h = 1e-5
+    d = point_distance(obstacles, j, x[0], x[1], x[2])
+    out[0] = x[0] - d * (point_distance(obstacles, j, x[0] + h, x[1], x[2]) - d) / h
+    out[1] = x[1] - d * (point_distance(obstacles, j, x[0], x[1] + h, x[2]) - d) / h
+    out[2] = x[2] - d * (point_distance(obstacles, j, x[0], x[1], x[2] + h) - d) / h
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _flat_direction(points):
+    """The unit vector along which the points, array of shape (n, 3), spread least."""
+    middle, spread = np.zeros(3), np.zeros((3, 3))
+    for i in range(points.shape[0]):
+        middle += points[i] / points.shape[0]
+    for i in range(points.shape[0]):
+        spread += np.outer(points[i] - middle, points[i] - middle)
+    return np.ascontiguousarray(np.linalg.eigh(spread)[1][:, 0])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _side(obstacles, j, axis):
+    """One of the axes of an obstacle; array, shape (3,)."""
+    out = np.empty(3)
+    for row in range(3):
+        out[row] = obstacles[j, ROTATION + 3 * row + axis]
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fit(space, j, flat, rng, out):
+    """Write a quaternion that lays the flat side of a body, and one of its edges, along the sides of an obstacle.
+
+    A polygon is narrowest across one of its edges (Houle and Toussaint, 1988), so that is how it fits a slot.
+    """
+    points, edge, k = space.blocks.point, np.zeros(3), rng.integers(0, 3)
+    if space.edges.shape[0] > 0:
+        first, last = space.edges[rng.integers(0, space.edges.shape[0])]
+        for i in range(points.shape[0]):
+            if space.blocks.node[i] == first:
+                edge -= points[i]
+            elif space.blocks.node[i] == last:
+                edge += points[i]
+    edge -= (edge @ flat) * flat
+    length = sqrt(edge @ edge)
+    if length < 1e-9:
+        edge = np.array([flat[1], flat[2], flat[0]])  # no edge across: any direction is as good
+        edge -= (edge @ flat) * flat
+        length = max(sqrt(edge @ edge), 1e-12)
+    own, wanted = np.empty((3, 3)), np.empty((3, 3))
+    own[0], own[1] = flat, edge / length
+    wanted[0] = (1.0 if rng.random() < 0.5 else -1.0) * _side(space.obstacles, j, k)
+    wanted[1] = (1.0 if rng.random() < 0.5 else -1.0) * _side(
+        space.obstacles, j, (k + rng.integers(1, 3)) % 3
+    )
+    for frame in (own, wanted):
+        frame[2, 0] = frame[0, 1] * frame[1, 2] - frame[0, 2] * frame[1, 1]
+        frame[2, 1] = frame[0, 2] * frame[1, 0] - frame[0, 0] * frame[1, 2]
+        frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[0, 1] * frame[1, 0]
+    quaternion_of(wanted.T @ own, out)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def quaternion_of(r, out):
+    """Write the quaternion of a rotation matrix, by its largest component."""
+    squares = np.array(
+        [
+            1.0 + r[0, 0] + r[1, 1] + r[2, 2],
+            1.0 + r[0, 0] - r[1, 1] - r[2, 2],
+            1.0 - r[0, 0] + r[1, 1] - r[2, 2],
+            1.0 - r[0, 0] - r[1, 1] + r[2, 2],
+        ]
+    )
+    largest = np.argmax(squares)
+    twice = sqrt(squares[largest])
+    skew = np.array([0.0, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    for i in range(4):
+        if i == largest:
+            out[i] = 0.5 * twice
+        elif i == 0 or largest == 0:
+            out[i] = 0.5 * skew[i + largest] / twice
+        else:
+            out[i] = 0.5 * (r[i - 1, largest - 1] + r[largest - 1, i - 1]) / twice
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
+    """Move a pose, in place, by random steps that gain clearance, up to what is wished; False below the margin.
 
     Hardly any random pose is free in a narrow passage, but many are near a free one.
     """
-    clearance, size = clearance_of(space, q, nodes, -np.inf), 1.0
+    clearance, size = clearance_of(space, q, nodes, -np.inf), widest
     for _ in range(n_trials):
-        if clearance > margin:
+        if clearance > wished:
             return True
         _perturb(space, q, size, False, rng, scratch)
         gained = clearance_of(space, scratch, nodes, clearance)
         if gained > clearance:
             copy_to(scratch, q)
-            clearance, size = gained, min(1.0, 1.5 * size)
+            clearance, size = gained, min(widest, 1.5 * size)
         else:
             size *= 0.8
     return clearance > margin
@@ -332,9 +488,20 @@ def _retract(space, q, margin, n_trials, rng, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _perturb(space, q, size, may_slide, rng, out):
-    """A pose near q, `size` a share of the usual step; for a bar half of the time one slid along its own axis."""
+    """A pose near q, `size` a share of the usual step.
+
+    Half of the time it slides: a bar along its own axis, another body along a side of an obstacle.
+    """
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
-    slide = may_slide and kind == DIRECTION and rng.random() < 0.5
+    n_obstacles = space.obstacles.shape[0]
+    slide = (
+        may_slide and rng.random() < 0.5 and (kind == DIRECTION or (kind == QUATERNION and n_obstacles > 0))
+    )
+    along = np.zeros(3)
+    if slide and kind == DIRECTION:
+        along[:n_dims] = q[n_dims : 2 * n_dims]
+    elif slide:
+        along = _side(space.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3))
     shift = (2.0 * rng.random() - 1.0) * 2.4 * reach if slide else 0.0
     move, turn = (0.004, 0.025) if slide else (0.05 * size, 0.025 * size / reach)
     for c in range(q.shape[0]):
@@ -342,7 +509,7 @@ def _perturb(space, q, size, may_slide, rng, out):
     for axis in range(n_dims):
         out[axis] += move * rng.standard_normal()
         if slide:
-            out[axis] += shift * q[n_dims + axis]
+            out[axis] += shift * along[axis]
     if kind == ANGLE:
         out[n_dims] += turn * rng.standard_normal()
     elif kind != POINT:
