@@ -51,7 +51,7 @@ def test_drawing(tmp_path):
     frozen = scenes_of("easy", 2)
     for scene in frozen:
         assert (tmp_path / "mine" / scene.path.name).read_bytes() == scene.path.read_bytes()
-    refused(invoke("draw", "easy", "--out", tmp_path / "mine"), "the folder holds", "name another")
+    refused(invoke("draw", "easy", "--out", tmp_path / "mine"), "the folder is not empty", "name another")
     refused(invoke("draw", "hrad", "--out", tmp_path / "new"), "did you mean 'hard'?")
     refused(invoke("draw", "hard", "--out", tmp_path / "new", "--count", 0), "--count")
     assert not (tmp_path / "new").exists()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.experiments.bench.report import FILES, missing_of, paired_ratio, standings, write_report
+from comove.experiments.bench.report import CONTENTS, missing_of, paired_ratio, standings, write_report
 from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
 
 MACHINE = Machine("a processor", 4, "3.11.0")
@@ -79,7 +79,7 @@ def test_budgets_and_versions_are_kept_apart():
 
 def test_the_report(store, tmp_path):
     text = write_report(store, tmp_path / "report")
-    assert sorted(p.name for p in (tmp_path / "report").iterdir()) == sorted(FILES)
+    assert sorted(p.name for p in (tmp_path / "report").iterdir()) == sorted(CONTENTS.names)
     assert (tmp_path / "report" / "report.md").read_text(encoding="utf-8") == text
     assert "| comove | 2/3 | 67 % (21-94) | - | 0.03 (0.01-never) | never (0.5-never) | 1.5 (1-2) |" in text
     assert "| other | 3/3 | 100 % (44-100) | - | 0.6 (0.1-2) | 2 (0.6-never) | 1 (1-3) |" in text

@@ -50,7 +50,7 @@ def test_a_set_is_written_as_a_whole(tmp_path):
         "spatial-00.yaml",
         "witnesses.yaml",
     ]
-    with pytest.raises(ResultError, match="the folder holds"):
+    with pytest.raises(ResultError, match="the folder is not empty"):
         draw_set("hard", tmp_path / "mine", count=3, seed=5)
 
 

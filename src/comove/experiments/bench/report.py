@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ResultError
-from comove.experiments.bench.statistics import (
+from comove.experiments.statistics import (
     NOTHING,
     Interval,
     mean_interval,

@@ -21,7 +21,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.runner import machine
-from comove.experiments.bench.statistics import Interval, slope_interval
+from comove.experiments.statistics import Interval, slope_interval
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective

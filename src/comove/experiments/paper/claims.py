@@ -13,7 +13,7 @@ import numpy as np
 
 from comove.experiments.paper.measures import Measures
 from comove.experiments.paper.runs import BAND, SCENES, Runs
-from comove.experiments.paper.statistics import median_interval
+from comove.experiments.statistics import median_interval
 
 RELIABLE = 0.95  # share of the runs from which on something succeeds
 HELD, BROKEN = 0.005, 0.01  # m: a distance that is held by and large, and one that is clearly broken

@@ -9,7 +9,7 @@ import numpy as np
 from comove.experiments.paper.jobs import CONTENDERS, Outcome
 from comove.experiments.paper.measures import Measures
 from comove.experiments.paper.runs import GAIT, SCENES, Runs
-from comove.experiments.paper.statistics import Interval, median_interval, share_interval
+from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
 from comove.views import (
     Panel,
     draw_comparison,
@@ -23,7 +23,6 @@ from comove.views import (
 FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "story.png")
 REACTIONS = ("same matrix on all", "obstacles seen only", "motions known")
 OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
-NONE = Interval(np.nan, np.nan, np.nan)
 
 
 def draw_all(runs: Runs, folder: Path) -> None:
@@ -95,14 +94,14 @@ def story_panels(runs: Runs) -> list[Panel]:
 
 def share_of(found: list[Measures], unit: float = 1.0) -> Interval:
     """Share of verified motions; the interval is the value itself for a single run that knows no chance."""
-    share = share_interval(sum(m.verified for m in found), len(found))
+    share = wilson(sum(m.verified for m in found), len(found))
     return Interval(*(unit * x for x in (share if len(found) > 1 else [share.value] * 3)))
 
 
 def median_of(found: list[Measures], name: str, unit: float = 1.0) -> Interval:
     """Median of a measure over the runs that have it; NaN where none has."""
     values = [unit * value for m in found if (value := getattr(m, name)) is not None]
-    return median_interval(values) if values else NONE
+    return median_interval(values) if values else NOTHING
 
 
 def _medians(found: list[list[list[Measures]]], name: str, unit: float = 1.0) -> list[list[Interval]]:

@@ -14,7 +14,7 @@ from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS
 from comove.experiments.paper.measures import Measures
 from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, SCENES, Runs
-from comove.experiments.paper.statistics import Interval
+from comove.experiments.statistics import Interval
 
 SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
 
