@@ -3,13 +3,15 @@
 Clearances are judged by brute force on configurations between those that the planner names.
 """
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from comove.coordination import load_coordinates
 from comove.planning.configurations import configuration_space, span
-from comove.planning.planner import plan
+from comove.planning.planner import _fit, _flat_direction, plan, quaternion_of
 from comove.scenes import Scene
 from tests import brute_force
 from tests.solved import example, random_scene
@@ -192,3 +194,43 @@ def test_two_loads_at_once(n_dims):
     assert brute_force.configuration_clearance(scene, hands).min() >= 0.004 - 1e-6
     for i, j in ((0, 1), (2, 3)):
         assert np.abs(np.linalg.norm(hands[:, i] - hands[:, j], axis=1) - 0.2).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_quaternions_of_rotations_are_scipys(seed):
+    rotation, found = Rotation.random(random_state=seed), np.empty(4)
+    quaternion_of(rotation.as_matrix(), found)
+    expected = rotation.as_quat(scalar_first=True)
+    assert min(np.abs(found - expected).max(), np.abs(found + expected).max()) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_is_to_fit_a_slot_lies_flush(seed):
+    """The normal of a triangle, and one of its edges, are along axes of the turned box."""
+    turn = Rotation.random(random_state=seed)
+    box = {
+        "shape": "box",
+        "center": [0.5, 0.5, 0.9],
+        "size": [0.1, 0.1, 0.1],
+        "quaternion_wxyz": turn.as_quat(scalar_first=True).tolist(),
+    }
+    data = scene_data(example("triangle")) | {"obstacles": [box]}
+    scene = Scene.from_dict(data)
+    space = configuration_space(scene, load_coordinates(scene))
+    points, quaternion = space.blocks.point, np.empty(4)
+    flat = _flat_direction(points)
+    np.testing.assert_allclose((points - points.mean(axis=0)) @ flat, 0.0, atol=1e-12)
+    _fit(space, 0, flat, np.random.default_rng(seed), quaternion)
+    placed = Rotation.from_quat(quaternion, scalar_first=True).apply(points)
+    edges = [placed[i] - placed[j] for i, j in ((0, 1), (1, 2), (2, 0))]
+    normal = np.cross(edges[0], edges[1])
+    seen = [turn.inv().apply(v / np.linalg.norm(v)) for v in (normal, *edges)]
+    assert np.abs(seen[0]).max() == pytest.approx(1.0, abs=1e-9)
+    assert max(np.abs(edge).max() for edge in seen[1:]) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["spatial-10", "spatial-18", "spatial-19"])
+def test_frames_pass_slots_edge_on(name):
+    """Each has three walls with a slot that the triangle passes in few orientations alone."""
+    scene = Scene.load(str(files("comove") / "experiments" / "sets" / "hard" / f"{name}.yaml"))
+    assert planned(scene, 0.004, seed=0, max_nodes=3000)[0] is not None
