@@ -1,7 +1,5 @@
 """Every method on one scene: the judge is the same, and what it says agrees with plain sums over samples."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,13 @@ from comove.execution import Executor, compare
 from comove.execution.comparison import METHODS, LooseRecord, loose_run
 from comove.execution.modulated import run_modulated
 from comove.execution.sight import Known
+from comove.experiments.examples import example
 from comove.experiments.random_scenes import moving_scene
 from comove.reaction import Sharing
-from comove.scenes import Scene
 from comove.verification.record import judge
 from tests.execution.test_executor import crossing, disc
 
-TURNING = Scene.load(Path(__file__).parents[2] / "examples" / "moving" / "turning.yaml")
+TURNING = example("turning")
 
 
 @pytest.fixture(scope="module")

@@ -45,10 +45,7 @@ def write_page(
         _systems(runs, folder),
         _story(runs, folder),
         _movements(runs),
-        "## What the paper says, and what this run says\n\n"
-        + CLAIMS_TEXT
-        + "\n\n"
-        + tables.claims_table(findings),
+        CLAIMS_TEXT + "\n\n" + tables.claims_table(findings),
         ERRATA,
     ]
     return "\n\n".join(_wrapped(block) for part in parts for block in part.strip().split("\n\n")) + "\n"
