@@ -224,7 +224,9 @@ def test_progress_tells_what_is_done():
     generations = [p.generation for p in seen]  # a better motion is told at once, once more
     assert generations == sorted(generations)
     assert set(generations) - {0} == set(range(1, solution.generations + 1))
-    assert seen[0].motion is not None and seen[0].best is not None, "the planned motion, before all generations"
+    assert seen[0].motion is not None and seen[0].best is not None, (
+        "the planned motion, before all generations"
+    )
     best = [p.best for p in seen if p.best is not None]
     assert (np.diff(best) <= 0).all()
     assert solution.cost.total <= best[-1]

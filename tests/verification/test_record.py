@@ -229,3 +229,17 @@ def test_samples_of_the_wrong_shape_are_refused(shape):
 def test_two_samples_are_too_few():
     with pytest.raises(OptionError, match="3 or more"):
         samples(scene(), n_steps=2)
+
+
+def test_what_turns_back_between_two_steps_is_seen_as_far_as_it_comes():
+    """A disc comes within 0.3 mm of the upper hand's way and turns at once, between two steps."""
+    near, half = 0.0003, 1.008  # m, s
+    touching = record(scene(), turn=0.0).nodes[:, :2, :]
+    top = float(touching[round(half / PERIOD), :, 1].max())
+    x = float(touching[round(half / PERIOD), :, 0].mean())
+    radius, far = 0.05, 0.4
+    centers = [[x, top + radius + near + far], [x, top + radius + near], [x, top + radius + near + far]]
+    ball = {"shape": "circle", "center": centers[0], "radius": radius}
+    ball["motion"] = {"waypoints": centers, "times": [0, half, 2 * half]}
+    report = judge(record(scene(ball)))
+    assert near - 2e-4 <= report.clearance_min <= near + 1e-4
