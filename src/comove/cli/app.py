@@ -17,17 +17,24 @@ from comove.errors import ComoveError, ComoveWarning
 
 VERIFIED, NOT_VERIFIED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+STYLE = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
+
 app = typer.Typer(
     name="comove",
     help="Several manipulators carry one load: coordinated movement primitives, verified in continuous time.",
-    no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    **STYLE,
 )
 
-
 Command = Callable[..., int | None]
+
+
+def sub_application(name: str, about: str) -> typer.Typer:
+    """A group of verbs, `comove NAME VERB`."""
+    group = typer.Typer(name=name, help=about, **STYLE)
+    group.callback(help=about)(lambda: None)  # so that a single verb is still named
+    app.add_typer(group)
+    return group
 
 
 def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Command], Callable[..., None]]:

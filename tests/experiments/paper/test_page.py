@@ -14,7 +14,7 @@ from comove.errors import ResultError
 from comove.experiments.paper.claims import Verdict, judge_all
 from comove.experiments.paper.figures import FIGURES, story_panels
 from comove.experiments.paper.jobs import CONTENDERS, run
-from comove.experiments.paper.page import write_page
+from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.reproduction import CONTENTS
 from comove.experiments.paper.runs import SCENES, STORY, STRAIGHT, Job, all_jobs, recorded
 from comove.experiments.paper.tables import all_runs
@@ -26,7 +26,7 @@ from tests.experiments.paper.ideal import ideal_runs
 @pytest.fixture(scope="module")
 def page():
     runs = ideal_runs()
-    return write_page(runs, judge_all(runs), seconds=90.0, processor=150.0, processes=2, folder="paper")
+    return write_page(runs, judge_all(runs), Effort(90.0, 150.0, 2), "paper")
 
 
 def test_the_page_shows_every_figure_and_every_claim(page):

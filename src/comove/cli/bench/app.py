@@ -8,31 +8,20 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import app
+from comove.cli.app import sub_application
 
-bench_app = typer.Typer(
-    name="bench",
-    help="Benchmark: draw scenes, run systems on frozen sets, report, export, measure scaling.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+bench_app = sub_application(
+    "bench", "Benchmark: draw scenes, run systems on frozen sets, report, export, measure scaling."
 )
-app.add_typer(bench_app)
 
 Store = Annotated[Path, typer.Argument(metavar="STORE", help="File of runs (SQLite).")]
 
 
-@bench_app.callback()
-def options() -> None:
-    """Benchmark: draw scenes, run systems on frozen sets, report, export, measure scaling."""
-
-
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
 def on_one_thread() -> None:
     """Keep libraries that are loaded from now on to one thread, as the workers of `comove bench run` are."""
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    from comove.experiments.workers import ONE_THREAD
+
+    os.environ.update(ONE_THREAD)
 
 
 def names_of(given: list[str]) -> list[str]:

@@ -7,21 +7,11 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import app
+from comove.cli.app import sub_application
 
-library_app = typer.Typer(
-    name="library",
-    help="A folder of movement primitives: add, list, show, find, combine, remove.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+library_app = sub_application(
+    "library", "A folder of movement primitives: add, list, show, find, combine, remove."
 )
-app.add_typer(library_app)
 
 Folder = Annotated[Path, typer.Option(help="Folder of the library.")]
 FOLDER = Path("library")
-
-
-@library_app.callback()
-def options() -> None:
-    """A folder of movement primitives: add, list, show, find, combine, remove."""

@@ -7,20 +7,8 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import app
+from comove.cli.app import sub_application
 
-robot_app = typer.Typer(
-    name="robot",
-    help="Robots that carry the load: solve, simulate, export, send.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
-app.add_typer(robot_app)
+robot_app = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of `comove robot solve`.")]
-
-
-@robot_app.callback()
-def options() -> None:
-    """Robots that carry the load: solve, simulate, export, send."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ResultError
+from comove.experiments.markdown import table
 from comove.experiments.statistics import (
     NOTHING,
     Interval,
@@ -197,9 +198,9 @@ def report_text(runs: Sequence[Run], found: Sequence[Standing], missing: Sequenc
         lines += ["", "**Incomplete**: still to be run are", "", *(f"- {line}" for line in missing)]
     for name in dict.fromkeys(s.set for s in found):
         of_set = [s for s in found if s.set == name]
-        lines += ["", f"## {name}", "", *_success_table(of_set), "", *_figure_table(of_set)]
+        lines += ["", f"## {name}", "", _success_table(of_set), "", _figure_table(of_set)]
         against = _against_table(of_set)
-        lines += ["", *against] if against else []
+        lines += ["", against] if against else []
         failures = _failures(of_set)
         lines += ["", "Not verified:", "", *failures] if failures else []
     lines += ["", "## Pictures", ""]
@@ -222,7 +223,7 @@ def _about(runs: Sequence[Run]) -> list[str]:
     return lines + ([f"Tools: {', '.join(tools)}."] if tools else [])
 
 
-def _success_table(of_set: Sequence[Standing]) -> list[str]:
+def _success_table(of_set: Sequence[Standing]) -> str:
     rows = []
     for s in of_set:
         success = s.success
@@ -248,7 +249,7 @@ def _success_table(of_set: Sequence[Standing]) -> list[str]:
         "near the best [s]",
         "cost / best",
     ]
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _over_verified(s: Standing) -> Interval:
@@ -256,20 +257,20 @@ def _over_verified(s: Standing) -> Interval:
     return median_interval(finite) if finite else NOTHING
 
 
-def _figure_table(of_set: Sequence[Standing]) -> list[str]:
+def _figure_table(of_set: Sequence[Standing]) -> str:
     rows = [
         [s.system, *(_number(factor * s.median_of(figure)) for figure, factor in FIGURES.values())]
         for s in of_set
     ]
-    return _table(["system", *FIGURES], rows)
+    return table(["system", *FIGURES], rows)
 
 
-def _against_table(of_set: Sequence[Standing]) -> list[str]:
-    """Every other system beside the reference, scene by scene."""
+def _against_table(of_set: Sequence[Standing]) -> str:
+    """Every other system beside the reference, scene by scene; empty without one."""
     reference = next((s for s in of_set if s.system.split(",")[0] == REFERENCE), None)
     others = [s for s in of_set if s is not reference]
     if reference is None or not others:
-        return []
+        return ""
     rows = []
     for s in others:
         mine, first = s.by_scene(s.first), reference.by_scene(reference.first)
@@ -294,7 +295,7 @@ def _against_table(of_set: Sequence[Standing]) -> list[str]:
         "solved by it alone",
         "by comove alone",
     ]
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _failures(of_set: Sequence[Standing]) -> list[str]:
@@ -319,11 +320,6 @@ def _legend() -> list[str]:
         "whose last motion is verified, so systems that solve less are shown on what they solve. *Refused* scenes "
         "are no failures in the tables; in the pictures they count as not solved."
     ]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [head, ["---"] * len(head), *rows]
-    return [f"| {' | '.join(cells)} |" for cells in lines]
 
 
 def _with_interval(interval: Interval, otherwise: str) -> str:

@@ -27,6 +27,7 @@ from comove._version import __version__
 from comove.errors import ExtraError, InputError, OptionError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.systems import Outcome, Problem, System, measured
+from comove.experiments.workers import ONE_THREAD
 from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
 from comove.scenes.scene import Scene
 
@@ -35,7 +36,6 @@ TIMES, MORE = 3.0, 30.0  # budgets, and seconds more, after which a run is stopp
 GRACE = 15.0  # s, that a run may take to stop by itself; then its process is killed
 LOADING = 600.0  # s, more for compiling, once after installation
 POLL = 1.0  # s
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -168,9 +168,8 @@ class _Driver:
         self.store.leave(self.name)  # what was begun by workers that are gone
         under_way: dict[Any, Job] = {}
         stopped: set[str] = set()
-        environment = dict.fromkeys(THREADS, "1")
         executor = loky.ProcessPoolExecutor(
-            workers, initializer=_begin_work, initargs=(os.getpid(),), env=environment
+            workers, initializer=_begin_work, initargs=(os.getpid(),), env=ONE_THREAD
         )
         try:
             while queue or under_way:

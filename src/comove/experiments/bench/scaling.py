@@ -21,6 +21,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.runner import machine
+from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, slope_interval
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
@@ -276,13 +277,14 @@ def scaling_text(curves: Sequence[Curve]) -> str:
     """The report in Markdown."""
     where = machine()
     lines = ["# Scaling", "", f"On {where.cpu}, {where.cores} cores, Python {where.python}, one thread.", ""]
-    lines += ["| what grows | of what | exponent | over the larger half | target | verdict | verified |"]
-    lines += ["| --- | --- | --- | --- | --- | --- | --- |"]
+    rows = []
     for c in curves:
         all_of, end = (f"{e.value:.2f} ({e.low:.2f} to {e.high:.2f})" for e in (c.exponent, c.exponent_end))
         target = "-" if c.target is None else f"at most {c.target:g}"
         share = "-" if c.quantity == "generation" else f"{100 * c.verified:.0f} %"
-        lines.append(f"| {c.family} | {c.quantity} | {all_of} | {end} | {target} | {c.verdict} | {share} |")
+        rows.append([c.family, c.quantity, all_of, end, target, c.verdict, share])
+    head = ["what grows", "of what", "exponent", "over the larger half", "target", "verdict", "verified"]
+    lines.append(table(head, rows))
     told = {v: [f"{c.family} ({c.quantity})" for c in curves if c.verdict == v] for v in ("missed", "open")}
     lines += ["", f"**Targets missed**: {', '.join(told['missed']) or 'none'}."]
     lines += [f"Not decided by these measurements: {', '.join(told['open']) or 'none'}.", ""]

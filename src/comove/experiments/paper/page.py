@@ -5,10 +5,12 @@ from __future__ import annotations
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from comove._version import __version__
+from comove.experiments.markdown import table
 from comove.experiments.paper import tables
 from comove.experiments.paper.claims import Claim, Finding, Verdict
 from comove.experiments.paper.figures import verdict
@@ -21,26 +23,32 @@ WIDTH = 118  # of the page's lines
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 
 
-def write_page(
-    runs: Runs,
-    findings: Sequence[tuple[Claim, Finding]],
-    *,
-    seconds: float,
-    processor: float,
-    processes: int,
-    folder: str,
-) -> str:
+@dataclass(frozen=True)
+class Effort:
+    """What a reproduction took.
+
+    Attributes
+    ----------
+    seconds, processor : on the wall, and on all processors together [s]
+    processes : that ran at once
+    """
+
+    seconds: float
+    processor: float
+    processes: int
+
+
+def write_page(runs: Runs, findings: Sequence[tuple[Claim, Finding]], effort: Effort, folder: str) -> str:
     """The page as Markdown.
 
     Parameters
     ----------
     findings : of all claims
-    seconds, processor : that everything took so far, on the wall and on all processors together
-    processes : that ran at once
+    effort : so far
     folder : of the figures, as the page sees it
     """
     parts = [
-        _head(runs, findings, seconds, processor, processes, folder),
+        _head(runs, findings, effort, folder),
         _figures(runs, folder),
         _systems(runs, folder),
         _story(runs, folder),
@@ -58,14 +66,7 @@ def _wrapped(block: str) -> str:
     return textwrap.fill(" ".join(block.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _head(
-    runs: Runs,
-    findings: Sequence[tuple[Claim, Finding]],
-    seconds: float,
-    processor: float,
-    processes: int,
-    folder: str,
-) -> str:
+def _head(runs: Runs, findings: Sequence[tuple[Claim, Finding]], effort: Effort, folder: str) -> str:
     counts = Counter(finding.verdict for _, finding in findings)
     verdicts = ", ".join(f"{counts[v]} {v.value}" for v in Verdict)
     rows = []
@@ -85,8 +86,9 @@ comove reproduce --seeds 2 --out look
 ```
 
 The first writes this page, the second is a quick look at it. This page: version {__version__}, {runs.seeds} seeds,
-{len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {processes} at a time, in
-{seconds / MINUTE:.1f} minutes on the wall and {processor / processes / MINUTE:.1f} minutes of processor time each.
+{len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {effort.processes} at a time, in
+{effort.seconds / MINUTE:.1f} minutes on the wall and {effort.processor / effort.processes / MINUTE:.1f} minutes of
+processor time each.
 Times below are processor times: what else the machine did meanwhile does not count. [Every run]({folder}/runs.csv)
 is one line of a table.
 
@@ -97,7 +99,7 @@ them](#what-the-paper-says-and-what-this-run-says)).
 reached, limits kept, the distance within {TOLERANCE} of {LENGTH} and nothing touched, at every
 instant.
 
-{tables.table(["method", *SCENES], rows)}
+{table(["method", *SCENES], rows)}
 """
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from comove.experiments.paper.claims import Verdict, judge_all
 from comove.experiments.paper.figures import FIGURES, draw_all
-from comove.experiments.paper.page import write_page
+from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.runs import run_everything
 from comove.experiments.paper.tables import all_runs
 from comove.results import Contents
@@ -39,15 +39,8 @@ def reproduce(
     draw_all(runs, folder / FOLDER)
     (folder / FOLDER / RUNS).write_text(all_runs(runs), encoding="utf-8")
     findings = judge_all(runs)
-    page = write_page(
-        runs,
-        findings,
-        seconds=time.perf_counter() - started,
-        processor=_processor_time() - before,
-        processes=processes,
-        folder=FOLDER,
-    )
-    (folder / PAGE).write_text(page, encoding="utf-8")
+    effort = Effort(time.perf_counter() - started, _processor_time() - before, processes)
+    (folder / PAGE).write_text(write_page(runs, findings, effort, FOLDER), encoding="utf-8")
     return Counter(finding.verdict for _, finding in findings)
 
 

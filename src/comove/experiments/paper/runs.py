@@ -15,7 +15,7 @@ from comove.execution.comparison import Compared
 from comove.experiments.examples import example
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
 from comove.experiments.paper.measures import Measures, measure_motion
-from comove.experiments.paper.workers import run_all
+from comove.experiments.workers import run_all
 from comove.planning import load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis

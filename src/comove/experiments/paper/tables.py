@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from comove.experiments.markdown import table
 from comove.experiments.paper.claims import Claim, Finding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS
@@ -17,12 +18,6 @@ from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, SCENES,
 from comove.experiments.statistics import Interval
 
 SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def claims_table(findings: Sequence[tuple[Claim, Finding]]) -> str:

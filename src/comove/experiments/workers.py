@@ -12,7 +12,10 @@ from typing import TypeVar
 
 Given, Made = TypeVar("Given"), TypeVar("Made")
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+"""The environment of processes whose numerical libraries keep to one thread."""
 
 
 def run_all(
@@ -62,8 +65,8 @@ def _begin(prepare: Callable[[], None]) -> None:
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Let processes that begin meanwhile use one numerical thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:
