@@ -1,6 +1,5 @@
 """Peers keep to what they are asked; each is skipped where it is not installed."""
 
-import builtins
 import sys
 
 import numpy as np
@@ -21,6 +20,7 @@ from comove.scenes import Scene
 
 MODULES = {
     "ompl-rrtconnect": "ompl",
+    "ompl-rrtconnect-raw": "ompl",
     "ompl-projected": "ompl",
     "ompl-aorrtc": "ompl",
     "pycma-al": "cma",
@@ -32,6 +32,7 @@ MODULES = {
 }
 TIMELESS = (
     "ompl-rrtconnect",
+    "ompl-rrtconnect-raw",
     "ompl-projected",
     "slsqp",
     "movement-primitives",
@@ -162,15 +163,15 @@ def test_what_only_some_can_do():
 
 @pytest.mark.parametrize("name", [name for name in MODULES if MODULES[name] != "scipy"])
 def test_a_peer_that_is_not_installed_says_how(name, monkeypatch):
-    def missing(module, *args, **kwargs):
-        if module.split(".")[0] == MODULES[name]:
-            raise ImportError(module)
-        return imported(module, *args, **kwargs)
+    class Missing:
+        @staticmethod
+        def find_spec(module, path=None, target=None):
+            if module.split(".")[0] == MODULES[name]:
+                raise ModuleNotFoundError(module)
 
-    imported = builtins.__import__
     for module in [m for m in sys.modules if m.split(".")[0] == MODULES[name]]:
-        monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(builtins, "__import__", missing)
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setattr(sys, "meta_path", [Missing, *sys.meta_path])
     with pytest.raises(ExtraError, match=r"pip install 'comove\[bench\]'"):
         PEERS[name].warm_up(Problem(easy(2)))
 

@@ -13,9 +13,10 @@ from comove.experiments.peers.transcription import Transcription
 from comove.experiments.systems import System
 
 _SYSTEMS: tuple[System, ...] = (
-    OMPL("ompl-rrtconnect", "RRTConnect"),
+    OMPL("ompl-rrtconnect", "RRTConnect", "simplify"),
+    OMPL("ompl-rrtconnect-raw", "RRTConnect", "offer"),
     ProjectedOMPL("ompl-projected"),
-    OMPL("ompl-aorrtc", "AORRTC", improves=True),
+    OMPL("ompl-aorrtc", "AORRTC", "improve"),
     PycmaAL("pycma-al"),
     Scipy("slsqp", "SLSQP"),
     Scipy("trust-constr", "trust-constr"),

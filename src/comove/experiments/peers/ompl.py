@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numba
 import numpy as np
@@ -46,12 +46,12 @@ class OMPL(System):
     Attributes
     ----------
     planner : its name in `ompl.geometric`
-    improves : whether it goes on for the whole budget; otherwise its path is simplified and that is all
+    then : what becomes of its path: offered as it is found, or simplified first, or improved for the whole budget
     """
 
     name: str
     planner: str
-    improves: bool = False
+    then: Literal["offer", "simplify", "improve"]
     orientations: ClassVar[tuple[str, ...]] = ("plane", "axis", "space")
 
     def refuses(self, scene: Scene) -> str:
@@ -69,7 +69,7 @@ class OMPL(System):
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
     def run(self, problem: Problem, offers: Offers) -> None:
-        """Plan; offer the path as it is found and as it becomes shorter."""
+        """Plan, give the path a time, and offer it; or paths as they become shorter."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
         load = Load(problem.scene)
@@ -86,22 +86,16 @@ class OMPL(System):
         planner.setProblemDefinition(wanted)
         planner.setRange(RANGE)
         planner.setup()
-        found = _solved(
-            base,
-            planner,
-            wanted,
-            offers,
-            problem.budget,
-            load.path,
-            improves=self.improves,
-        )
-        if found and not self.improves:
+        improves = self.then == "improve"
+        found = _solved(base, planner, wanted, offers, problem.budget, load.path, improves=improves)
+        if found and self.then == "simplify":
             path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
             geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
-            found.append((offers.seconds, load.path(path)))
+            found = [(offers.seconds, load.path(path))]
         best = Best(problem, offers)
         for seconds, path in found:
-            best.see(timed(lambda shares, path=path: load.hands(path, shares), problem), seconds)
+            hands = timed(lambda shares, path=path: load.hands(path, shares), problem)
+            best.see(hands, seconds if improves else None)
         best.close()
 
 
