@@ -46,7 +46,7 @@ def free():
 
 
 def test_comove_offers_what_it_hands_out(narrow):
-    """The last offer is the solution: same ends, same cost to what 2001 samples tell."""
+    """The last offer is the solution: same ends, same cost to what 8001 samples tell."""
     budget = 20.0
     outcome = measured(Own("comove", Comove()), Problem(narrow, seed=3, budget=budget))
     solution = comove.solve(narrow, seed=3, budget=budget)

@@ -25,7 +25,7 @@ from comove.verification.record import RecordReport, Samples, judge
 
 Array = NDArray[np.float64]
 
-N_SAMPLES = 2001  # of an offer, even in time
+N_SAMPLES = 8001  # of an offer, even in time
 WEIGHTS = CostWeights()
 FIRST_LOOK = 0.3  # s
 

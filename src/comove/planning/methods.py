@@ -55,6 +55,7 @@ class Comove(Method):
     ----------
     coordinates : in which the search moves
     n_basis : shape weights a column when polishing
+    n_basis_fine : where a plan needs more of them
     n_basis_growing : while the load grows
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
@@ -67,6 +68,7 @@ class Comove(Method):
     name: ClassVar[str] = "comove"
     coordinates: Callable[[Scene], Coordinates] = load_coordinates
     n_basis: int = 30
+    n_basis_fine: int = 100
     n_basis_growing: int = 20
     n_plans: int = 8
     n_failures: int = 12
@@ -92,7 +94,6 @@ class Comove(Method):
         scene = search.scene
         planning = load_coordinates(scene)
         space, ends = configuration_space(scene, planning), planning.boundary()
-        basis = motion_basis(self.n_basis, "velocity")
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
@@ -109,7 +110,7 @@ class Comove(Method):
             start = None
             if found is not None:
                 mend = search.best is None and (plans_are_dear or unfit >= self.n_unfit)
-                start = self._certified_fit(search, *found, basis, mend)
+                start = self._certified_fit(search, *found, mend)
                 unfit += start is None
             if start is None and self._will_do(search):
                 return True
@@ -138,32 +139,33 @@ class Comove(Method):
         )
 
     def _certified_fit(
-        self, search: Search, targets: Array, goal: Array, basis: MotionBasis, mend: bool
+        self, search: Search, targets: Array, goal: Array, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
         """The cheapest fit of a plan that is verified, and its cost; None where none of the first is.
 
-        Where `mend` says so, the best that touches nothing is mended instead.
+        A path with sharp bends needs more weights than others. Where `mend` says so, the best that touches nothing is
+        mended instead.
         """
-        dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-        value = search.evaluate(search.objective, dmp, weights)
-        feasible = search.objective.feasible(value)
-        rank = search.objective.search_value(value) + np.where(feasible, 0.0, 100.0)
-        gentlest = np.argmin(
-            np.maximum(*search.objective.limit_ratios(value)) + np.where(feasible, 0.0, 100.0)
-        )
-        for i in (*np.argsort(rank, kind="stable")[:N_CERTIFIED], gentlest):
-            if not np.all(value.possible) and not value.possible[i]:
-                search.attempt = search.attempt or dmp.rollout(weights[i])
-                break  # what moves the hands cannot: those that follow neither
-            if search.judge(dmp.rollout(weights[i])).verified:
-                return float(value.cost[i]), replace(dmp, weights=weights[i])
-        # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
-        spoilt = HOPELESS if search.scene.moving.any() else 0.0
-        free = value.clearance > search.scene.clearance - spoilt
-        if mend and free.any():
-            nearest = np.where(free, rank, np.inf).argmin()
-            return self._mended(search, replace(dmp, weights=weights[nearest]))
-        return None
+        hopeful: CoordinatedDMP | None = None
+        for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
+            basis = motion_basis(n_basis, "velocity")
+            dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
+            value = search.evaluate(search.objective, dmp, weights)
+            missed = np.where(search.objective.feasible(value), 0.0, 100.0)
+            rank = search.objective.search_value(value) + missed
+            gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
+            for i in (*np.argsort(rank, kind="stable")[:N_CERTIFIED], gentlest):
+                if not np.all(value.possible) and not value.possible[i]:
+                    search.attempt = search.attempt or dmp.rollout(weights[i])
+                    break  # what moves the hands cannot: those that follow neither
+                if search.judge(dmp.rollout(weights[i])).verified:
+                    return float(value.cost[i]), replace(dmp, weights=weights[i])
+            # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
+            spoilt = HOPELESS if search.scene.moving.any() else 0.0
+            free = value.clearance > search.scene.clearance - spoilt
+            if hopeful is None and free.any():
+                hopeful = replace(dmp, weights=weights[np.where(free, rank, np.inf).argmin()])
+        return self._mended(search, hopeful) if mend and hopeful is not None else None
 
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """A motion near a rejected one that is verified, and its cost; None where none was found."""

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
 FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
+BRIEF_NODES = 200  # of a look whether a way in space is easy to find, before the forest
 N_SHORTCUTS = 100
 N_BRIDGES, BRIDGES = 32, 0.3  # nodes of the forest before others are added, and the share of them afterwards
 SLIDES = (2.4, 1.8, 1.2, 0.6)  # of the reach, through what is between two obstacles
@@ -67,8 +68,10 @@ def plan(
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    grow = _rrt_connect if space.blocks.n_dims == 2 or len(space.blocks.kind) > 1 else _forest
-    path = grow(space, start, goal, margin, rng, max_nodes)
+    uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1
+    path = _rrt_connect(space, start, goal, margin, rng, max_nodes if uniform else BRIEF_NODES)
+    if len(path) == 0 and not uniform:
+        path = _forest(space, start, goal, margin, rng, max_nodes)
     if len(path) == 0:
         return None
     return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 # (p, f): the path is run as min_jerk(1 - (1 - min(t/f, 1))^p); early arrival costs least, steady pace
 # brakes least, so several are fitted and the best that verifies is kept.
 PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.7), (6.0, 1.0))
+RAMPS = (0.06, 0.15)  # of the steadiest, whose speed is even but for these shares of the time at both ends
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 NARROWEST, WIDEST = 0.025, 0.15  # of a bump, in durations
 
@@ -30,11 +31,19 @@ def minimum_jerk(t: Array) -> Array:
     return t**3 * (10.0 + t * (-15.0 + 6.0 * t))
 
 
+def steady(t: Array, ramp: float) -> Array:
+    """Share of the way at normalised times, (n_steps,), where the speed rises and falls smoothly in a time `ramp`."""
+    x = np.minimum(np.minimum(t, 1.0 - t) / ramp, 1.0)
+    half = ramp * x**3 * (1.0 - 0.5 * x) + np.maximum(np.minimum(t, 1.0 - t) - ramp, 0.0)
+    return np.where(t <= 0.5, half / (1.0 - ramp), 1.0 - half / (1.0 - ramp))
+
+
 @lru_cache(maxsize=4)
 def profiles(n_steps: int) -> Array:
     """Shares of the path at even times; array, shape (n_profiles, n_steps)."""
     t = np.linspace(0.0, 1.0, n_steps)
-    return np.stack([minimum_jerk(1.0 - (1.0 - np.minimum(t / f, 1.0)) ** p) for p, f in PROFILES])
+    early = [minimum_jerk(1.0 - (1.0 - np.minimum(t / f, 1.0)) ** p) for p, f in PROFILES]
+    return np.stack([*early, *(steady(t, ramp) for ramp in RAMPS)])
 
 
 def targets_along(space: Space, path: Array) -> Array:

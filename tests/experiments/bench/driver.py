@@ -11,7 +11,7 @@ from pathlib import Path
 
 from comove.experiments.bench import runner
 from comove.experiments.bench.sets import scenes_of
-from comove.experiments.systems import System
+from comove.experiments.systems import N_SAMPLES, System
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Witnessed(System):
 
     def run(self, problem, offers):
         time.sleep(self.pause)
-        offers.take(witness(problem.scene).hands(2001)[:, :, : problem.scene.n_dims], 0.5)
+        offers.take(witness(problem.scene).hands(N_SAMPLES)[:, :, : problem.scene.n_dims], 0.5)
 
 
 @dataclass(frozen=True)
