@@ -9,7 +9,7 @@ import numpy as np
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import Objective
-from comove.planning.planner import plan
+from comove.planning.planner import forest, plan
 from comove.planning.seeds import fit, targets_along
 from comove.planning.spacetime import plan_in_time, spacetime, targets_in_time
 from comove.primitives.basis import motion_basis
@@ -49,6 +49,8 @@ def load_kernels(n_dims: int, moving: bool = False) -> None:
     coordinates, basis = load_coordinates(scene), motion_basis(30, "velocity")
     space, ends = configuration_space(scene, coordinates), coordinates.boundary()
     path = plan(space, ends[0], ends[2], 0.01, np.random.default_rng(0))
+    if n_dims == 3:
+        forest(space, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
     motion = fit(targets_along(space, path), path[-1], coordinates, basis, scene)[0].rollout()
     if moving:
         world, rng = spacetime(scene, space), np.random.default_rng(0)

@@ -39,8 +39,8 @@ PROJECTIONS = 4  # onto each of two obstacles, for points of theirs that face ea
 IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: what is in a window stays there
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
 NEIGHBOURS, CONNECT_WITHIN = 6, 0.5  # of the forest; m
-PLANE_MARGINS = (0.008, 0.004, 0.002, 0.0005)  # m, tried in turn
-SPACE_MARGINS = (0.008, 0.004, 0.002, 0.004)
+PLANE_MARGINS = (0.002, 0.004, 0.0005, 0.008)  # m, tried in turn
+SPACE_MARGINS = (0.002, 0.004, 0.002, 0.008)
 
 
 def plan(
@@ -71,7 +71,7 @@ def plan(
     uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1
     path = _rrt_connect(space, start, goal, margin, rng, max_nodes if uniform else BRIEF_NODES)
     if len(path) == 0 and not uniform:
-        path = _forest(space, start, goal, margin, rng, max_nodes)
+        path = forest(space, start, goal, margin, rng, max_nodes)
     if len(path) == 0:
         return None
     return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
@@ -204,7 +204,7 @@ def joined(trees, parents, mine, theirs):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _forest(space, start, goal, margin, rng, max_nodes):
+def forest(space, start, goal, margin, rng, max_nodes):
     """Trees grown from windows, existing nodes and free space until start and goal are in one.
 
     In space a bar must enter a window nearly end-on, and what is flat a slot edge-on: uniform samples hardly ever

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 NAMES = ("velocity", "acceleration")
 MAX_ROUNDS = 8  # of lowering the limits at the knots
 SLACK = 1e-9  # of a limit, by which it is undercut: rounding
+ROUNDING = 1e-12  # share of a limit that is lost when weights are written for another system and read again
 MET = 1e-9  # of the movement's size, by which via-points may be missed: rounding
 
 
@@ -153,7 +154,7 @@ def _solved(
             )
         knots = basis.boundary @ boundary + basis.shape @ solution
         excess = np.concatenate(_largest(knots[:, :, None])) / limits - 1
-        if excess.max() <= 0.0:
+        if excess.max() <= -ROUNDING:
             return solution
         lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - SLACK)
     raise OptionError(
