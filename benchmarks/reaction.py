@@ -100,8 +100,8 @@ def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
     found: list[tuple[np.ndarray, ...]] = []
     solve = Programme._solved
 
-    def record(self: Programme, m: int, gives_way: int, before: np.ndarray):
-        result = solve(self, m, gives_way, before)
+    def record(self: Programme, m: int, *others):
+        result = solve(self, m, *others)
         desk = self._desk
         if result[2] == tp.HARD and m > 4:
             found.append(
