@@ -68,7 +68,7 @@ def plan(
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1
+    uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1  # samples do, or are all there is
     path = _rrt_connect(space, start, goal, margin, rng, max_nodes if uniform else BRIEF_NODES)
     if len(path) == 0 and not uniform:
         path = forest(space, start, goal, margin, rng, max_nodes)
