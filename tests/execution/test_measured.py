@@ -11,6 +11,15 @@ from comove.verification.record import judge
 from tests.execution.test_executor import crossing, disc
 
 STEADY = crossing(disc([0.9, 0.9], {"velocity": [-0.2, -0.1]}))
+ZIGZAG = crossing(
+    disc(
+        [0.9, 0.9],
+        {
+            "waypoints": [[0.9, 0.9], [0.8, 0.9], [0.8, 0.8], [0.7, 0.8], [0.7, 0.7], [0.6, 0.7]],
+            "times": [0.0, 0.4, 0.8, 1.2, 1.6, 2.0],
+        },
+    )
+)
 
 
 def tracked(sensor, seed, scene=STEADY, until=2.0):
@@ -31,6 +40,9 @@ def test_margins_cover_what_is_not_known(sensor):
     both = [tracked(sensor, seed) for seed in range(10)]
     errors, margins = (np.concatenate(x) for x in zip(*both, strict=True))
     assert (errors <= margins).mean() > 0.995
+    sudden = [tracked(sensor, seed, ZIGZAG) for seed in range(10)]
+    errors, margins = (np.concatenate(x) for x in zip(*sudden, strict=True))
+    assert (errors <= margins).mean() > 0.95, "turns by a right angle every 0.4 s"
     assert np.median(margins) < 10 * np.median(errors), "and are no excuse"
 
 

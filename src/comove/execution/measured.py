@@ -1,9 +1,8 @@
 """Obstacles of which only measurements are known: noisy, late, and now and then none at all.
 
-Every obstacle is tracked by a Kalman filter (1960) of position, velocity and acceleration, which sees turns come. It
-would be too sure of itself where a velocity jumps. So the margin that is kept on top of the scene's clearance, for
-where an obstacle is now, after the delay and whatever has been missed, is `SIGMAS` standard deviations of a second
-filter, that takes the acceleration for white noise.
+Every obstacle is followed by a steady and a quick filter (`filters`). The margin that is kept on top of the scene's
+clearance, for where an obstacle is now, after the delay and whatever has been missed, is `SIGMAS` standard deviations
+of the one that is less sure: the quick one, which reckons with sudden turns.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
+from comove.execution.filters import Belief, informed, later, unknown
 from comove.execution.sight import Sight, going_on, sighting
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.programme import Sighting
@@ -22,7 +22,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 SIGMAS = 3.0
-MOST = {"noise": 10.0, "agility": 1e6, "jerk": 1e6, "fastest": 1e3, "quickest": 1e3}
+MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3}
 UNSEEN = 10.0  # m, standard deviation of what has never been seen
 
 
@@ -36,17 +36,15 @@ class Sensor:
     delay : between an instant and the arrival of what was measured then [s]
     dropout : share of measurements that never arrive
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly velocities change
-    jerk : spectral density of their jerk [m^2/s^5]: how suddenly accelerations change while nothing sudden happens
-    fastest, quickest : standard deviations of velocity and acceleration of what has just been seen [m/s], [m/s^2]
+    fastest, sharpest : standard deviations of velocity and its turning of what has just been seen [m/s], [rad/s]
     """
 
     noise: float = 0.01
     delay: float = 0.05
     dropout: float = 0.0
     agility: float = 0.5
-    jerk: float = 0.3
     fastest: float = 0.5
-    quickest: float = 2.0
+    sharpest: float = 1.2
 
     def __post_init__(self) -> None:
         for name, most in MOST.items():
@@ -71,14 +69,13 @@ class Observed:
 
     def __init__(self, scene: Scene, sensor: Sensor | None = None):
         self.scene, self.sensor = scene, sensor or Sensor()
-        n = len(scene.motions)
+        n, n_dims = len(scene.motions), scene.n_dims
         self._when = np.full(n, -np.inf)
-        self._state = np.zeros((n, 3, 3))  # position, velocity and acceleration
-        self._state[:, 0] = scene.centers
-        # Of each coordinate, all alike: what the filter believes, and what it would if velocities might jump about.
-        self._covariance, self._doubt = np.zeros((n, 3, 3)), np.zeros((n, 2, 2))
-        unknown = UNSEEN**2, self.sensor.fastest**2, self.sensor.quickest**2
-        self._covariance[scene.moving], self._doubt[scene.moving] = np.diag(unknown), np.diag(unknown[:2])
+        spread = np.repeat([UNSEEN, self.sensor.fastest, self.sensor.sharpest], 3).reshape(3, 3)
+        spread[:2, n_dims:] = 0.0  # nothing leaves the plane
+        spread[2, : 2 * (3 - n_dims)] = 0.0
+        self._belief = unknown(scene.centers, scene.moving[:, None] * spread.ravel() ** 2)
+        informed(self._predicted(np.arange(n), 0.0), scene.centers, 1.0)  # compiles, or loads, what comes at once
 
     def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
@@ -118,43 +115,29 @@ class Observed:
 
     def _take_in(self, which: NDArray[np.int64], centers: Array, time: float) -> None:
         """Centres, (n_measured, 3) [m], of some obstacles at one instant [s]."""
-        state, covariance, doubt = self._predicted(which, time)
-        gain, variance = covariance[:, :, 0], self.sensor.noise**2
-        gain = gain / (gain[:, :1] + variance)
-        self._state[which] = state + gain[:, :, None] * (centers - state[:, 0])[:, None]
-        self._covariance[which] = covariance - gain[:, :, None] * covariance[:, :1]
-        gain = doubt[:, :, 0] / (doubt[:, :1, 0] + variance)
-        self._doubt[which] = doubt - gain[:, :, None] * doubt[:, :1]
+        belief = informed(self._predicted(which, time), centers, self.sensor.noise**2)
+        self._belief.put(which, belief)
         self._when[which] = time
 
-    def _predicted(self, which: NDArray[np.int64], time: float) -> tuple[Array, Array, Array]:
-        """States, (n, 3, 3), and covariances, (n, 3, 3) and (n, 2, 2), of some obstacles at a later instant [s]."""
+    def _predicted(self, which: NDArray[np.int64], time: float) -> Belief:
+        """What is believed of some obstacles at a later instant [s]."""
         when, sensor = self._when[which], self.sensor
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
-        forward, noise = _step(dt, 3, sensor.jerk)
-        state = forward @ self._state[which]
-        covariance = forward @ self._covariance[which] @ forward.swapaxes(1, 2) + noise
-        forward, noise = _step(dt, 2, sensor.agility)
-        return state, covariance, forward @ self._doubt[which] @ forward.swapaxes(1, 2) + noise
+        return later(self._belief.at(which), dt, sensor.agility, sensor.sharpest)
 
     def seen(self, time: float) -> Sighting:
         """Where the filters believe them to be, with the margin for what they do not know."""
         center, n, moving = self.scene.centers.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
-        state, covariance, doubt = self._predicted(moving, time)
-        center[moving], velocity[moving] = state[:, 0], state[:, 1]
-        margin[moving] = SIGMAS * np.sqrt(np.maximum(covariance[:, 0, 0], doubt[:, 0, 0]))
+        belief = self._predicted(moving, time)
+        center[moving], velocity[moving] = belief.position, belief.velocity
+        margin[moving] = SIGMAS * belief.deviation
         return sighting(self.scene, center, velocity, margin)
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do, turns included as far as these stand out from the noise."""
+        """That they go on as they do, turns included."""
         moving, spin = np.flatnonzero(self.scene.moving), np.zeros((len(self._when), 3))
-        state, covariance, _ = self._predicted(moving, time)
-        square = np.maximum((state[:, 1] ** 2).sum(axis=1, keepdims=True), self.sensor.noise**2)
-        turn = np.cross(state[:, 1], state[:, 2]) / square
-        across = np.maximum((turn**2).sum(axis=1, keepdims=True) * square, 1e-12)  # acceleration, squared
-        # Shrunk as by James and Stein (1961).
-        spin[moving] = turn * np.maximum(0.0, 1.0 - covariance[:, 2:, 2] / across)
+        spin[moving] = self._predicted(moving, time).spin
         return going_on(self.scene, self.seen(time), spin[self.scene.owners], time)
 
     def true(self, time: Array) -> Array:
@@ -194,19 +177,3 @@ class Measured(Observed):
     def true(self, time: Array) -> Array:
         """What is."""
         return self._truth.true(time)
-
-
-def _step(dt: Array, order: int, density: float) -> tuple[Array, Array]:
-    """What leads from a state of `order` derivatives to the one after dt, and the covariance that is added.
-
-    The last derivative is a Wiener process of that spectral density (Bar-Shalom, Li and Kirubarajan, 2001, 6.2).
-    Arrays, shape (n, order, order).
-    """
-    i, j = np.indices((order, order))
-    faculties = np.array([1.0, 1.0, 2.0])
-    forward = np.where(
-        j >= i, dt[:, None, None] ** np.maximum(j - i, 0) / faculties[np.maximum(j - i, 0)], 0.0
-    )
-    a, b = order - 1 - i, order - 1 - j
-    noise = dt[:, None, None] ** (a + b + 1) / (faculties[a] * faculties[b] * (a + b + 1))
-    return forward, density * noise
