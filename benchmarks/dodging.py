@@ -18,8 +18,8 @@ STARTS, GENERATIONS = 6, 150
 NEAR = 0.05  # m, of contact that counts as much as twice a limit
 
 
-def dodge(scene: Scene, seed: int = 0) -> Record | None:
-    """A movement that touches nothing within `HORIZON`; None where none was found."""
+def dodge(scene: Scene, since: float = 0.0, seed: int = 0) -> Record | None:
+    """A movement that stands until `since` [s] and touches nothing within `HORIZON`; None where none was found."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(HORIZON / PERIOD) + 1) * PERIOD
     around = scene.centers + scene.offsets(time), scene.obstacle_sags(time)
@@ -30,7 +30,7 @@ def dodge(scene: Scene, seed: int = 0) -> Record | None:
         for _ in range(GENERATIONS):
             values = []
             for sample in search.ask():
-                record = moved(scene, time, sample.reshape(-1, len(axes)) * scale, axes, around)
+                record = moved(scene, time, sample.reshape(-1, len(axes)) * scale, axes, around, since)
                 report = judge(record)
                 excess = max(
                     report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit
@@ -42,10 +42,12 @@ def dodge(scene: Scene, seed: int = 0) -> Record | None:
     return None
 
 
-def moved(scene: Scene, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple) -> Record:
-    """The record of a load with given twists, array of shape (N_KNOTS - 1, n_axes), after rest."""
+def moved(
+    scene: Scene, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple, since: float
+) -> Record:
+    """The record of a load with given twists, array of shape (N_KNOTS - 1, n_axes), after rest until `since`."""
     poses, n = poses_of(scene, "start"), len(time)
-    at, given = np.linspace(0.0, time[-1], N_KNOTS), np.vstack([np.zeros(len(axes)), knots])
+    at, given = np.linspace(since, time[-1], N_KNOTS), np.vstack([np.zeros(len(axes)), knots])
     twists = np.zeros((n, 1, 6))
     for k, axis in enumerate(axes):
         twists[:, 0, axis] = np.interp(time, at, given[:, k])

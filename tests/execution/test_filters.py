@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from comove.execution.filters import informed, later, unknown
 from comove.execution.sight import Turning
 
-AGILITY, SHARPEST, NOISE, DT = 0.5, 1.2, 0.01, 0.01
+AGILITY, FASTEST, SHARPEST, NOISE, DT = 0.5, 0.5, 1.2, 0.01, 0.01
 SPREAD = np.repeat([10.0, 0.5, SHARPEST], 3) ** 2
 
 
@@ -17,7 +17,7 @@ def followed(way, rng, spread=SPREAD):
     belief = unknown(np.zeros(way.shape[1:]), np.tile(spread, (way.shape[1], 1)))
     for k, places in enumerate(way):
         if k:
-            belief = later(belief, np.full(len(places), DT), AGILITY, SHARPEST)
+            belief = later(belief, np.full(len(places), DT), AGILITY, FASTEST, SHARPEST)
         noise = NOISE * rng.standard_normal(places.shape) * (spread[:3] > 0.0)
         belief = informed(belief, places + noise, NOISE**2)
         yield belief
@@ -33,7 +33,7 @@ def test_what_turns_steadily_goes_along_a_helix(turn):
     position, velocity = rng.standard_normal(3), rng.standard_normal(3)
     belief = unknown(position[None], np.zeros((1, 9)))
     belief.state[:, :, 3:] = np.concatenate([velocity, turn])
-    there = later(belief, np.array([0.7]), AGILITY, SHARPEST)
+    there = later(belief, np.array([0.7]), AGILITY, FASTEST, SHARPEST)
     exact = solve_ivp(
         helix, (0, 0.7), np.concatenate([position, velocity]), args=(np.array(turn),), rtol=1e-11, atol=1e-12
     )
@@ -52,11 +52,11 @@ def test_covariances_go_along_with_the_motion():
         ends = []
         for sign in (-1, 1):
             belief.state[:] = state + sign * small * np.eye(9)[k]
-            ends.append(later(belief, dt, 0.0, 0.0).state[0, 0])
+            ends.append(later(belief, dt, 0.0, FASTEST, 0.0).state[0, 0])
         columns.append((ends[1] - ends[0]) / (2 * small))
     derivative = np.array(columns).T
     belief.state[:] = state
-    carried = later(belief, dt, 0.0, 0.0).covariance[0, 0]
+    carried = later(belief, dt, 0.0, FASTEST, 0.0).covariance[0, 0]
     np.testing.assert_allclose(carried, 1e-4 * derivative @ derivative.T, atol=2e-8)
 
 
@@ -70,7 +70,7 @@ def test_a_motion_that_lasts_is_foreseen(radius):
     way = np.stack([m.offsets(np.arange(200) * DT) for m in moves], axis=1)
     *_, belief = followed(way, rng)
     assert np.median(np.linalg.norm(belief.spin - spin, axis=1)) < 0.2
-    foreseen = later(belief, np.ones(n), AGILITY, SHARPEST).position
+    foreseen = later(belief, np.ones(n), AGILITY, FASTEST, SHARPEST).position
     true = np.stack([m.offsets([1.99 + 1.0])[0] for m in moves])
     assert np.median(np.linalg.norm(foreseen - true, axis=1)) < 0.04
 
@@ -103,7 +103,7 @@ def test_they_know_how_well_they_know():
     for _ in range(150):
         way.append(state[0].copy())
         start.state[:] = state
-        state = later(start, np.full(n, DT), AGILITY, SHARPEST).state[:1].copy()
+        state = later(start, np.full(n, DT), AGILITY, FASTEST, SHARPEST).state[:1].copy()
         state[..., 3:6] += np.sqrt(0.006 * AGILITY * DT) * rng.standard_normal((n, 3))
         state[..., 6:] += np.sqrt((0.1 * SHARPEST) ** 2 * DT) * rng.standard_normal((n, 3))
     way = np.array(way)

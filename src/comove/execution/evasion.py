@@ -23,7 +23,7 @@ MOMENT, N_MOMENTS = 0.1, 15  # s, and how many of them are looked ahead
 N_DRAWN, N_VARIED = 60, 30  # courses drawn, and variations of the best
 SPREADS = (0.4, 0.2, 0.1)  # of what is drawn, by which the best is varied, one after the other
 TO_GOAL = 2  # course that goes there
-SAFE = 0.03  # m of clearance, beyond which more is no better
+SAFE = 0.01  # m of clearance, beyond which more is no better
 UNSAFE = 100.0  # m of way to the goal that a metre of clearance below `SAFE` outweighs
 TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 
@@ -65,13 +65,12 @@ def evasive_course(
     course, value = courses[best], values[best]
     if best == TO_GOAL:
         return None
-    if value <= UNSAFE * SAFE - np.linalg.norm(scene.upper - scene.lower):  # not safe: look closer
-        for spread in SPREADS:
-            varied = course + spread * _turning(_random(scene, hands, N_VARIED, rng), rng)
-            varied = _limited(varied, hands, scene.speed_limit)
-            values = worth(varied)
-            if values.max() > value:
-                course, value = varied[np.argmax(values)], values.max()
+    for spread in SPREADS:  # look closer
+        varied = course + spread * _turning(_random(scene, hands, N_VARIED, rng), rng)
+        varied = _limited(varied, hands, scene.speed_limit)
+        values = worth(varied)
+        if values.max() > value:
+            course, value = varied[np.argmax(values)], values.max()
     return course
 
 

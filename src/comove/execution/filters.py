@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CALM = 0.006  # of the acceleration's density, what the steady filter leaves of it
+SLOW, REST = 0.2, 0.02  # of `fastest`, below which the density falls; what is left of it for what stands
 DRIFT = 0.1  # of an angular velocity that is to be expected, by how much it changes within a second
 FORGETS = 0.9  # of the ratio, what a measurement leaves
 RATIO = 4.0  # natural logarithm, from which on something has happened
@@ -79,18 +80,21 @@ def unknown(position: Array, variances: Array) -> Belief:
     return Belief(state, covariance, np.zeros(n))
 
 
-def later(belief: Belief, dt: Array, agility: float, sharpest: float) -> Belief:
+def later(belief: Belief, dt: Array, agility: float, fastest: float, sharpest: float) -> Belief:
     """The same after a while.
 
     Parameters
     ----------
     dt : array, shape (n,), [s]
-    agility : spectral density of accelerations that are no turn [m^2/s^3]
-    sharpest : standard deviation of angular velocities [rad/s]
+    agility : spectral density of accelerations that are no turn, of what does not stand [m^2/s^3]
+    fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
     """
     state, covariance = belief.state.copy(), belief.covariance.copy()
+    # What has been standing cannot turn, only start.
+    square = (state[0, :, VELOCITY] ** 2).sum(axis=1) + covariance[0, :, range(3, 6), range(3, 6)].max(axis=0)
+    density = agility * np.clip(square / (SLOW * fastest) ** 2, REST, 1.0)
     for kind, left in enumerate((CALM, 1.0)):
-        _predict(state[kind], covariance[kind], dt, left * agility, (DRIFT * sharpest) ** 2)
+        _predict(state[kind], covariance[kind], dt, left * density, (DRIFT * sharpest) ** 2)
     return Belief(state, covariance, belief.ratio)
 
 
@@ -130,7 +134,7 @@ def _predict(state, covariance, dt, density, drift):
         noise = np.zeros(9)
         for k in range(3, 9):  # what cannot be, as heights in the plane, has no variance and gets none
             if covariance[i, k, k] > 0.0:
-                noise[k] = density if k < 6 else drift
+                noise[k] = density[i] if k < 6 else drift
         covariance[i] = forward @ np.ascontiguousarray(covariance[i]) @ forward.T
         for k in range(3):
             covariance[i, k, k] += noise[k + 3] * h**3 / 3.0

@@ -75,7 +75,9 @@ class Observed:
         spread[:2, n_dims:] = 0.0  # nothing leaves the plane
         spread[2, : 2 * (3 - n_dims)] = 0.0
         self._belief = unknown(scene.centers, scene.moving[:, None] * spread.ravel() ** 2)
-        informed(self._predicted(np.arange(n), 0.0), scene.centers, 1.0)  # compiles, or loads, what comes at once
+        informed(
+            self._predicted(np.arange(n), 0.0), scene.centers, 1.0
+        )  # compiles, or loads, what comes at once
 
     def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
@@ -123,7 +125,7 @@ class Observed:
         """What is believed of some obstacles at a later instant [s]."""
         when, sensor = self._when[which], self.sensor
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
-        return later(self._belief.at(which), dt, sensor.agility, sensor.sharpest)
+        return later(self._belief.at(which), dt, sensor.agility, sensor.fastest, sensor.sharpest)
 
     def seen(self, time: float) -> Sighting:
         """Where the filters believe them to be, with the margin for what they do not know."""
