@@ -5,11 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from comove.execution.filters import informed, later, unknown
+from comove.execution.filters import CALM, DRIFT, informed, later, unknown
 from comove.execution.sight import Turning
 
 AGILITY, FASTEST, SHARPEST, NOISE, DT = 0.5, 0.5, 1.2, 0.01, 0.01
-SPREAD = np.repeat([10.0, 0.5, SHARPEST], 3) ** 2
+SPREAD = np.repeat([10.0, FASTEST, SHARPEST], 3) ** 2
 
 
 def followed(way, rng, spread=SPREAD):
@@ -104,8 +104,8 @@ def test_they_know_how_well_they_know():
         way.append(state[0].copy())
         start.state[:] = state
         state = later(start, np.full(n, DT), AGILITY, FASTEST, SHARPEST).state[:1].copy()
-        state[..., 3:6] += np.sqrt(0.006 * AGILITY * DT) * rng.standard_normal((n, 3))
-        state[..., 6:] += np.sqrt((0.1 * SHARPEST) ** 2 * DT) * rng.standard_normal((n, 3))
+        state[..., 3:6] += np.sqrt(CALM * AGILITY * DT) * rng.standard_normal((n, 3))
+        state[..., 6:] += np.sqrt((DRIFT * SHARPEST) ** 2 * DT) * rng.standard_normal((n, 3))
     way = np.array(way)
     *_, belief = followed(way[:, :, :3], rng)
     off = belief.state[0] - way[-1]

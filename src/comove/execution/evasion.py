@@ -23,7 +23,7 @@ MOMENT, N_MOMENTS = 0.1, 15  # s, and how many of them are looked ahead
 N_DRAWN, N_VARIED = 60, 30  # courses drawn, and variations of the best
 SPREADS = (0.4, 0.2, 0.1)  # of what is drawn, by which the best is varied, one after the other
 TO_GOAL = 2  # course that goes there
-SAFE = 0.01  # m of clearance, beyond which more is no better
+SAFE = 0.01  # m of clearance, beyond which more is no better, and an objective looks no farther
 UNSAFE = 100.0  # m of way to the goal that a metre of clearance below `SAFE` outweighs
 TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 

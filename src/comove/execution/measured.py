@@ -75,9 +75,8 @@ class Observed:
         spread[:2, n_dims:] = 0.0  # nothing leaves the plane
         spread[2, : 2 * (3 - n_dims)] = 0.0
         self._belief = unknown(scene.centers, scene.moving[:, None] * spread.ravel() ** 2)
-        informed(
-            self._predicted(np.arange(n), 0.0), scene.centers, 1.0
-        )  # compiles, or loads, what comes at once
+        # Compiles, or loads, what comes at once.
+        informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2)
 
     def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
