@@ -100,7 +100,7 @@ def test_measurements_that_are_none(observation, words):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"noise": 0.0}, {"delay": -1}, {"dropout": 1.0}, {"agility": float("inf")}]
+    "wrong", [{"noise": 0.0}, {"noise": 1e-300}, {"delay": -1}, {"dropout": 1.0}, {"agility": float("inf")}]
 )
 def test_sensors_that_are_none(wrong):
     with pytest.raises(OptionError, match=f"{next(iter(wrong))} = "):

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 SIGMAS = 3.0
 MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3}
+FINEST = 1e-9  # m of noise, below which filters lose what they know to rounding
 UNSEEN = 10.0  # m, standard deviation of what has never been seen
 
 
@@ -49,6 +50,8 @@ class Sensor:
     def __post_init__(self) -> None:
         for name, most in MOST.items():
             require_positive(name, getattr(self, name), most)
+        if self.noise < FINEST:
+            raise OptionError(f"noise = {self.noise!r}", key="noise", way_out=f"give {FINEST:g} m or more")
         for name, most in (("delay", 10.0), ("dropout", 0.99)):
             if not is_number(getattr(self, name)) or not 0 <= getattr(self, name) <= most:
                 raise OptionError(
