@@ -1,7 +1,8 @@
-"""Could anybody have dodged? A search for any movement from rest that keeps the limits and touches nothing at first.
+"""Could anybody have dodged? A search for any movement that keeps the limits and touches nothing for a while.
 
-It knows how everything will move, need not get anywhere, and shares nothing with planner and executor: CMA-ES over
-the load's twist at a few instants, straight in between, judged as executions are.
+It goes on from where an execution was at some instant, knows how everything will move, and need not get anywhere. It
+shares nothing with planner and executor: CMA-ES over the load's twist at a few instants, straight in between, judged
+as executions are.
 """
 
 from __future__ import annotations
@@ -9,19 +10,23 @@ from __future__ import annotations
 import numpy as np
 
 from comove.optimisers import CMAES
-from comove.reaction.twists import advanced, poses_of
-from comove.scenes import Scene
+from comove.reaction.twists import Poses, advanced, twists_between
 from comove.verification.record import Record, judge
 
-HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s
+HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s, both ends counted
 STARTS, GENERATIONS = 6, 150
 NEAR = 0.05  # m, of contact that counts as much as twice a limit
 
 
-def dodge(scene: Scene, since: float = 0.0, seed: int = 0) -> Record | None:
-    """A movement that stands until `since` [s] and touches nothing within `HORIZON`; None where none was found."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(round(HORIZON / PERIOD) + 1) * PERIOD
+def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
+    """What touches nothing until `HORIZON` after an instant [s], up to which it is as recorded; None if not found.
+
+    Parameters
+    ----------
+    record : of steps of `PERIOD`, of one body
+    """
+    scene, rng, k = record.scene, np.random.default_rng(seed), round(since / PERIOD)
+    time = np.arange(k + round(HORIZON / PERIOD) + 1) * PERIOD
     around = scene.centers + scene.offsets(time), scene.obstacle_sags(time)
     axes = [0, 1, 5] if scene.n_dims == 2 else list(range(6))
     scale = scene.speed_limit * np.where(np.array(axes) < 3, 1.0, 5.0)
@@ -30,29 +35,45 @@ def dodge(scene: Scene, since: float = 0.0, seed: int = 0) -> Record | None:
         for _ in range(GENERATIONS):
             values = []
             for sample in search.ask():
-                record = moved(scene, time, sample.reshape(-1, len(axes)) * scale, axes, around, since)
-                report = judge(record)
+                found = gone_on(record, k, time, sample.reshape(-1, len(axes)) * scale, axes, around)
+                report = judge(found)
                 excess = max(
                     report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit
                 )
                 values.append(max(0.0, excess - 1.0) + max(0.0, -report.clearance_min / NEAR))
                 if values[-1] == 0.0:
-                    return record
+                    return found
             search.tell(np.array(values))
     return None
 
 
-def moved(
-    scene: Scene, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple, since: float
+def gone_on(
+    record: Record, k: int, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple
 ) -> Record:
-    """The record of a load with given twists, array of shape (N_KNOTS - 1, n_axes), after rest until `since`."""
-    poses, n = poses_of(scene, "start"), len(time)
-    at, given = np.linspace(since, time[-1], N_KNOTS), np.vstack([np.zeros(len(axes)), knots])
+    """A record that goes on after step k with given twists, array of shape (N_KNOTS - 1, n_axes)."""
+    n, before = len(time), Poses(record.center[max(k - 1, 0)], record.quaternion[max(k - 1, 0)])
+    poses = Poses(record.center[k], record.quaternion[k])
+    at, now = np.linspace(time[k], time[-1], N_KNOTS), twists_between(record.scene, before, poses, PERIOD)
     twists = np.zeros((n, 1, 6))
-    for k, axis in enumerate(axes):
-        twists[:, 0, axis] = np.interp(time, at, given[:, k])
+    for i, axis in enumerate(axes):
+        twists[:, 0, axis] = np.interp(time, at, [now[0, axis], *knots[:, i]])
     center, quaternion = np.zeros((n, 1, 3)), np.zeros((n, 1, 4))
-    for k in range(n):
-        center[k], quaternion[k] = poses.center, poses.quaternion
-        poses = advanced(poses, twists[k], PERIOD)
-    return Record(scene, time, center, quaternion, *around)
+    center[:k], quaternion[:k] = record.center[:k], record.quaternion[:k]
+    for step in range(k, n):
+        center[step], quaternion[step] = poses.center, poses.quaternion
+        poses = advanced(poses, twists[step], PERIOD)
+    return Record(record.scene, time, center, quaternion, *around)
+
+
+def news(record: Record, delay: float) -> float:
+    """When one could first know, `delay` [s] late, of the motion that was touched first; that instant [s]."""
+    scene = record.scene
+    for time, nodes in zip(record.time, record.nodes, strict=True):
+        clearance, name = scene.clearance_at(nodes, time)
+        if clearance < 0.0:
+            break
+    touched = [
+        motion for j, motion in enumerate(scene.motions) if motion is not None and scene.name_of(j) == name
+    ]
+    kinks = [kink for motion in touched for kink in motion.kinks if kink + delay < time]
+    return max(kinks, default=0.0) + delay

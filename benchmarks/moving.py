@@ -10,7 +10,8 @@ modulate the hands' velocities as in the paper. That `known` arrives is the witn
 
 Counted apart: scenes in which something stays where the load has to go, out of the arrivals; and, out of the
 contacts, scenes in which `dodging.dodge`, which knows everything, finds no movement within the limits that touches
-nothing for the first two seconds; of what was measured, none that stands until the first news can have come.
+nothing for two seconds, from where the load was when news of the motion that was touched first can have come: of what
+is seen when it changed last (a corner of its way, or its start), of what is measured the sensor's delay after that.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import time
 import warnings
 
 import numpy as np
-from dodging import dodge
+from dodging import dodge, news
 
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
 from comove.execution.comparison import MODULATED, loose_run
@@ -37,8 +38,9 @@ LONGEST = 3.0  # times the duration
 def executed(scene: Scene, sight) -> dict[str, float]:
     """One execution and what was measured of it."""
     executor = Executor(scene, sight)
-    measured = measures(executor.run(LONGEST * scene.duration))
-    return {**measured, "plans": executor.log.planning, "control": executor.log.control}
+    record = executor.run(LONGEST * scene.duration)
+    log = executor.log
+    return {**measures(record), "plans": log.planning, "control": log.control, "record": record}
 
 
 def modulated_run(scene: Scene, sharing: Sharing) -> dict[str, float]:
@@ -99,7 +101,7 @@ def main() -> None:
     scenes = {seed: moving_scene(seed, options.share) for seed in seeds}
     taken = [seed for seed, scene in scenes.items() if is_taken(scene)]
     print(f"the goal is taken at the end in {len(taken)} of {len(scenes)}: {taken}")
-    hit: dict[str, list[int]] = {}
+    hit: dict[str, dict[int, Record]] = {}
     print(
         "| method | arrived | contacts | distance error [m] | clearance [mm] | of the limits | control [ms] "
         "| replan [s] |"
@@ -128,12 +130,13 @@ def main() -> None:
             )
         }
         if name not in MODULATED:
-            hit[name] = told["contact"]
+            hit[name] = {seed: r["record"] for seed, r in zip(seeds, runs, strict=True) if r["contact"]}
             print(f"  {name}: {told}, {time.perf_counter() - begun:.0f} s", flush=True)
-    for name, seeds_hit in hit.items():
-        late = SENSOR.delay if name == "measured" else 0.0
-        could_not = [seed for seed in seeds_hit if dodge(scenes[seed], late) is None]
-        print(f"of those hit by {name}, nothing is known to dodge after {late:g} s in {could_not}")
+    for name, records in hit.items():
+        late = {"known": None, "measured": SENSOR.delay}.get(name, 0.0)
+        since = {seed: 0.0 if late is None else news(record, late) for seed, record in records.items()}
+        could_not = [seed for seed, record in records.items() if dodge(record, since[seed]) is None]
+        print(f"of those hit by {name}, nothing is known to dodge since the news in {could_not}", flush=True)
 
 
 if __name__ == "__main__":

@@ -4,10 +4,12 @@ A course is a twist for every moment of the next while, approached from the pres
 acceleration limit lets it be (a dynamic window: Fox, Burgard and Thrun, 1997), among obstacles that move as expected.
 Some are one twist throughout, others turn off to another one on the way, and the best of them is varied; the course
 of a moment ago is among them. What stays clear by `SAFE` is as good as what stays clear by more; among the safe the
-one that comes nearest to the goal is taken.
+one that comes nearest to the goal is taken, and that leaves some room to what moves, as that may turn.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from comove.planning.objective import Objective
 from comove.primitives.rotations import exponential, matrices, quaternion_product
 from comove.reaction.twists import Poses, hand_velocities, twists_between
+from comove.scenes.distances import inflated
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -25,6 +28,8 @@ SPREADS = (0.4, 0.2, 0.1)  # of what is drawn, by which the best is varied, one 
 TO_GOAL = 2  # course that goes there
 SAFE = 0.01  # m of clearance, beyond which more is no better, and an objective looks no farther
 UNSAFE = 100.0  # m of way to the goal that a metre of clearance below `SAFE` outweighs
+ROOM = 0.15  # m of clearance to what moves, beyond which more is no better
+CRAMPED = 5.0  # m of way to the goal that a metre short of it outweighs
 TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 
 
@@ -49,13 +54,16 @@ def evasive_course(
     """
     scene, hands = objective.scene, _hands(objective.scene, poses)
     n_hands = len(scene.manipulators)
+    wider = replace(scene, obstacles=inflated(scene.obstacles, ROOM * scene.moving[scene.owners]))
+    roomy = replace(objective, scene=wider)
 
     def worth(courses: Array) -> Array:
         nodes = _followed(scene, poses, twists, courses, hands)
         spare = np.minimum(objective.evaluate_nodes(nodes, offsets).clearance - scene.clearance, SAFE)
+        room = np.clip(roomy.evaluate_nodes(nodes, offsets).clearance - scene.clearance, -ROOM, 0.0)
         away = np.linalg.norm(nodes[:, -1, :n_hands, : scene.n_dims] - scene.goal, axis=2).max(axis=1)
         turning = (courses != courses[:, :1]).any(axis=(1, 2, 3))
-        return UNSAFE * spare - away - TURNING * turning
+        return UNSAFE * spare + CRAMPED * room - away - TURNING * turning
 
     courses = _drawn(scene, poses, twists, goal, hands, rng)
     if before is not None:
