@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from comove.experiments.examples import copy_examples
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
@@ -39,10 +41,9 @@ def commands() -> list:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where the commands run: the example scenes lie there."""
+    """Where the commands run: the scenes lie there as the demo leaves them."""
     folder = tmp_path_factory.mktemp("docs")
-    for scene in SCENES.glob("*.yaml"):
-        shutil.copy(scene, folder)
+    copy_examples(folder)
     shutil.copytree(ROOT / "examples", folder / "examples", ignore=shutil.ignore_patterns("*.py"))
     return folder
 

@@ -18,7 +18,7 @@ def demo(
     """Solve the examples from a person's recorded movement and draw the paper's Figures 3 to 5."""
     from comove.cli.progress import progress_bar
     from comove.cli.solve import write_result
-    from comove.experiments.examples import EXAMPLES, example
+    from comove.experiments.examples import EXAMPLES, copy_examples, example
     from comove.experiments.figures import draw_figures
     from comove.planning import CostWeights, solve
     from comove.primitives import DMP
@@ -55,4 +55,8 @@ def demo(
     )
     for name, caption in draw_figures(out, solutions, dmp).items():
         print(f"  {out / name}: {caption}")
+    copy_examples(out)
+    print(
+        f"\nthe scenes lie in {out} as well: try and change them there, `comove solve narrow.yaml --out result`"
+    )
     return VERIFIED if all(s.verified for s in solutions.values()) else NOT_VERIFIED

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from importlib.resources import files
 from pathlib import Path
 
+from comove.demonstrations.files import whole_path
+from comove.errors import ResultError
 from comove.scenes.scene import Scene
 
 EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")
@@ -18,3 +21,17 @@ def example_path(name: str) -> Path:
 def example(name: str) -> Scene:
     """Load an example scene."""
     return Scene.load(example_path(name))
+
+
+def copy_examples(folder: Path) -> None:
+    """Leave the scene files in a folder, to be tried and changed; what is there already is kept.
+
+    Raises
+    ------
+    ResultError
+        If one cannot be written.
+    """
+    for source in sorted(example_path("narrow").parent.glob("*.yaml")):
+        if not (folder / source.name).exists():
+            with whole_path(folder / source.name, ResultError, replace=False) as draft:
+                shutil.copyfile(source, draft)
