@@ -79,6 +79,47 @@ def ring(n=16, inner=0.06, outer=0.09, height=0.05):
     return vertices, np.array(faces)
 
 
+def spoilt(vertices, faces, done, rng):
+    """A mesh after what exports, tools and people do to meshes, in turn."""
+    vertices, faces = np.array(vertices, dtype=float), np.array(faces)
+    size = np.ptp(vertices, axis=0).max()
+    for what in done:
+        k = int(rng.integers(len(faces)))
+        some = rng.random(len(faces)) < 0.4
+        if what == "flip":
+            faces[some] = faces[some][:, ::-1]
+        elif what == "double":
+            faces = np.concatenate([faces, faces[some][:, :: int(rng.choice([-1, 1]))]])
+        elif what == "drop" and len(faces) > 4:
+            faces = np.delete(faces, k, axis=0)
+        elif what == "sliver":
+            a, b, _ = vertices[faces[k]]
+            vertices = np.concatenate([vertices, [0.5 * (a + b) + 1e-10 * size * rng.standard_normal(3)]])
+            faces = np.concatenate([faces, [[*faces[k][:2], len(vertices) - 1]]])
+        elif what == "fin":
+            tip = vertices[faces[k][0]] + 0.3 * size * rng.standard_normal(3)
+            vertices = np.concatenate([vertices, [tip]])
+            fin = [faces[k][0], faces[k][1], len(vertices) - 1]
+            faces = np.concatenate([faces, [fin, fin[::-1]]])
+        elif what == "unwelded":
+            moved = vertices[faces].reshape(-1, 3)
+            vertices = moved + rng.choice([0.0, 1e-12, 1e-7]) * size * rng.standard_normal(moved.shape)
+            faces = np.arange(len(vertices)).reshape(-1, 3)
+        elif what == "line":
+            faces = np.concatenate([faces, [[faces[k][0], faces[k][1], faces[k][1]]]])
+        elif what == "crossing":
+            other = vertices + 0.3 * size * rng.standard_normal(3)
+            faces = np.concatenate([faces, faces + len(vertices)])
+            vertices = np.concatenate([vertices, other])
+        elif what == "far":
+            far = vertices + 3.0 * size * rng.standard_normal(3)
+            faces = np.concatenate([faces, faces[some] + len(vertices)]) if some.any() else faces
+            vertices = np.concatenate([vertices, far])
+        if len(faces) > 400:
+            break
+    return vertices, faces
+
+
 def write_stl(path, vertices, faces):
     """Binary STL."""
     corners = np.asarray(vertices)[np.asarray(faces)].astype("<f4")

@@ -7,7 +7,13 @@ value that are wrong and the way out, and reads as one sentence.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+LONGEST_WORD, LONGEST_MESSAGE = 300, 3000
+"""Characters of one word, and of a whole message, beyond which the middle is left out."""
+MOST_KNOWN = 100
+"""Names that are compared and listed."""
 
 
 class ComoveError(Exception):
@@ -30,12 +36,14 @@ class InputError(ComoveError):
     """
 
     def __init__(self, message: str, *, file: object = None, key: str | None = None, way_out: str = ""):
+        message, way_out = readable(message), readable(way_out)
         super().__init__(message)
         self.message, self.file, self.key, self.way_out = message, file, key, way_out
 
     def __str__(self) -> str:
         said = self.key is not None and self.message.startswith(f"{self.key} ")  # "period = 0" names its key
-        place = ": ".join(str(part) for part in (self.file, None if said else self.key) if part is not None)
+        parts = (self.file, None if said else self.key)
+        place = ": ".join(readable(str(part)) for part in parts if part is not None)
         sentence = f"{place}: {self.message}" if place else self.message
         return f"{sentence}; {self.way_out}" if self.way_out else sentence
 
@@ -88,13 +96,38 @@ class ComoveWarning(UserWarning):
     """Something was changed or looks wrong, and the user should know."""
 
 
+def shortened(text: str, limit: int = 120) -> str:
+    """Leave out the middle of a long text.
+
+    >>> shortened("9" * 1000, 20)
+    '9999999999...9999999'
+    """
+    return text if len(text) <= limit else f"{text[: limit // 2]}...{text[len(text) - limit // 2 + 3 :]}"
+
+
+def readable(message: str) -> str:
+    """A message in which nothing that is quoted is too long to be read."""
+    words = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: shortened(word[0]), message)
+    return shortened(words, LONGEST_MESSAGE)
+
+
+def plain(message: str) -> str:
+    """A message whose characters a terminal shows; the others are escaped as Python does.
+
+    Lines that are indented go on with the message; a line that is not comes from what is quoted.
+    """
+    lines = re.split(r"\n(?=  )", message)
+    return "\n".join("".join(c if c.isprintable() else repr(c)[1:-1] for c in line) for line in lines)
+
+
 def near_name(name: str, names: Iterable[str]) -> str:
     """Say which of the known `names` was probably meant, and list them all.
 
     >>> near_name("raduis", ["center", "radius"])
     "did you mean 'radius'? known: center, radius"
     """
-    names = list(names)
-    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
+    names, name = list(names), shortened(str(name))
+    near = difflib.get_close_matches(name, names[:MOST_KNOWN], n=1, cutoff=0.6)
     guess = f"did you mean '{near[0]}'? " if near else ""
-    return f"{guess}known: {', '.join(names)}"
+    more = f" and {len(names) - MOST_KNOWN} more" if len(names) > MOST_KNOWN else ""
+    return f"{guess}known: {', '.join(names[:MOST_KNOWN])}{more}"

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 
 from comove.cli import show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
+from comove.cli.progress import ONCE
 
 SCENE = """\
 name: test
@@ -88,13 +90,24 @@ def copied(result, tmp_path):
     return scene, mine
 
 
+def processor_time():
+    """Of all processes that this one has waited for [s]: others on the machine do not count."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def told(outcome):
+    """What stands on standard error, but that kernels are compiled: on a fresh machine some test is the first."""
+    return "".join(line for line in outcome.stderr.splitlines(True) if not line.startswith(ONCE))
+
+
 # --- Verified: 0 ---
 
 
 def test_solve_saves_and_tells(result):
     _, folder, outcome = result
     assert outcome.exit_code == 0
-    assert outcome.stderr == ""
+    assert told(outcome) == ""
     names = {path.name for path in folder.iterdir()}
     assert names == {"solution.npz", "solution.json", "motion.png", "progress.png"}
     for name in ("motion.png", "progress.png"):
@@ -111,7 +124,7 @@ def test_solve_saves_and_tells(result):
 def test_json_prints_solution_json_and_nothing_else(scene, tmp_path):
     outcome = run("solve", scene, "--out", tmp_path / "out", "--seed", 3, "--json")
     assert outcome.returncode == 0
-    assert outcome.stderr == ""
+    assert told(outcome) == ""
     assert outcome.stdout == (tmp_path / "out" / "solution.json").read_text()
     assert json.loads(outcome.stdout)["seed"] == 3
 
@@ -196,7 +209,7 @@ def test_verify_accepts_a_good_result(result):
     outcome = invoke("verify", scene, folder)
     assert outcome.exit_code == 0
     assert "verified" in outcome.stdout
-    assert outcome.stderr == ""
+    assert told(outcome) == ""
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "time", "weights"])
@@ -255,9 +268,9 @@ def test_a_scene_without_solution(result, tmp_path):
     """`result` comes first, so that kernels are compiled and the budget is the search's."""
     path = tmp_path / "closed.yaml"
     path.write_text(CLOSED)
-    begun = time.perf_counter()
+    begun = processor_time()
     outcome = run("solve", path, "--out", tmp_path / "out", "--budget", 6)
-    assert time.perf_counter() - begun < 6 + 4
+    assert processor_time() - begun < 3 * 6
     assert outcome.returncode == 1
     assert "Traceback" not in outcome.stderr
     assert "NOT VERIFIED" in outcome.stdout

@@ -17,6 +17,7 @@ from comove.cli.app import app
 from comove.cli.robot import export, report
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
+from comove.robots import description as robot_files
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
@@ -90,6 +91,69 @@ def test_the_hands_carry_the_stick(solved):
         yaw = np.arctan2(along[1], along[0])
         down = np.array([[-np.cos(yaw), -np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, -1]])
         assert all(np.abs(pose.rotation - down).max() < 1e-6 for pose in poses)
+
+
+def edited(folder, **changes):
+    """Edit robot.json, and bring its checksum along."""
+    from comove.robots.files import _summary_checksum
+
+    summary = json.loads((folder / "robot.json").read_text()) | changes
+    summary["summary_sha256"] = _summary_checksum(summary)
+    (folder / "robot.json").write_text(json.dumps(summary))
+
+
+def test_the_robot_is_the_scenes_or_the_commands_whatever_the_folder_says(copy, tmp_path):
+    looser = yaml.safe_load((robot_files.BUNDLED / "baxter.yaml").read_text(encoding="utf-8"))
+    looser["springs"] = dict.fromkeys(looser.get("springs", {}), 0.9)
+    (tmp_path / "looser.yaml").write_text(yaml.safe_dump(looser))
+    edited(copy, robot_file=str(tmp_path / "looser.yaml"))
+    assert run("verify", SCENE, copy).exit_code == 0  # by the scene's own
+    edited(copy, robot_sha256=Robot.load(tmp_path / "looser.yaml").sha256)
+    rejected = run("verify", SCENE, copy)
+    assert rejected.exit_code == 1
+    assert "is not the robot that was judged" in rejected.stderr
+
+
+def test_a_folder_cannot_bring_a_robot_of_its_own(copy, tmp_path):
+    """The scene names none: a bundled one may be named by the folder, another by the command alone."""
+    nameless = scene_with(tmp_path, robot=None)
+    out = tmp_path / "out"
+    assert run("robot", "solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
+    assert run("verify", nameless, out).exit_code == 0
+    shutil.copy(robot_files.BUNDLED / "baxter.yaml", tmp_path / "mine.yaml")
+    edited(out, robot_file=str(tmp_path / "mine.yaml"))
+    refused = run("verify", nameless, out)
+    assert refused.exit_code == 2
+    assert "neither the scene nor the command names a robot" in refused.stderr
+    assert run("verify", nameless, out, "--robot", "baxter").exit_code == 0
+
+
+def test_verify_says_where_no_joints_were_judged(copy):
+    for name in ("robot.json", "joints.npz", "scene.json", "joints.png"):
+        (copy / name).unlink()
+    result = run("verify", SCENE, copy)
+    assert result.exit_code == 0
+    assert "the hands alone" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"clearance_load": "x"}, {"robot": 5}, {"reasons": 5}, {"verified": "yes"}, {"joint_margin_min": []}],
+)
+def test_show_refuses_entries_that_are_none(copy, changes):
+    edited(copy, **changes)
+    shown = run("show", copy)
+    assert shown.exit_code == 2 and shown.stdout == ""
+    assert shown.stderr.startswith(f"error: {copy}/robot.json: {next(iter(changes))}: ")
+
+
+def test_show_tells_an_edit(copy):
+    edited(copy, load_mass=0.3)
+    assert run("show", copy).exit_code == 0  # well signed: that is for `verify` to find
+    assert run("verify", SCENE, copy).exit_code == 1
+    summary = json.loads((copy / "robot.json").read_text()) | {"load_mass": 0.2}
+    (copy / "robot.json").write_text(json.dumps(summary))
+    assert "was edited" in run("show", copy).stderr
 
 
 def test_verify_and_show_speak_of_the_robot(solved):

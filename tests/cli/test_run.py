@@ -99,6 +99,13 @@ def test_a_run_that_is_blocked(invoke, tmp_path):
     ("change", "options", "words"),
     [
         ({}, ["--period", "0"], "period = 0.0"),
+        ({}, ["--period", "1e-9"], "--period: 1e-09 s is too short; give 0.0001 s or more"),
+        ({}, ["--period", "9e-5"], "is too short"),
+        ({}, ["--period", "nan"], "period = nan"),
+        ({}, ["--period", "-1e-9"], "period = -1e-09"),
+        ({}, ["--budget", "1e9"], "1e+09 s in steps of 0.01 s are more than 2,000,000 steps"),
+        ({}, ["--period", "1e-4", "--budget", "201"], "201 s in steps of 0.0001 s are more than"),
+        ({"duration": 3600.0}, ["--period", "1e-4"], "10800 s in steps of 0.0001 s are more than"),
         ({}, ["--budget", "-1"], "--budget"),
         (
             {"obstacles": [{"shape": "circle", "center": [0.15, 0.5], "radius": 0.1}]},

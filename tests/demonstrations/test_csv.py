@@ -1,6 +1,7 @@
 """Recordings as text: exact round trips, and bad files told by row and column."""
 
 import os
+import time
 import warnings
 
 import numpy as np
@@ -226,7 +227,7 @@ def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(DemonstrationError, match=r"carry\.csv: it cannot be written: No space left"):
+    with pytest.raises(DemonstrationError, match=r"carry\.csv: it cannot be written: the disk is full"):
         write_csv(path, Demonstration([0.0, 1.0], [[0.0], [1.0]]))
     assert path.read_text() == GOOD
     assert os.listdir(tmp_path) == ["carry.csv"]
@@ -362,3 +363,51 @@ def test_names_keep_their_order_whatever_they_are(tmp_path, axes, unit):
     again = read_csv(tmp_path / "a.csv")[""]
     assert (again.axes, again.unit) == (demo.axes, unit)
     np.testing.assert_array_equal(again.position, demo.position)
+
+
+WIDE = 200_001
+LARGE = {
+    "columns": (
+        "time," + ",".join(f"c{i} [rad]" for i in range(WIDE)) + "\n",
+        "more than 1,048,576 characters",
+    ),
+    "named columns": ("time," + ",".join(f"{i}.x" for i in range(50_000)) + "\n", "there are 50001 columns"),
+    "commas": ("time" + "," * 5_000_000 + "\n", "row 1: it has more than"),
+    "a line without an end": ("x" * 5_000_000, "row 1: it has more than"),
+    "a comment": ("time,x\n#" + "#" * 5_000_000, "row 2: it has more than"),
+    "a blank line": ("time,x\n0,0\n" + " " * 5_000_000, "row 3: it has more than"),
+    "zeros": ("\0" * 5_000_000, "row 1: it has more than"),
+    "a cell": ("time,x\n0,0\n1," + "9" * 2_000_000 + "\n", "row 3: it has more than"),
+    "a long cell": ("time,x\n0,0\n1," + "9" * 900_000 + "\n", "99... is too large"),
+    "a text": ("time,x\n0,0\n1," + "a" * 900_000 + "\n", "aa...' is not a number"),
+    "cells": ("time,x\n0,0\n" + "1," * 500_000 + "\n", "it has 500001 cells and the header has 2"),
+    "a name": ("time," + "n" * 900_000 + " [rad]\n", "the name has 900006 characters"),
+    "rows without columns": ("time\n" + "0\n" * 1_000_000, "there are no positions beside time"),
+    "blank rows": ("time,x\n" + "\n" * 1_900_000, "there are no rows"),
+    "returns": ("time,x\r" + "x" * 3_000_000, "row 2: it has more than"),
+}
+
+
+@pytest.mark.parametrize(("content", "words"), LARGE.values(), ids=LARGE)
+def test_whatever_is_large_is_told_soon_and_in_short(tmp_path, content, words):
+    path = write(tmp_path, content)
+    began = time.monotonic()
+    with pytest.raises(DemonstrationError) as caught:
+        read_csv(path)
+    assert time.monotonic() < began + 10
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 400 + len(str(path))
+
+
+def test_lines_that_fill_blocks_are_no_long_lines(tmp_path):
+    """What is read at a time ends within a line, at its end, or before it."""
+    for width in (2**15 - 1, 2**15, 2**15 + 1, 2**16 - 1, 2**16):
+        rows = "".join(f"{i},{'0' * width}\n" for i in range(40))
+        assert read_csv(write(tmp_path, "time,x\n" + rows))[""].n_steps == 40
+
+
+def test_more_numbers_than_memory_is_meant_for(tmp_path, monkeypatch):
+    monkeypatch.setattr("comove.demonstrations.csv.MAX_CELLS", 1000)
+    path = write(tmp_path, "time,x\n" + "".join(f"{i},0\n" for i in range(501)))
+    with pytest.raises(DemonstrationError, match="more than 1,000 numbers; keep every n-th row"):
+        read_csv(path)

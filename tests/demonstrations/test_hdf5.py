@@ -283,3 +283,46 @@ def test_a_missing_library_names_the_command(path, hand, without, refused):
     command = r"run: pip install 'comove\[data\]'"
     refused(read_hdf5, path, key=None, says="needs h5py", way_out=command)
     refused(lambda p: write_robomimic(p, [hand()]), path, key=None, says="needs h5py", way_out=command)
+
+
+@pytest.mark.parametrize("layout", ["robomimic", "aloha"])
+def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
+    """In every file that comove wrote: of each dataset and of what describes it; other files may have none."""
+    file = tmp_path / "a.hdf5"
+    if layout == "robomimic":
+        write_robomimic(file, [{"left": hand(0), "right": hand(1)}])
+    else:
+        write_aloha(file, hand(0, n_dims=7, turned=False))
+
+    def numbers():
+        (demos,) = read_hdf5(file).values()
+        arrays = [
+            (d.time, d.position, d.time if d.orientation is None else d.orientation) for d in demos.values()
+        ]
+        return list(demos), [array.tobytes() for three in arrays for array in three]
+
+    before, content, told = numbers(), file.read_bytes(), 0
+    for at in range(0, len(content), 5):
+        file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        try:
+            after = numbers()
+        except DemonstrationError:
+            told += 1
+        else:
+            assert after == before, at
+    assert told > 100
+
+
+@pytest.mark.parametrize("chunks", [None, (4, 3)])
+def test_what_was_never_written_is_no_zeros(tmp_path, chunks):
+    """As a recorder leaves it that is killed."""
+    rows = np.cumsum(np.full((10, 3), 0.01), axis=0)
+    with h5py.File(tmp_path / "a.hdf5", "w") as root:
+        dataset = root.create_dataset("data/demo_0/obs/robot0_eef_pos", (10, 3), "f8", chunks=chunks)
+        if chunks:
+            dataset[:7] = rows[:7]  # two chunks of three
+    with pytest.raises(DemonstrationError, match="robot0_eef_pos: not all of it was written; record or copy"):
+        read_hdf5(tmp_path / "a.hdf5")
+    with h5py.File(tmp_path / "a.hdf5", "r+") as root:
+        root["data/demo_0/obs/robot0_eef_pos"][:] = rows
+    assert read_hdf5(tmp_path / "a.hdf5")["demo_0"]["robot0"].n_steps == 10

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -288,16 +290,70 @@ def test_episodes_that_are_empty_or_out_of_order_are_told(path, hand):
 
 def test_claims_are_compared_with_a_limit_before_anything_is_read(path, hand, monkeypatch):
     write_lerobot(path, [hand(rate=30.0)])
-    monkeypatch.setattr(pq.ParquetFile, "read", lambda *_, **__: pytest.fail("read"))
-    for name, says in [
-        ("MAX_ROWS", "12 rows"),
-        ("MAX_COLUMN_BYTES", "claims 12 rows"),
-        ("MAX_BYTES", "more than"),
-    ]:
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("read"))
+    for name, says in [("MAX_ROWS", "12 rows"), ("MAX_BYTES", "more than")]:
         with monkeypatch.context() as patch:
             patch.setattr(lerobot, name, 5)
             with pytest.raises(DemonstrationError, match=says):
                 read_lerobot(path)
+
+
+def test_columns_are_read_up_to_the_limit(path, hand, monkeypatch):
+    write_lerobot(path, [hand(rate=30.0)])
+    monkeypatch.setattr(lerobot, "_BATCH", 5)
+    (demo,) = read_lerobot(path)["0"].values()
+    assert demo.n_steps == 12
+    monkeypatch.setattr(lerobot, "MAX_COLUMN_BYTES", 100)
+    with pytest.raises(DemonstrationError, match="has columns of more than 0 MB; split the dataset"):
+        read_lerobot(path)
+
+
+def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand):
+    """Which pyarrow does where it is asked for the sizes of columns; found by changing bytes."""
+    write_lerobot(path, [hand(rate=30.0)])
+    file = path / "data/chunk-000/episode_000000.parquet"
+    content = file.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    code = """
+import sys
+from pathlib import Path
+from comove.demonstrations.lerobot import read_lerobot
+from comove.errors import DemonstrationError
+
+file = Path(sys.argv[2])
+content = file.read_bytes()
+for at in range(int(sys.argv[3]), len(content)):
+    file.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    try:
+        read_lerobot(sys.argv[1])
+    except DemonstrationError:
+        pass
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, path, file, str(footer)], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_changed_number_is_told_by_the_checksum_of_its_page(path, hand):
+    """Every number of a movement that comove wrote; files without checksums of pages cannot tell."""
+    write_lerobot(path, [hand(rate=30.0)])
+    before = read_lerobot(path)["0"][""]
+    file = path / "data/chunk-000/episode_000000.parquet"
+    content = file.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    told = 0
+    for at in range(4, footer, 3):
+        file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        try:
+            after = read_lerobot(path)["0"][""]
+        except DemonstrationError:
+            told += 1
+        else:  # of a column that is not read
+            np.testing.assert_array_equal(after.position, before.position)
+            np.testing.assert_array_equal(after.time, before.time)
+            np.testing.assert_array_equal(after.orientation, before.orientation)
+    assert told > 100
 
 
 def test_files_cut_anywhere_are_refused(path, hand, cut_anywhere):

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import time
 import warnings
 
 import numpy as np
@@ -468,3 +469,61 @@ def test_messages_are_written_in_the_order_of_their_stamps(tmp_path, hand):
         rows = database.execute("SELECT timestamp, topic_id FROM messages ORDER BY id").fetchall()
     assert rows == sorted(rows)
     assert {topic for _, topic in rows[:6]} == {1, 2}
+
+
+def changed_anywhere(read, file, step):
+    """How often one changed byte of a file is told, and how often it changes nothing that is read."""
+    content, before = file.read_bytes(), numbers(read())
+    told = same = 0
+    for at in range(0, len(content), step):
+        file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        try:
+            after = numbers(read())
+        except DemonstrationError:
+            told += 1
+        else:
+            assert after == before, at
+            same += 1
+    file.write_bytes(content)
+    return told, same
+
+
+def numbers(demos):
+    return [
+        (name, demo.time.tobytes(), demo.position.tobytes(), demo.orientation.tobytes())
+        for name, demo in demos.items()
+    ]
+
+
+def test_every_changed_byte_of_an_mcap_is_told(tmp_path, hand):
+    """By its checksums, which the library does not write and mostly does not read."""
+    write_rosbag(tmp_path / "a.mcap", {"left": hand(0), "right": hand(1)})
+    told, same = changed_anywhere(lambda: read_rosbag(tmp_path / "a.mcap"), tmp_path / "a.mcap", 7)
+    assert same <= 0.02 * told
+
+
+def test_a_bag_without_checksums_is_read_as_it_stands(tmp_path, hand):
+    """ROS 1 and SQLite have none, and an MCAP need not: there another number is another movement."""
+    write_rosbag(tmp_path / "a.bag", hand(0))
+    (before,) = read_rosbag(tmp_path / "a.bag").values()
+    content = (tmp_path / "a.bag").read_bytes()
+    number = before.position[3, 0].tobytes()
+    (tmp_path / "a.bag").write_bytes(content.replace(number, (-before.position[3, 0]).tobytes()))
+    (after,) = read_rosbag(tmp_path / "a.bag").values()
+    assert after.position[3, 0] == -before.position[3, 0]
+    pytest.importorskip("mcap")
+    from mcap.reader import make_reader
+
+    write_rosbag(tmp_path / "a.mcap", hand(0))
+    with open(tmp_path / "a.mcap", "rb") as file:  # another implementation agrees with the checksums
+        assert len(list(make_reader(file, validate_crcs=True).iter_messages())) == before.n_steps
+
+
+def test_what_only_ends_in_mcap_is_told_at_once(tmp_path):
+    """200 MB of zeros, which are 22 million records of length 0."""
+    with open(tmp_path / "a.mcap", "wb") as file:
+        file.truncate(200_000_000)
+    before = time.process_time()
+    with pytest.raises(DemonstrationError, match="no whole bag"):
+        read_rosbag(tmp_path / "a.mcap")
+    assert time.process_time() - before < 5.0

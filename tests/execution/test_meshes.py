@@ -14,8 +14,6 @@ from comove.views.run import draw_run
 
 from ..meshes import l_profile, ring, write_obj
 
-pytest.importorskip("trimesh")
-
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):

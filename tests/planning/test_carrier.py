@@ -5,7 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from comove.planning import Comove, solve
+from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
+from comove.planning.seeds import RIDGES, profiles
 from comove.scenes import Scene
 
 SCENE = Scene.from_dict(
@@ -80,3 +82,23 @@ def test_what_nothing_can_carry_is_handed_out_as_an_attempt():
 
     found = solve(SCENE, seed=0, budget=1.5, carrier=Helpless(0.5), checks=[lambda motion: ["never"]])
     assert not found.verified and "never" in found.reasons
+
+
+def test_where_a_carrier_only_doubts_its_check_is_asked():
+    """Its own picture is rougher than what the check knows; but it is not asked about everything."""
+
+    class Doubtful(Ceiling):
+        def ask(self, nodes):
+            return np.zeros(len(nodes)), np.zeros(len(nodes), dtype=bool)
+
+    judged = []
+
+    def check(motion):
+        judged.append(motion)
+        return [] if len(judged) == 3 else ["not like this"]
+
+    method = Comove(n_plans=1, n_unfit=np.inf, n_polishings=1, polishing=UNPOLISHED)
+    found = solve(SCENE, budget=600, method=method, carrier=Doubtful(0.72), checks=[check])
+    assert found.verified
+    assert len(judged) == 4  # two of the first plan, one of the second, and what comes of polishing
+    assert found.evaluations <= 5 * len(profiles(2)) * len(RIDGES)

@@ -3,8 +3,10 @@
 import json
 import os
 import shutil
+import warnings
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import comove
-from comove import Projection
+from comove import CostWeights, Projection
+from comove.cli.show import summary_text
 from comove.errors import ResultError
 from comove.results import check_target, read_result, verify_result, whole_folder, write_solution
-from comove.results.folder import _summary_checksum, checksum, rebuild
+from comove.results.folder import _summary_checksum, checksum, rebuild, require_whole
 from comove.scenes import Scene
+from tests.killing import killed_at
 from tests.solved import example, solved
 from tests.verification.random_motions import scene_data
 
@@ -305,6 +309,77 @@ def refused(folder, *words):
     assert "Traceback" not in str(caught.value)
 
 
+COSTS = [
+    {"cost": 0.5},
+    {"cost": "x"},
+    {"cost": 10**400},
+    {"cost_terms": {"goal": 0.0}},
+    {"cost_terms": 5},
+    {"cost_weights": {"goal": 0.5, "velocity": 0.01, "obstacle": 10.0}},
+    {"cost_weights": []},
+    {"scene": "another"},
+    {"clearance_min": 10**400},
+    {"clearance_min": True},
+]
+
+
+@pytest.mark.parametrize("changes", COSTS, ids=str)
+def test_costs_and_names_are_recomputed(folder, changes):
+    edit_summary(folder, signed=True, **changes)
+    assert reasons(folder)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("name", ["goal", "velocity"])
+def test_every_term_of_the_cost_is_recomputed(folder, name, factor):
+    terms = json.loads((folder / "solution.json").read_text())["cost_terms"]
+    terms[name] *= factor
+    edit_summary(folder, signed=True, cost_terms=terms, cost=sum(terms.values()))
+    (reason,) = reasons(folder)
+    assert f"cost_terms.{name}" in reason
+
+
+def test_other_weights_of_the_cost_are_kept_and_shown(tmp_path):
+    weights = CostWeights(goal=2.0, velocity=0.0)
+    solution = comove.solve(example("wide"), seed=0, cost=weights, budget=5.0)
+    folder = written(tmp_path / "result", solution)
+    summary = json.loads((folder / "solution.json").read_text())
+    assert summary["cost_weights"] == {"goal": pytest.approx(2.0), "velocity": 0.0, "obstacle": 10.0}
+    assert not any("cost" in reason for reason in reasons(folder, example("wide")))
+    assert "goal" in summary_text(summary, folder)
+    assert "(weight 2)" in summary_text(summary, folder)
+
+
+SHOWN = ["scene", "method", "seed", "verified", "reasons", "cost", "cost_terms", "cost_weights"]
+SHOWN += ["clearance_min", "speed_max", "time_to_first_verified_s", "wall_time_s"]
+
+
+@pytest.mark.parametrize("value", [[], "x" * 1000, {"a": 1}, True, 10**400, 1.5, -1])
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_is_shown_has_its_type(folder, name, value):
+    """Whatever stands there is shown, or refused in a sentence that names it."""
+    edit_summary(folder, signed=True, **{name: value})
+    try:
+        text = summary_text(require_whole(read_result(folder)).summary, folder)
+        assert text
+    except ResultError as error:
+        assert error.key.startswith(name)
+        assert len(str(error)) < 500 + len(str(folder))
+
+
+def test_what_was_edited_is_not_shown(folder):
+    assert require_whole(read_result(folder)).summary["seed"] == 0
+    text = (folder / "solution.json").read_text()
+    (folder / "solution.json").write_text(text.replace('"seed": 0', '"seed": 1'))
+    with pytest.raises(ResultError, match="was edited: its own checksum does not fit"):
+        require_whole(read_result(folder))
+    (folder / "solution.json").write_text(text)
+    arrays = arrays_of(folder)
+    np.savez(folder / "solution.npz", **(arrays | {"position": arrays["position"] + 1e-3}))
+    with pytest.raises(ResultError, match=r"solution\.npz: its checksum is not the one"):
+        require_whole(read_result(folder))
+
+
 def test_missing_files(folder, tmp_path):
     refused(tmp_path / "nowhere", "nowhere", "no such folder")
     refused(folder / "solution.json", "solution.json")
@@ -489,6 +564,34 @@ def test_a_folder_that_is_not_writable(tmp_path):
 def test_a_file_system_that_takes_no_folders():
     with pytest.raises(ResultError, match="written"), whole_folder("/proc/comove-result"):
         pytest.fail("the body must not run")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
+@pytest.mark.parametrize("exchange", [True, False])
+def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path, exchange, monkeypatch):
+    folder, step = written(tmp_path / "result", solved("narrow")), 0
+    old = (folder / "solution.json").read_bytes()
+    if not exchange:
+        monkeypatch.setattr("comove.demonstrations.drafts.exchanged", lambda *_: False)
+
+    def again():
+        with whole_folder(folder) as draft:
+            for name in ("solution.npz", "solution.json"):
+                (draft / name).write_bytes((folder / name).read_bytes().replace(b"narrow", b"narrew"))
+
+    watched = {str(path) for path in Path(comove.__file__).parent.rglob("*.py")}
+    while killed_at(step := step + 1, watched, again):
+        assert folder.exists() or not exchange
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            name = read_result(folder).summary["scene"]
+        assert name in ("narrow", "narrew")
+        assert (name == "narrew") or not said
+        with whole_folder(folder) as draft:
+            shutil.copytree(folder, draft, dirs_exist_ok=True)
+            (draft / "solution.json").write_bytes(old)
+        assert names_in(tmp_path) == ["result"]
+    assert step > 50
 
 
 def test_a_link_to_a_result_is_replaced_without_litter(folder, tmp_path):

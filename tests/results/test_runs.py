@@ -1,12 +1,23 @@
 """The store of runs keeps what is written, once, and says what is wrong with other files."""
 
 import sqlite3
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
 
 from comove.errors import ResultError
-from comove.results.runs import COLUMNS, Configuration, Figures, Machine, Run, RunStore, export_parquet
+from comove.results.runs import (
+    APPLICATION,
+    COLUMNS,
+    Configuration,
+    Figures,
+    Machine,
+    Run,
+    RunStore,
+    export_parquet,
+)
 
 WHAT = Configuration("easy", "planar-00", "ab12", "comove", 0, 10.0, "0.1.0")
 RUN = Run(
@@ -90,3 +101,102 @@ def test_parquet(tmp_path):
     assert table["seed"] == [0, 1]
     with pytest.raises(ResultError, match="cannot be written"):
         export_parquet(store, tmp_path / "none" / "runs.parquet")
+
+
+OTHERS = [
+    ("ALTER TABLE runs ADD COLUMN more TEXT", "another version of comove: its table 'runs'"),
+    ("ALTER TABLE runs DROP COLUMN jerk_max", "another version of comove: its table 'runs'"),
+    ("ALTER TABLE runs RENAME COLUMN cost TO costs", "another version of comove: its table 'runs'"),
+    ("ALTER TABLE planned ADD COLUMN more TEXT", "another version of comove: its table 'planned'"),
+    ("DROP TABLE runs", "no table 'runs': it was not finished"),
+    ("UPDATE runs SET history = 'x'", "the row '.{12}' was changed: Expecting value"),
+    ("UPDATE runs SET history = '[1, 2]'", "was changed"),
+    ("UPDATE runs SET cost = 'abc'", "was changed: cost is 'abc'"),
+    ("UPDATE runs SET cost = x'00'", "was changed: cost is b"),
+    ("UPDATE runs SET seed = NULL", "was changed: seed is None"),
+    ("UPDATE runs SET status = 'great'", "was changed: it is not what was run"),
+    ("UPDATE runs SET budget = 11", "was changed: it is not what was run"),
+]
+
+
+@pytest.mark.parametrize(("sql", "told"), OTHERS)
+def test_stores_of_other_versions_and_changed_rows_are_told(tmp_path, sql, told):
+    pytest.importorskip("pyarrow")
+    store = RunStore.create(tmp_path / "runs.sqlite")
+    store.add(RUN)
+    with sqlite3.connect(store.path) as connection:
+        connection.execute(sql)
+    connection.close()
+    readers = (
+        lambda: RunStore.open(store.path).runs(),
+        lambda: export_parquet(RunStore.open(store.path), tmp_path / "p"),
+    )
+    for read in readers:
+        with pytest.raises(ResultError, match=told) as caught:
+            read()
+        assert caught.value.way_out and str(store.path) in str(caught.value)
+        assert not (tmp_path / "p").exists()
+
+
+def test_a_store_that_was_not_finished_is_finished(tmp_path):
+    path = tmp_path / "runs.sqlite"
+    with sqlite3.connect(path) as connection:
+        connection.execute(f"PRAGMA application_id = {APPLICATION}")
+    connection.close()
+    RunStore.create(path).add(RUN)
+    assert RunStore.open(path).runs() == [RUN]
+
+
+@pytest.mark.parametrize("length", [16, 50, 100, 4096, 9000])
+def test_a_store_that_is_cut_off_is_told(tmp_path, length):
+    store = RunStore.create(tmp_path / "runs.sqlite")
+    store.add(RUN)
+    store.path.write_bytes(store.path.read_bytes()[:length])
+    for read in (lambda: RunStore.open(store.path).runs(), lambda: RunStore.create(store.path).add(RUN)):
+        with pytest.raises(ResultError, match=r"no SQLite file|malformed; copy it again"):
+            read()
+
+
+def test_many_at_once_make_one_store(tmp_path):
+    """No matter who is first; each adds a row of its own and one that all add."""
+    code = (
+        "import sys\nfrom dataclasses import replace\nfrom tests.results.test_runs import RUN, WHAT, RunStore\n"
+        "sys.stdin.read()\nstore = RunStore.create(sys.argv[1])\nstore.add(RUN)\n"
+        "store.add(replace(RUN, configuration=replace(WHAT, seed=1 + int(sys.argv[2]))))"
+    )
+    for turn in range(3):
+        path = tmp_path / f"{turn}.sqlite"
+        makers = [
+            subprocess.Popen(
+                [sys.executable, "-c", code, path, str(k)], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+            )
+            for k in range(4)
+        ]
+        for maker in makers:
+            maker.stdin.close()
+        assert [maker.stderr.read() for maker in makers] == [b""] * 4
+        assert [maker.wait() for maker in makers] == [0] * 4
+        assert sorted(run.configuration.seed for run in RunStore.open(path).runs()) == [0, 1, 2, 3, 4]
+
+
+def test_a_store_where_nobody_may_write_is_read(tmp_path, monkeypatch):
+    """As SQLite says it on such a medium, where it could not make the files that it works with."""
+    store = RunStore.create(tmp_path / "runs.sqlite")
+    store.add(RUN)
+    connect = sqlite3.connect
+
+    def on_such_a_medium(database, **options):
+        if not options.get("uri"):
+            raise sqlite3.OperationalError("unable to open database file")
+        assert "mode=ro" in database and "immutable=1" in database
+        return connect(database, **options)
+
+    monkeypatch.setattr(sqlite3, "connect", on_such_a_medium)
+    assert RunStore.open(store.path).runs() == [RUN]
+    with pytest.raises(
+        ResultError, match="cannot be used: unable to open database file; make room, or name a file"
+    ):
+        store.add(RUN)
+    (tmp_path / "runs.sqlite-wal").write_bytes(b"rows")
+    with pytest.raises(ResultError, match=r"its last rows lie in runs.sqlite-wal.*copy both files"):
+        RunStore.open(store.path)

@@ -15,7 +15,7 @@ from comove.errors import ResultError
 from comove.planning.objective import Cost
 from comove.planning.solution import Solution
 from comove.results import whole_folder, write_solution
-from comove.results.folder import checksum
+from comove.results.folder import _summary_checksum, checksum
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.files import read_joints, verify_stored, write_joints
@@ -149,9 +149,13 @@ def test_a_scene_with_a_demonstration_keeps_its_checksum_without_it(tmp_path):
     assert verify_stored(tmp_path / "elsewhere").verified is not None
 
 
-def test_what_was_assumed_is_assumed_again(tmp_path):
+def test_what_was_assumed_has_to_be_said_again(tmp_path):
     told = {"uncertainty": Uncertainty(position=0.002), "mass_shares": [0.25, 0.75]}
-    verdict = verify_stored(write(tmp_path / "result", **told))
+    folder = write(tmp_path / "result", **told)
+    reasons = " ".join(verify_stored(folder).reasons)
+    assert "robot.json says uncertainty = {'position': 0.002, 'rotation_deg': 0.0}, the robot's" in reasons
+    assert "robot.json says mass_shares = [0.25, 0.75], it is judged by None" in reasons
+    verdict = verify_stored(folder, **told)
     assert verdict.reasons == ()
     assert verdict.report.hand_uncertainty == pytest.approx(0.002)
     assert verdict.report.mass_shares == (0.25, 0.75)
@@ -232,10 +236,14 @@ def test_an_edited_measure_is_named(folder, name, value):
         ({"scene_sha256": "0" * 64}, "scene.json was edited"),
         ({"motion_sha256": "0" * 64}, "is not the motion that the joints carry out"),
         ({"verified": False}, "does not claim a verified motion"),
-        ({"uncertainty": {"position": "x"}}, "uncertainty is"),
-        ({"uncertainty": None}, "uncertainty is None"),
-        ({"mass_shares": "all"}, "mass_shares is 'all'"),
-        ({"mass_shares": [0.9, 0.9]}, "give 2 parts of 1"),
+        ({"robot": "hal"}, "robot.json says robot = 'hal', it is judged by baxter"),
+        ({"reasons": 5}, "robot.json was edited: reasons: 5 is not a list of texts"),
+        ({"uncertainty": {"position": "x"}}, "robot.json says uncertainty = {'position': 'x'}"),
+        ({"uncertainty": None}, "robot.json says uncertainty = None"),
+        ({"mass_shares": "all"}, "robot.json says mass_shares = 'all'"),
+        ({"mass_shares": [0.5, 0.5]}, "robot.json says mass_shares = [0.5, 0.5], it is judged by None"),
+        ({"joint_margin_min": 10**400}, "robot.json says joint_margin_min"),
+        ({"joint_margin_min": True}, "robot.json says joint_margin_min"),
     ],
 )
 def test_an_edited_field_is_named(folder, edit, told):
@@ -244,6 +252,52 @@ def test_an_edited_field_is_named(folder, edit, told):
     verdict = verify_stored(folder)
     assert verdict.verified is None
     assert any(told in reason for reason in verdict.reasons)
+
+
+def unsure(position=0.05):
+    """Baxter on bases that nobody knows well; on them the known movement is not safe."""
+    robot = baxter()
+    description = robot.description.model_copy(update={"uncertainty": Uncertainty(position=position)})
+    return replace(robot, description=description)
+
+
+LOOSER = [
+    {"uncertainty": {"position": 0.0, "rotation_deg": 0.0}},
+    {"uncertainty": {}},
+    {"mass_shares": [0.0, 1.0]},
+    {"verified": True, "reasons": []},
+    {"where": {}},
+    {"load_mass": 0.0, "hand_uncertainty": 0.0},
+    {"robot_file": "/tmp/looser.yaml"},
+    {"robot": "two_pandas"},
+    {"version": "99"},
+]
+
+
+@pytest.mark.parametrize("edit", LOOSER, ids=str)
+def test_nothing_that_the_folder_says_loosens_the_check(folder, edit):
+    """The folder was judged on bases that are known exactly, and says so; the description knows better."""
+    assert any("clearance" in reason for reason in verify_joints(unsure(), *known_carry()).reasons)
+    edit_summary(folder, robot_sha256=unsure().sha256, **edit)
+    sign(folder)
+    verdict = verify_stored(folder, unsure())
+    assert verdict.verified is None
+    assert verdict.report.hand_uncertainty == pytest.approx(0.05)
+
+
+def test_a_looser_scene_in_the_folder_is_told(folder):
+    scene = known_carry()[0].scene
+    data = json.loads((folder / "scene.json").read_text())
+    data["obstacles"] = []
+    (folder / "scene.json").write_text(json.dumps(data))
+    looser = read_joints(folder).scene
+    edit_summary(folder, scene_sha256=looser.sha256)
+    sign(folder)
+    solution = json.loads((folder / "solution.json").read_text()) | {"scene_sha256": looser.sha256}
+    solution["summary_sha256"] = _summary_checksum(solution)
+    (folder / "solution.json").write_text(json.dumps(solution))
+    reasons = verify_stored(folder, scene=scene).reasons
+    assert any("scene.json is not the scene that it is judged on" in reason for reason in reasons)
 
 
 def test_an_edited_summary_or_scene_or_motion_is_told(folder):

@@ -373,7 +373,7 @@ def test_everything_at_once():
         quiet(data | {"constraints": [*data["constraints"], between("same_height", "a", "f")]})
 
 
-@pytest.mark.parametrize("tolerance", [0.1, 5.0, 1e300])
+@pytest.mark.parametrize("tolerance", [0.1, 5.0, 1e9])
 def test_a_separation_that_demands_nothing_is_refused(tolerance):
     data = {
         "name": "apart",

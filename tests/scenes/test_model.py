@@ -545,6 +545,18 @@ def test_a_bar_needs_two_manipulators():
         parse_scene(data | {"load": {"shape": "bar", "length": 1, "held_by": ["a", "b"]}})
 
 
+def test_more_manipulators_than_anybody_has_are_refused_at_once():
+    hands = [{"name": f"m{i}", "start": [0.5, 0.5], "goal": [0.6, 0.6]} for i in range(20_000)]
+    data = {
+        "name": "crowd",
+        "duration": 1,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "manipulators": hands,
+    }
+    with pytest.raises(SceneError, match="manipulators: the list has 20000 entries; write at most 100"):
+        parse_scene(data)
+
+
 def test_only_a_load_is_kept_upright(scene_path):
     text = EXAMPLE.replace(f"load: {BAR}\n", "").replace(DISTANCE, "{type: upright}")
     scene_path.write_text(text)
@@ -809,6 +821,35 @@ def test_mutations_raise_nothing_but_scene_errors(data):
         assert str(error).startswith("scene.yaml: ")
     else:
         assert parse_scene(json.loads(canonical(scene))) == scene
+
+
+POSITIVE = {
+    "duration",
+    "size",
+    "radius",
+    "length",
+    "height",
+    "radii",
+    "speed",
+    "acceleration",
+    "scale",
+    "distance",
+}
+
+
+@pytest.mark.parametrize("data", [SPATIAL, PLANAR], ids=["spatial", "planar"])
+@pytest.mark.parametrize("value", [5e-324, 1e-300, 1e-10, 1e10, 1e300])
+def test_what_can_be_no_length_or_time_is_refused(data, value):
+    for path in places(data):
+        part = data
+        for key in path:
+            part = part[key]
+        keys = {key for key in path if isinstance(key, str)}
+        if isinstance(part, (int, float)) and "demo" not in keys and (value > 1 or keys & POSITIVE):
+            if keys == {"load", "radius"} and value < 1:
+                continue  # may be 0
+            with pytest.raises(SceneError, match=r"out of range|leaves no time|has the norm"):
+                parse_scene(edited(data, path, value))
 
 
 @pytest.mark.parametrize("data", [SPATIAL, PLANAR], ids=["spatial", "planar"])

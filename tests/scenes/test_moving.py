@@ -125,6 +125,16 @@ def test_what_moves_may_pass_the_goal_but_not_begin_on_the_load():
             "the motion begins at [0.5, 0.1]",
         ),
         ({"circle": {"radius": 0, "period_s": 1}}, "motion.circle.radius", "0 is out of range"),
+        ({"circle": {"radius": 1, "period_s": 1e-300}}, "motion.circle.period_s", "1e-300 is out of range"),
+        ({"circle": {"radius": 1e300, "period_s": 1}}, "motion.circle.radius", "1e+300 is out of range"),
+        ({"circle": {"radius": 1, "period_s": 1e-3}}, "motion", "the obstacle moves at 6283.19 m/s; let it"),
+        ({"velocity": [1e4, 0]}, "motion", "the obstacle moves at 10000 m/s"),
+        ({"velocity": [1e300, 1]}, "motion.velocity[0]", "1e+300 is out of range"),
+        (
+            {"waypoints": [[0.5, 0.9], [0.5, 0.5]], "times": [0, 1e-300]},
+            "motion",
+            "the obstacle moves at 4e+299 m/s",
+        ),
         ({"circle": {"radius": 1}}, "motion.circle", "required here: radius, period_s"),
     ],
 )

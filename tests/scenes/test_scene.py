@@ -391,3 +391,22 @@ def test_limits_are_endless_where_none_is_given():
     scene = quiet(bar_scene())
     assert scene.speed_limit == scene.acceleration_limit == np.inf
     assert scene.clearance == 0.0
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.05])
+def test_an_end_that_is_just_as_near_as_it_may_be_is_told_at_reading(clearance):
+    """No motion from there could be proved to keep its distance."""
+    data = {
+        "name": "tray",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "load": {"shape": "box", "size": [0.3, 0.1], "grasps": {"a": [0, 0]}},
+        "manipulators": [{"name": "a", "start": [0.15 + clearance, 0.4], "goal": [0.6, 0.4]}],
+        "limits": {"clearance": clearance},
+    }
+    with pytest.raises(
+        SceneError, match=r"at the start the load or a hand (touches|is only 0.05 m from) the border"
+    ):
+        Scene.from_dict(data)
+    data["manipulators"][0]["start"][0] += 1e-6
+    Scene.from_dict(data)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.errors import SceneError
+from comove.errors import SceneError, readable
 from comove.scenes.yaml_reader import plain_value, read_yaml
 
 
@@ -25,7 +25,7 @@ def refusal(path):
     with pytest.raises(SceneError) as caught:
         read_yaml(path)
     error = caught.value
-    assert str(error).startswith(f"{path}: ")
+    assert str(error).startswith(f"{readable(str(path))}: ")
     assert error.way_out
     assert "\n" not in str(error)
     assert "yaml." not in error.message

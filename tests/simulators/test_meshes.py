@@ -1,5 +1,6 @@
 """Meshes are converted once, truly, and what is in the cache is whole."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -107,3 +108,48 @@ def test_a_cache_that_cannot_be_written_is_told(tmp_path, monkeypatch, box):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(RobotError, match="XDG_CACHE_HOME"):
         as_obj(box)
+
+
+PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize(
+    "named", ["pipe.mtl", "/dev/zero", "../secret.mtl", "x" * 5000, "nul\\0.mtl", "m.png"]
+)
+def test_a_mesh_brings_no_files_along_but_materials_beside_it(tmp_path, named, cache):
+    """Others are as if they were not there; a pipe would wait for ever."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.mtl")
+    (tmp_path / "secret.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    (folder / "own.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    (folder / "red.obj").write_text("mtllib own.mtl\nusemtl m\n" + PYRAMID)
+    (folder / "other.obj").write_text(f"mtllib {named}\nusemtl m\n" + PYRAMID)
+    ((_, red),) = coloured_parts(folder / "red.obj")
+    ((_, other),) = coloured_parts(folder / "other.obj")
+    assert red[0] == 1.0 and red[1] == red[2] < 0.1
+    assert other != red
+
+
+def test_what_would_take_trimesh_for_ever_is_drawn_plainly_or_told(tmp_path):
+    changes = "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(50_000))
+    (tmp_path / "changes.obj").write_text(PYRAMID + changes)
+    assert len(coloured_parts(tmp_path / "changes.obj")) == 1
+    (tmp_path / "many.dae").write_text(
+        DAE.replace('<instance_geometry url="#g"/>', '<instance_geometry url="#g"/>' * 20_000)
+    )
+    with pytest.raises(RobotError, match="too many"):
+        coloured_parts(tmp_path / "many.dae")
+
+
+def test_a_vertex_that_is_no_place_is_told(tmp_path):
+    for number in ("nan", "inf", "1e308", ""):
+        (tmp_path / "a.obj").write_text(PYRAMID.replace("v 1 0 0", f"v {number} 0 0"))
+        with pytest.raises(RobotError, match="cannot be read"):
+            as_obj(tmp_path / "a.obj")
+
+
+def test_a_mesh_that_cannot_be_opened_is_told(tmp_path):
+    (tmp_path / "a.obj").symlink_to("/proc/self/mem")
+    with pytest.raises(RobotError, match="the mesh cannot be read"):
+        as_obj(tmp_path / "a.obj")

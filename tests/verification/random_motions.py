@@ -110,7 +110,7 @@ def near_contact(rng):
             for _ in range(rng.integers(1, 4))
             if (
                 obstacle := sweep.pushed(
-                    random_obstacle(rng, motion.scene.n_dims), required + _offset(rng), rng
+                    random_obstacle(rng, motion.scene.n_dims), required + offset_of(rng), rng
                 )
             )
         ]
@@ -119,7 +119,7 @@ def near_contact(rng):
         data = scene_data(motion.scene) | {"obstacles": [o for o in obstacles if o]}
         data["limits"] = {"clearance": required}
         if rng.random() < 0.15:
-            data["workspace"] = sweep.tight_workspace(required + _offset(rng), rng)
+            data["workspace"] = sweep.tight_workspace(required + offset_of(rng), rng)
         try:
             return on_scene(motion, data)
         except SceneError:  # an end is in contact: such scenes are refused
@@ -228,7 +228,7 @@ class Sweep:
         return direction / np.linalg.norm(direction)
 
 
-def _offset(rng):
+def offset_of(rng):
     """How near an obstacle comes [m]: hardly touching more often than not."""
     kind = rng.random()
     if kind < 0.65:

@@ -12,7 +12,6 @@ from comove.verification.certificate import certify
 
 from ..meshes import as_coal, box, l_profile, ring, star, write_obj
 
-pytest.importorskip("trimesh")
 COAL_ERROR = 1e-4
 FAR = {"lower": [-3, -3, -3], "upper": [4, 4, 4]}
 

@@ -9,7 +9,7 @@ from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
-from comove.verification.certificate import Paths, certified_clearance, certify
+from comove.verification.certificate import Need, Paths, certified_clearance, certify
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -98,8 +98,9 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
     along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
     shape = body.edges, body.radii, scene.obstacles
-    at_rest = certified_clearance(nodes, bulge, *shape, still, *wide, 0.0)
-    together = certified_clearance(nodes + shift[:, None], bulge, *shape, along, *wide, 0.0)
+    need = Need(0.0, 1e-4, 1e-7, 1e-12)
+    at_rest = certified_clearance(nodes, bulge, *shape, still, *wide, need)
+    together = certified_clearance(nodes + shift[:, None], bulge, *shape, along, *wide, need)
     assert together[0] == pytest.approx(at_rest[0], abs=2e-4)
     assert together[1] == pytest.approx(at_rest[1], abs=2e-4)
 

@@ -8,14 +8,15 @@ import time
 import warnings
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, NoReturn
+from typing import Any
 
 import typer
 
 from comove._version import __version__
-from comove.errors import ComoveError, ComoveWarning
+from comove.cli.streams import guard_streams
+from comove.errors import ComoveError, ComoveWarning, plain, readable, shortened
 
-VERIFIED, NOT_VERIFIED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+VERIFIED, NOT_VERIFIED, BAD_INPUT, DEFECT, INTERRUPTED = 0, 1, 2, 70, 130
 
 STYLE = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 
@@ -47,11 +48,8 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
             warnings.simplefilter("always", ComoveWarning)
             try:
                 code = function(*args, **options)
-            except ComoveError as error:
-                fail(str(error))
-            except KeyboardInterrupt:
-                print("interrupted", file=sys.stderr)
-                raise typer.Exit(INTERRUPTED) from None
+            except (ComoveError, OSError, KeyboardInterrupt) as error:
+                code = _told(error)
             raise typer.Exit(code or VERIFIED)
 
         application.command(name)(command)
@@ -61,12 +59,6 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
 
 
 verb = verb_of(app)
-
-
-def fail(message: str) -> NoReturn:
-    """Tell bad input in one message and leave."""
-    print(f"error: {message}", file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)
 
 
 def since_process_start() -> float:
@@ -81,7 +73,7 @@ def since_process_start() -> float:
 
 def _tell_warning(message: Warning | str, category: type[Warning], *_: object) -> None:
     if issubclass(category, ComoveWarning):
-        print(f"warning: {message}", file=sys.stderr)
+        print(f"warning: {plain(str(message))}", file=sys.stderr)
 
 
 def _version(asked: bool) -> None:
@@ -100,22 +92,87 @@ def options(
 
 
 def main() -> None:
-    """Entry point of the `comove` command."""
+    """Entry point of the `comove` command: whatever happens ends in an exit code of the contract."""
+    guard_streams()
     try:
-        from comove.cli import (  # noqa: F401  registers verbs
-            bench,
-            demo,
-            learn,
-            library,
-            reproduce,
-            robot,
-            run,
-            show,
-            solve,
-            verify,
-        )
+        try:
+            from comove.cli import (  # noqa: F401  registers verbs
+                bench,
+                demo,
+                learn,
+                library,
+                reproduce,
+                robot,
+                run,
+                show,
+                solve,
+                verify,
+            )
 
-        app()
+            app()
+        except SystemExit as leaving:
+            code = leaving.code
+        except BaseException as error:
+            code = _told(error)
+        sys.stdout.flush()  # where it may turn out that nobody listens
     except KeyboardInterrupt:
+        code = INTERRUPTED
+    sys.exit(code)
+
+
+def _told(error: BaseException) -> int:
+    """Say in one sentence what ended the command; its exit code."""
+    words, code = " ".join(str(error).split()), BAD_INPUT
+    if isinstance(error, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        return INTERRUPTED
+    if isinstance(error, ComoveError):
+        message = str(error)
+    elif isinstance(error, MemoryError):
+        message = "there is not enough memory for this; give it less, or more memory"
+    elif isinstance(error, UnicodeEncodeError) and error.encoding != "utf-8":
+        text = error.object[error.start : error.end]
+        message = (
+            f"{shortened(text)!r} cannot be written in this environment's encoding ({error.encoding}); "
+            "set PYTHONUTF8=1, or LC_ALL=C.UTF-8"
+        )
+    elif isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        message = (
+            f"{place}the system refused: {error.strerror or words}; check the path, and that you may use it"
+        )
+    else:
+        code = DEFECT
+        message = (
+            f"this is a defect of comove, not of what you gave it ({type(error).__name__}: {shortened(words)}); "
+            f"{_report(error)}"
+        )
+    print(f"error: {plain(readable(message))}", file=sys.stderr)
+    return code
+
+
+def _report(error: BaseException) -> str:
+    """Write down what helps to mend a defect; says where."""
+    import platform
+    import tempfile
+    import traceback
+
+    lines = [
+        f"comove {__version__}, Python {platform.python_version()}, {platform.platform()}",
+        f"command: {sys.argv!r}",
+        "",
+        *traceback.format_exception(error),
+    ]
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w",
+            prefix="comove-defect-",
+            suffix=".txt",
+            encoding="utf-8",
+            errors="backslashreplace",
+            delete=False,
+        ) as file:
+            file.write("\n".join(lines))
+    except OSError as refused:
+        return f"no report could be written ({refused.strerror}): set TMPDIR to a folder that you may write"
+    return f"please send the report {file.name}"

@@ -24,16 +24,16 @@ def demo(
     from comove.primitives import DMP
     from comove.results import check_target, whole_folder
 
+    jobs = [(name, name, CostWeights()) for name in EXAMPLES]
+    jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
+    for folder, _, _ in jobs:
+        check_target(out / folder)
     recording = example("narrow").demonstration
     dmp = DMP.fit(recording)
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
     )
     print("kernels are compiled on first use: up to half a minute, once after installation")
-    jobs = [(name, name, CostWeights()) for name in EXAMPLES]
-    jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
-    for folder, _, _ in jobs:
-        check_target(out / folder)
     solutions = {}
     for folder, name, cost in jobs:
         scene = example(name)

@@ -1,32 +1,94 @@
-"""The progress bar; silent where standard error is no terminal."""
+"""What is told on standard error while one waits: progress where it is a terminal, and what is compiled anyway."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+from comove.cli.app import since_process_start
+
+ONCE = "compiling, once after installation"
+
+
+def time_spent() -> float:
+    """Seconds since this process began, less those in which kernels were compiled."""
+    from comove.planning.compiling import IN_ALL
+
+    return since_process_start() - IN_ALL.seconds
 
 
 @contextmanager
-def progress_bar(budget: float) -> Iterator:
-    """A callback for `solve` that shows generation, cost, constraint and the best so far."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterator[Any]:
+    """A callback for `solve` that shows generation, cost, constraint and the best so far; None without a terminal.
 
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("planning", total=budget)
+    Parameters
+    ----------
+    budget : the bar's length [s]; no bar but while something is compiled unless given
+    doing : what is done before the callback says more
+    """
+    from comove.planning.compiling import IN_ALL, compiling
 
-        def show(state) -> None:
-            best = "none yet" if state.best is None else f"{state.best:.4f}"
-            bar.update(
-                task,
-                completed=bar.tasks[0].elapsed or 0.0,
-                description=f"{state.stage} · generation {state.generation} · cost {state.cost:.4f} · "
-                f"constraint {state.violation:.2g} · best verified {best}",
-            )
+    shown = _Bar(budget, doing) if sys.stderr.isatty() else _Line()
+    with compiling(shown.compiling, IN_ALL):
+        try:
+            yield shown.progress
+        finally:
+            shown.close()
 
-        yield show
+
+class _Line:
+    """Says once that kernels are compiled, and nothing else."""
+
+    progress = None
+    said = False
+
+    def compiling(self, kernel: str) -> None:
+        if kernel and not _Line.said:
+            _Line.said = True
+            print(f"{ONCE}: one to three minutes that do not count", file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Nothing is left to be taken away."""
+
+
+class _Bar:
+    """A bar with the time elapsed, which begins anew after something was compiled."""
+
+    def __init__(self, budget: float | None, doing: str):
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self.budget, self.doing, self.kernels = budget, doing, 0
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+        self.bar = Progress(*columns, console=Console(stderr=True), transient=True)
+        self.task = self.bar.add_task(doing, total=budget)
+        if budget is not None:
+            self.bar.start()
+
+    def compiling(self, kernel: str) -> None:
+        if not kernel:
+            self.kernels = 0
+            if self.budget is None:
+                self.bar.stop()
+            self.bar.reset(self.task, description=self.doing, total=self.budget)
+            return
+        self.kernels += 1
+        description = f"{ONCE} · kernel {self.kernels}, {kernel}"
+        if self.kernels == 1:
+            self.bar.reset(self.task, total=None, description=description)
+            self.bar.start()
+        self.bar.update(self.task, description=description)
+
+    def progress(self, state: Any) -> None:
+        best = "none yet" if state.best is None else f"{state.best:.4f}"
+        self.bar.update(
+            self.task,
+            completed=self.bar.tasks[0].elapsed or 0.0,
+            description=f"{state.stage} · generation {state.generation} · cost {state.cost:.4f} · "
+            f"constraint {state.violation:.2g} · best verified {best}",
+        )
+
+    def close(self) -> None:
+        self.bar.stop()

@@ -12,6 +12,7 @@ import typer
 from comove.errors import DemonstrationError, LibraryError
 
 LASA = "lasa:"
+PICTURES = (".png", ".pdf", ".svg")
 VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
 
 
@@ -118,15 +119,13 @@ def file_name(text: str) -> str:
 
 def check_target(path: Path) -> None:
     """Make sure, before anything takes time, that a primitive may be written to `path`."""
+    from comove.demonstrations.files import require_target
     from comove.primitives.files import is_primitive
 
+    require_target(path, LibraryError)
     if path.exists() and not is_primitive(path):
         raise LibraryError(
             "it is there already and is no primitive", file=path, way_out="choose another name"
-        )
-    if not path.parent.is_dir():
-        raise LibraryError(
-            f"there is no folder {path.parent}", file=path, way_out="check the path, or make the folder"
         )
 
 
@@ -151,16 +150,24 @@ def learned_text(primitive) -> str:
     return "\n".join(lines)
 
 
+def check_picture(path: Path | None) -> None:
+    """Make sure, before anything takes time, that a picture may be written to `path`, if one is wanted."""
+    from comove.demonstrations.files import require_target
+    from comove.errors import OptionError
+
+    if path is None:
+        return
+    if path.suffix.lower() not in PICTURES:
+        raise OptionError("it is no picture's name", file=path, way_out="end it in .png, .pdf or .svg")
+    require_target(path, OptionError)
+
+
 def save_picture(figure, path: Path) -> None:
     """Write a figure, or say in one sentence why not."""
+    from comove.demonstrations.files import whole_path
     from comove.errors import OptionError
     from comove.views import save
 
-    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise OptionError(f"{path} is no picture's name", key="--out", way_out="end it in .png, .pdf or .svg")
-    try:
-        save(figure, path)
-    except OSError as error:
-        raise OptionError(
-            f"{path} cannot be written: {error.strerror}", key="--out", way_out="name a file you may write"
-        ) from error
+    check_picture(path)
+    with whole_path(path, OptionError) as draft:
+        save(figure, draft)

@@ -7,9 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.cli.solve import check_budget
+from comove.errors import OptionError
 
+SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
+MAX_STEPS = 2_000_000  # that a run may take
 LONGEST = 3.0  # times the scene's duration, that a run may last unless it is said
 
 
@@ -34,6 +37,7 @@ def run(
     json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, record and draw it."""
+    from comove.cli.progress import progress_bar, time_spent
     from comove.execution import Executor, Pace, write_comparison, write_run
     from comove.execution.comparison import compare as compare_all
     from comove.planning import load_kernels
@@ -42,18 +46,21 @@ def run(
     from comove.verification.record import judge
     from comove.views import animate_comparison, animate_run, draw_comparison, draw_run, save
 
+    check_period(period)
     pace = Pace(period=period)
     if budget is not None:
         check_budget(budget)
     check_target(out)
     loaded = Scene.load(scene)
-    load_kernels(loaded.n_dims, bool(loaded.moving.any()))
-    executor = Executor(loaded, seed=seed, pace=pace)
     budget = LONGEST * loaded.duration if budget is None else budget
-    record = executor.run(budget)
-    report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
-    if compare and not interrupted:
-        compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)
+    check_steps(budget, period)
+    with progress_bar():
+        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        executor = Executor(loaded, seed=seed, pace=pace)
+        record = executor.run(budget)
+        report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
+        if compare and not interrupted:
+            compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)
     with whole_folder(out) as draft:
         save(draw_run(record), draft / "run.png")
         animate_run(record, draft / "run.gif")
@@ -68,7 +75,7 @@ def run(
             executor.log,
             seed=seed,
             interrupted=interrupted,
-            wall_time_s=since_process_start(),
+            wall_time_s=time_spent(),
         )
     if json:
         print((out / "run.json").read_text(encoding="utf-8"), end="")
@@ -77,6 +84,24 @@ def run(
     if interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED
+
+
+def check_period(period: float) -> None:
+    """Refuse a control period that nobody can keep."""
+    if 0 < period < SHORTEST:
+        raise OptionError(
+            f"{period} s is too short", key="--period", way_out=f"give {SHORTEST:g} s or more, such as 0.01"
+        )
+
+
+def check_steps(budget: float, period: float) -> None:
+    """Refuse a run of more steps than can be taken and kept."""
+    if budget / period > MAX_STEPS:
+        raise OptionError(
+            f"{budget:g} s in steps of {period:g} s are more than {MAX_STEPS:,} steps",
+            key="--period",
+            way_out=f"give {budget / MAX_STEPS:.2g} s or more, or less time by --budget",
+        )
 
 
 def run_text(summary: dict[str, Any], folder: Path) -> str:

@@ -26,15 +26,18 @@ def show(
 ) -> int:
     """Print the summary of a result and name its pictures."""
     from comove.results import read_result
+    from comove.results.folder import require_whole
 
-    stored = read_result(folder)
-    print(summary_text(stored.summary, folder))
+    summary = require_whole(read_result(folder)).summary
     if (folder / "robot.json").is_file():
         from comove.cli.robot.report import joints_text
-        from comove.robots import read_joints
+        from comove.robots.files import read_joints, require_whole_joints
 
-        robot = read_joints(folder).summary
-        print(joints_text(str(robot.get("robot")), robot))
+        robot = require_whole_joints(read_joints(folder)).summary
+        print(summary_text(summary, folder))
+        print(joints_text(robot["robot"], robot))
+    else:
+        print(summary_text(summary, folder))
     if open_pictures:
         for name in PICTURES:
             typer.launch(str(folder / name))
@@ -44,10 +47,12 @@ def show(
 def summary_text(summary: dict[str, Any], folder: Path) -> str:
     """A result's summary for people."""
     verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
-    lines = [f"{summary.get('scene')}: {verdict} ({summary.get('method')}, seed {summary.get('seed')})"]
+    lines = [f"{summary.get('scene')}: {verdict}"]
     lines += [f"  - {reason}" for reason in summary.get("reasons") or []]
     terms = summary.get("cost_terms") or {}
-    parts = ", ".join(f"{name} {_number(value)}" for name, value in terms.items() if value)
+    parts = ", ".join(
+        f"{name} {_number(value)}{_weighted(summary, name)}" for name, value in terms.items() if value
+    )
     lines += [
         f"  cost J                  {_number(summary.get('cost'))}  ({parts})",
         f"  certified clearance     {_number(summary.get('clearance_min'), 1e3)} mm or more, at every instant",
@@ -59,11 +64,21 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         ),
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
-        f"  first verified motion   after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, "
-        f"all of it {_number(summary.get('wall_time_s'))} s",
+        f"  noted, not proven       by {summary.get('method')}, seed {summary.get('seed')}, first verified motion "
+        f"after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, all of it "
+        f"{_number(summary.get('wall_time_s'))} s",
         f"  pictures                {', '.join(str(folder / name) for name in PICTURES)}",
     ]
     return "\n".join(lines)
+
+
+def _weighted(summary: dict[str, Any], name: str) -> str:
+    """By what a term of the cost was weighted, where that is not the usual weight."""
+    from comove.planning import CostWeights
+
+    usual = vars(CostWeights()).get(name)
+    weight = (summary.get("cost_weights") or {}).get(name, usual)
+    return "" if weight == usual else f" (weight {_number(weight)})"
 
 
 def _number(value: object, factor: float = 1.0) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -9,10 +10,14 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.errors import OptionError, near_name
 
-SAVING = 1.5  # s, kept back from the budget for the files and pictures
+SAVING, DRAWING = (
+    1.2,
+    0.002,
+)  # s, kept back from the budget for files and pictures, and for every obstacle drawn
+SLOWEST = 4.0  # times as long as processor time that it is expected to take
 METHODS = ("comove", "projection", "paper")
 COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
 
@@ -61,38 +66,38 @@ def solve(
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
     from comove.scenes.model import canonical
+    from comove.views import draw_motion  # noqa: F401  what the pictures need is loaded before the search
 
     chosen = method_named(method)
     check_budget(budget)
     if not resemblance < float("inf"):
         raise OptionError(f"resemblance = {resemblance}", key="--resemblance", way_out="give a finite number")
     check_target(out)
-    loaded = Scene.load(scene)
-    chosen_movement = None
-    if library is not None and method == "single":
-        chosen = replace(chosen, movements=Library(library))
-    elif library is not None:
-        source = loaded.file.demonstration
-        plane = None if source is None else source.plane
-        chosen_movement = best_movement(Library(library), loaded, plane=plane).best
-    dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
-    if resemblance > 0 and dmp is None:
-        raise OptionError(
-            "the scene has no demonstration to resemble",
-            file=scene,
-            key="--resemblance",
-            way_out="add a demonstration to the scene",
-        )
-    spent = since_process_start()
-    load_kernels(loaded.n_dims, bool(loaded.moving.any()))
     with progress_bar(budget) as progress:
+        loaded = Scene.load(scene)
+        chosen_movement = None
+        if library is not None and method == "single":
+            chosen = replace(chosen, movements=Library(library))
+        elif library is not None:
+            source = loaded.file.demonstration
+            plane = None if source is None else source.plane
+            chosen_movement = best_movement(Library(library), loaded, plane=plane, budget=0.25 * budget).best
+        dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
+        if resemblance > 0 and dmp is None:
+            raise OptionError(
+                "the scene has no demonstration to resemble",
+                file=scene,
+                key="--resemblance",
+                way_out="add a demonstration to the scene",
+            )
+        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         solution = solve(
             loaded,
             demonstration=dmp,
             seed=seed,
             method=chosen,
             planner=not no_planner,
-            budget=max(0.5 * budget, budget - spent - SAVING),
+            budget=budget_left(budget, SAVING, loaded),
             cost=CostWeights(resemblance=resemblance),
             obstacles=obstacles.value,
             progress=progress,
@@ -112,6 +117,18 @@ def solve(
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED
+
+
+def budget_left(budget: float, saving: float, scene) -> float:
+    """What is left of a budget for the search [s], half of it at least.
+
+    Kept back is what saving takes, more where there is much to draw and where others use the machine as well.
+    """
+    from comove.cli.progress import time_spent
+
+    spent = time_spent()
+    slower = min(max(spent / time.process_time(), 1.0), SLOWEST)
+    return max(0.5 * budget, budget - spent - slower * (saving + DRAWING * len(scene.obstacles)))
 
 
 def check_budget(budget: float) -> None:
@@ -134,6 +151,7 @@ def method_named(name: str):
 
 def write_result(solution, folder: Path, dmp=None) -> dict:
     """Files and pictures of a solution; returns the contents of solution.json."""
+    from comove.cli.progress import time_spent
     from comove.planning import carried_demonstration
     from comove.results import write_solution
     from comove.views import draw_motion, draw_progress, save
@@ -143,4 +161,4 @@ def write_result(solution, folder: Path, dmp=None) -> dict:
     taught = None if dmp is None else carried_demonstration(dmp, scene)
     save(draw_motion(motion, title=title, demonstration=taught), folder / "motion.png")
     save(draw_progress(motion), folder / "progress.png")
-    return write_solution(solution, folder, since_process_start())
+    return write_solution(solution, folder, time_spent())

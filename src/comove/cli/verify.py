@@ -9,21 +9,30 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.errors import OptionError
 
 
 @verb
 def verify(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="The robot whose joint motion it is: a bundled one's name, or a description (YAML); what SCENE says "
+            "unless given."
+        ),
+    ] = None,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.show import FURTHER
     from comove.results import read_result, verify_result
     from comove.scenes import Scene
 
-    verdict = verify_result(read_result(folder), Scene.load(scene))
-    robot = _robot_verdict(folder)
-    reasons = (*verdict.reasons, *(robot.reasons if robot is not None else ()))
+    loaded = Scene.load(scene)
+    verdict = verify_result(read_result(folder), loaded)
+    joints = _joints_verdict(folder, loaded, scene, robot)
+    reasons = (*verdict.reasons, *(joints.reasons if joints is not None else ()))
     if reasons:
         print(f"{folder}: rejected", file=sys.stderr)
         for reason in dict.fromkeys(reasons):
@@ -39,17 +48,41 @@ def verify(
     print(
         f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
     )
-    if robot is not None:
+    if joints is not None:
         from comove.cli.robot.report import joints_text
 
-        print(joints_text(robot.verified.robot.name, robot.report.asdict()))
+        print(joints_text(joints.verified.robot.name, joints.report.asdict()))
+    elif loaded.file.robot is not None:
+        print("  the hands alone: the folder holds no motion of a robot's joints")
     return VERIFIED
 
 
-def _robot_verdict(folder: Path):
-    """The judgement on a robot's motion, None where the folder holds none."""
-    if not (folder / "robot.json").exists() and not (folder / "joints.npz").exists():
-        return None
-    from comove.robots import verify_stored
+def _joints_verdict(folder: Path, scene, file: Path, named: str | None):
+    """The judgement on a robot's motion, None where the folder holds none.
 
-    return verify_stored(folder)
+    The robot is the one that the command or the scene names. A folder may name a bundled one only: a description of
+    its own choice could allow anything.
+    """
+    if not (folder / "robot.json").exists() and not (folder / "joints.npz").exists():
+        if named is not None:
+            raise OptionError(
+                "the folder holds no motion of a robot's joints",
+                file=folder,
+                key="--robot",
+                way_out="leave it out, or name the folder of `comove robot solve`",
+            )
+        return None
+    from comove.cli.robot.report import robot_named
+    from comove.errors import RobotError
+    from comove.robots import bundled_robots, read_joints, verify_stored
+
+    source = read_joints(folder).summary.get("robot_file")
+    if named is None and scene.file.robot is None and source not in bundled_robots():
+        raise RobotError(
+            "neither the scene nor the command names a robot, and the folder's is no bundled one",
+            file=file,
+            key="robot",
+            way_out="give its description by --robot FILE, once you have read it",
+        )
+    robot, _ = robot_named(source if named is None and scene.file.robot is None else named, scene, file)
+    return verify_stored(folder, robot, scene=scene)

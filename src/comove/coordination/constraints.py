@@ -22,6 +22,7 @@ from comove.errors import ConstraintError, OptionError, near_name
 from comove.primitives.arguments import is_number, numbers
 from comove.primitives.poses import VERTICAL, Pose
 from comove.primitives.rotations import conjugate, exponential, matrices, quaternion_product
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -184,7 +185,7 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
     if worst <= 1e3 * TOLERANCE:  # rounding of large coordinates
         return poses
     sizes = [np.abs(_rows(constraint, poses)).max() for constraint in constraints]
-    missed = constraints[int(np.argmax(sizes))]
+    missed = constraints[first_largest(sizes)]
     raise ConstraintError(
         f"the constraints cannot be met together: {missed} is missed by {max(sizes):.3g}",
         way_out="drop one, or begin from a movement that nearly meets them",

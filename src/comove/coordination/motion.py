@@ -8,7 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates, load_coordinates
+from comove.coordination.coordinates import (
+    ANGLE,
+    QUATERNION,
+    Coordinates,
+    coordinates_for,
+    load_coordinates,
+)
 from comove.errors import OptionError
 from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.basis import MotionBasis, motion_basis, rollouts
@@ -57,6 +63,16 @@ class CoordinatedMotion:
         coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "velocity")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
+
+    def on(self, scene: Scene) -> CoordinatedMotion:
+        """The same movement on its scene made larger or smaller (`Scene.scaled`)."""
+        coordinates = coordinates_for(scene, self.coordinates.kind)
+        factor, blocks = np.ones(self.coordinates.n_columns), self.coordinates.blocks
+        sides = [float((own.upper - own.lower).max()) for own in (scene, self.scene)]
+        factor[blocks.center[:, : blocks.n_dims]] = sides[0] / sides[1]
+        return CoordinatedMotion(
+            scene, coordinates, self.basis, self.boundary * factor, self.weights * factor[:, None]
+        )
 
     @cached_property
     def knots(self) -> Array:

@@ -31,6 +31,12 @@ from comove.errors import ComoveWarning, DemonstrationError, near_name
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 MAX_BYTES = 512 * 2**20
+MAX_LINE = 2**20
+"""Bytes of one line."""
+MAX_CELLS = 2**26
+"""Numbers of one file."""
+MAX_COLUMNS, MAX_NAME = 1000, 200
+"""Columns of a file, and characters of a column's name."""
 _BLOCK = 2**22
 """Characters that are parsed at a time."""
 _ROWS = 50_000
@@ -179,10 +185,21 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _check_length(path: Path) -> None:
-    """Refuse a file of too many rows before any of it is parsed."""
-    feeds = returns = 0
+    """Refuse a file of too many rows, or with too long a one, before any of it is parsed."""
+    feeds = returns = line = 0
     with open(path, "rb") as file:
         while max(feeds, returns) <= MAX_ROWS + 1 and (chunk := file.read(2**16)):
+            ends = [found for found in (chunk.find(b"\n"), chunk.find(b"\r")) if found >= 0]
+            line += min(ends, default=len(chunk))
+            if line > MAX_LINE:
+                raise DemonstrationError(
+                    f"it has more than {MAX_LINE:,} characters",
+                    file=path,
+                    key=f"row {max(feeds, returns) + 1}",
+                    way_out=f"write a row a sample, of up to {MAX_COLUMNS} columns",
+                )
+            if ends:
+                line = len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r"))
             feeds += chunk.count(b"\n")
             returns += chunk.count(b"\r")
     if max(feeds, returns) > MAX_ROWS + 1:
@@ -202,12 +219,18 @@ def _read_header(path: Path) -> list[str]:
 
     if not line:
         raise wrong("the file is empty", _EXAMPLE)
-    names = [name.strip().strip('"').strip() for name in line.split(",")]
+    names = [name.strip().strip('"').strip() for name in line.split(",", MAX_COLUMNS)]
+    if len(names) > MAX_COLUMNS:
+        raise wrong(
+            f"there are {line.count(',') + 1} columns", f"keep those of the movement, {MAX_COLUMNS} at most"
+        )
     if any(mark in line.strip() for mark in ";\t"):
         raise wrong(f"the columns are not separated by commas: {_short(line)}", _PLAIN)
     if any(map(_is_number, names)):
         raise wrong(f"numbers stand where the header is expected: {_short(line)}", _EXAMPLE)
     for column, name in enumerate(names, start=1):
+        if len(name) > MAX_NAME:
+            raise wrong(f"the name has {len(name)} characters", f"use {MAX_NAME} at most", str(column))
         if not name:
             raise wrong("the column has no name", f"name or remove it; {_EXAMPLE}", str(column))
         if name in names[: column - 1]:
@@ -291,7 +314,7 @@ def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> De
 
 def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
     """Parse all rows below the header, shape (n_rows, n_columns), finite."""
-    blocks = []
+    blocks, cells = [], 0
     try:
         header, _ = next(_lines(path))
         with open(path, encoding="utf-8-sig") as file:
@@ -305,6 +328,13 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
                     lines.append(line)
                 if (table := _parse(path, names, row, lines)) is not None:
                     blocks.append(table)
+                    cells += table.size
+                    if cells > MAX_CELLS:
+                        raise DemonstrationError(
+                            f"it has more than {MAX_CELLS:,} numbers",
+                            file=path,
+                            way_out="keep every n-th row",
+                        )
                 row += len(lines)
     except UnicodeDecodeError:
         raise _not_utf8(path) from None
@@ -369,7 +399,7 @@ def _not_a_number(path: Path, key: str, cell: str) -> DemonstrationError:
     if not cell:
         message, way_out = "the cell is empty", "fill in what was measured, or remove the row"
     elif _is_number(cell):
-        message, way_out = f"{cell} is too large", "remove the row"
+        message, way_out = f"{_short(cell)[1:-1]} is too large", "remove the row"
     elif cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
         message, way_out = f"{cell} is not a finite number", "fill in what was measured, or remove the row"
     else:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import math
 import os
 import shutil
-import threading
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -15,11 +16,14 @@ from typing import IO, Any
 
 import numpy as np
 
+from comove.demonstrations import drafts
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import DemonstrationError, InputError
 
 MAX_ROWS = 2_000_000
 """Samples that are read from one file."""
+ROOM = 100_000
+"""What must be free on a disk before anything is begun whose result goes there [bytes]."""
 _MEGABYTE = 2**20
 _EVEN_SHARE = 1e-3
 """How far stamps may lie from even ones, in steps, where a format knows only a rate."""
@@ -61,11 +65,83 @@ def telling(path: Path, doing: str = "read", error: type[InputError] = Demonstra
     try:
         yield
     except OSError as failure:
+        why, way_out = refusal(failure, path)
+        raise error(f"it cannot be {doing}: {why}", file=path, way_out=way_out) from failure
+    except ValueError as failure:
+        if "\0" in str(path) and "null byte" in str(failure):
+            raise error(
+                f"it cannot name a file: {failure}", file=path, way_out="choose another name"
+            ) from failure
+        if not isinstance(failure, UnicodeEncodeError) or _encodable(path, failure.encoding):
+            raise
         raise error(
-            f"it cannot be {doing}: {failure.strerror or failure}",
+            f"its name has characters that {failure.encoding} lacks",
             file=path,
-            way_out="check the path, and that you may use it",
+            way_out="choose another name, or set PYTHONUTF8=1",
         ) from failure
+
+
+def _encodable(path: Path, encoding: str) -> bool:
+    try:
+        os.path.abspath(path).encode(encoding)
+        return True
+    except UnicodeEncodeError:
+        return False
+
+
+def refusal(failure: OSError, path: Path) -> tuple[str, str]:
+    """What the file system would not do, and what to do instead."""
+    if failure.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"the disk is full{_free(path)}", "make room there, or name a place on another disk"
+    if failure.errno == errno.ENAMETOOLONG:
+        return "the name is too long", "choose a shorter one"
+    if failure.errno == errno.ELOOP:
+        return "links in its path lead round in a circle", "mend or remove them, or name another path"
+    if failure.errno == errno.EROFS:
+        return "the disk may only be read", "name a place that you may write"
+    return failure.strerror or str(failure), "check the path, and that you may use it"
+
+
+def _free(path: Path) -> str:
+    """How much there is, in words; empty where nobody knows."""
+    for folder in path.absolute().parents:
+        with contextlib.suppress(OSError):
+            free = shutil.disk_usage(folder).free
+            return f", {free / _MEGABYTE:.1f} MB of it are free" if free < 100 * _MEGABYTE else ""
+    return ""
+
+
+def require_room(path: Path, error: type[InputError] = DemonstrationError, room: int = ROOM) -> None:
+    """Make sure, before anything takes time, that a draft can be written beside `path` (see `drafts`).
+
+    Parameters
+    ----------
+    room : how much of the disk must be free [bytes]
+
+    Raises
+    ------
+    error
+        Its folder is missing or not writable, its name is too long, or the disk is full.
+    """
+    with telling(path, "written", error):
+        with contextlib.suppress(FileNotFoundError):
+            os.stat(path)
+        folder = path.parent
+        while not folder.exists():
+            folder = folder.parent
+        for part in path.relative_to(
+            folder
+        ).parts:  # each name by itself: the system stops at the first missing
+            with contextlib.suppress(FileNotFoundError):
+                os.stat(folder / part)
+        os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
+        free = shutil.disk_usage(folder).free
+    if free < room:
+        raise error(
+            f"the disk is full: {free / 1000:.0f} kB of it are free, about {room / 1000:.0f} kB are needed",
+            file=path,
+            way_out="make room there, or name a place on another disk",
+        )
 
 
 def extra(module: str, file: object) -> ModuleType:
@@ -113,10 +189,9 @@ def whole_path(
     """
     path = Path(path)
     with telling(path, "written", error):
-        if path.exists() and not path.is_file():
-            raise error("it is there already and is no file", file=path, way_out="choose another name")
-        draft = _draft(path, error)
-        try:
+        require_target(path, error)
+        with drafts.draft(path) as folder:
+            draft = folder / path.name
             yield draft
             with open(draft, "rb+") as file:
                 os.fsync(file.fileno())
@@ -124,22 +199,30 @@ def whole_path(
                 os.replace(draft, path)
             else:
                 _claim(draft, path, error)
-        finally:
-            draft.unlink(missing_ok=True)
 
 
-def _draft(path: Path, error: type[InputError]) -> Path:
-    """A path beside `path` that no other process or thread takes."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
-    try:
-        draft.lstat()
-    except ValueError as failure:  # a zero byte, or what is no character
-        raise error(
-            f"it cannot name a file: {failure}", file=path, way_out="choose another name"
-        ) from failure
-    except OSError:  # not there yet
-        pass
-    return draft
+def require_target(path: Path, error: type[InputError] = DemonstrationError) -> None:
+    """Make sure, before anything takes time, that a file may be written to `path`.
+
+    Raises
+    ------
+    error
+        It is no name of a file, or there is a folder or something else; as `require_room`.
+    """
+    with telling(path, "written", error):
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(path)
+        if not path.name:
+            raise error("it names no file", file=path, way_out="give the file a name")
+        if path.exists() and not path.is_file():
+            raise error("it is there already and is no file", file=path, way_out="choose another name")
+        if not path.parent.is_dir():
+            raise error(
+                f"it cannot be written: there is no folder {path.parent}",
+                file=path,
+                way_out="check the path, or make the folder",
+            )
+    require_room(path, error)
 
 
 def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
@@ -173,16 +256,22 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise DemonstrationError("it is there already", file=path, way_out="choose another name")
         if not path.parent.is_dir():
             raise DemonstrationError(
-                f"there is no folder {path.parent}", file=path, way_out="check the path, or make the folder"
+                f"it cannot be written: there is no folder {path.parent}",
+                file=path,
+                way_out="check the path, or make the folder",
             )
-        draft = _draft(path, DemonstrationError)
-        try:
+        require_room(path)
+        with drafts.draft(path) as draft:
             yield draft
-            if path.exists():
-                path.rmdir()
-            os.replace(draft, path)
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
+            drafts.settle(draft)
+            try:
+                os.rename(draft, path)  # onto nothing, or onto an empty folder
+            except OSError as failure:
+                if failure.errno not in drafts.IN_THE_WAY:
+                    raise
+                raise DemonstrationError(
+                    "it is there already", file=path, way_out="choose another name"
+                ) from failure
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:

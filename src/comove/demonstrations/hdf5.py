@@ -52,6 +52,8 @@ ALOHA_RATE = 50.0
 ALOHA_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
 _BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, OverflowError)
 """What h5py makes of damaged bytes."""
+_VERSIONS = ("v110", "v110")
+"""Of the format that is written: the oldest that has checksums of all that describes the data."""
 _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 
 
@@ -141,10 +143,10 @@ def write_robomimic(
                     way_out="robomimic keeps positions x, y, z in metres",
                 )
     h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w") as root:
+    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
         data = root.create_group("data")
         environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rates[0]}}
-        data.attrs["env_args"] = json.dumps(environment)
+        data.attrs["env_args"] = np.bytes_(json.dumps(environment))  # of fixed length, where checksums reach
         data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in episodes)
         for index, demos in enumerate(episodes):
             _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
@@ -183,12 +185,12 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
     rate = even_rate(first, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
     h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w") as root:
+    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
         root.attrs["sim"] = False
         root.attrs["fps"] = rate
-        root["observations/qpos"] = qpos
-        root["observations/qvel"] = np.gradient(qpos, 1.0 / rate, axis=0)
-        root["action"] = _next(qpos)
+        _put(root, "observations/qpos", qpos)
+        _put(root, "observations/qvel", np.gradient(qpos, 1.0 / rate, axis=0))
+        _put(root, "action", _next(qpos))
 
 
 def _within(path: Path, read: Any) -> Any:
@@ -380,7 +382,19 @@ def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> ND
         raise _wrong_dataset(
             path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
         )
+    _require_filled(path, key, dataset)
     return np.asarray(dataset[()], dtype=np.float64)
+
+
+def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
+    """Refuse a dataset of which something was never written: HDF5 reads it as zeros."""
+    if dataset.chunks is None:
+        missing = dataset.id.get_storage_size() < dataset.nbytes
+    else:
+        per_axis = [-(-n // chunk) for n, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
+        missing = dataset.id.get_num_chunks() < math.prod(per_axis)
+    if missing:
+        raise _wrong_dataset(path, key, "not all of it was written", "record or copy it again")
 
 
 def _wrong_dataset(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
@@ -393,14 +407,19 @@ def _write_demo(group: Group, demos: list[Demonstration]) -> None:
     group.attrs["num_samples"] = n_steps
     actions = []
     for index, demo in enumerate(demos):
-        group[f"obs/robot{index}_eef_pos"] = demo.position
+        _put(group, f"obs/robot{index}_eef_pos", demo.position)
         actions.append(_next(demo.position))
         if demo.orientation is not None:
-            group[f"obs/robot{index}_eef_quat"] = demo.orientation[:, [1, 2, 3, 0]]
+            _put(group, f"obs/robot{index}_eef_quat", demo.orientation[:, [1, 2, 3, 0]])
             actions.append(_next(demo.rotation.as_rotvec()))
-    group["actions"] = np.concatenate(actions, axis=1)
+    _put(group, "actions", np.concatenate(actions, axis=1))
     group["rewards"] = np.zeros(n_steps)
     group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)
+
+
+def _put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
+    """Write a dataset with checksums of its numbers, which whatever reads it compares."""
+    group.create_dataset(name, data=rows, fletcher32=True)
 
 
 def _next(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -49,6 +49,8 @@ MAX_META_BYTES = 64 * 2**20
 """Largest file of JSON [bytes]."""
 MAX_COLUMN_BYTES = 512 * 2**20
 """Largest columns of a file, unpacked [bytes]."""
+_BATCH = 65_536
+"""Rows that are read at a time."""
 STATE = "observation.state"
 CHUNK_EPISODES = 1000
 """Episodes of one folder `data/chunk-...`."""
@@ -179,7 +181,7 @@ def write_lerobot(
                     key: pa.array(values) if values.ndim == 1 else _vectors(pa, values)
                     for key, values in columns.items()
                 }
-                parquet.write_table(pa.table(arrays), file)
+                parquet.write_table(pa.table(arrays), file, write_page_checksum=True)
                 stats = {key: _statistics(values) for key, values in columns.items()}
                 statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
         _write_meta(draft, lengths, names, fps, task, robot_type, dtype)
@@ -424,34 +426,37 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
-    """Read columns of a Parquet file, after looking at what it claims to hold."""
+    """Read columns of a Parquet file, no more than the limit, and compare them with checksums where it has some.
+
+    What the file says of its columns' sizes is not asked for: pyarrow ends the process where that is damaged.
+    """
     parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
     existing_file(file, MAX_BYTES, "split the dataset")
 
     def read() -> Table:
-        with parquet.ParquetFile(file) as source:
+        with parquet.ParquetFile(file, page_checksum_verification=True) as source:
             names = source.schema_arrow.names
             for column in columns:
                 if column not in names:
                     raise _wrong(file, column, "the column is missing", near_name(column, names))
             wanted = [*columns, *(column for column in optional if column in names)]
-            meta = source.metadata
-            size = sum(
-                meta.row_group(group).column(index).total_uncompressed_size
-                for group in range(meta.num_row_groups)
-                for index in range(meta.num_columns)
-                if meta.row_group(group).column(index).path_in_schema.partition(".list.")[0] in wanted
-            )
-            if meta.num_rows > MAX_ROWS or size > MAX_COLUMN_BYTES:
-                raise _wrong(
-                    file,
-                    None,
-                    f"it claims {meta.num_rows:,} rows and {size >> 20} MB",
-                    f"split the dataset: up to {MAX_ROWS:,} rows a file are read",
-                )
-            return source.read(wanted)
+            n_rows, size, batches = source.metadata.num_rows, 0, []
+            if n_rows > MAX_ROWS:
+                raise _too_large(file, f"claims {n_rows:,} rows")
+            for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
+                size += batch.nbytes
+                if size > MAX_COLUMN_BYTES:
+                    raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
+                batches.append(batch)
+            if not batches:
+                return source.schema_arrow.empty_table().select(wanted)
+            return pa.Table.from_batches(batches)
 
     return _told(file, read, (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError))
+
+
+def _too_large(file: Path, what: str) -> DemonstrationError:
+    return _wrong(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
 
 
 def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.files import telling
 from comove.errors import DemonstrationError, near_name
 
 SUFFIXES = (".csv", ".npz", ".hdf5", ".h5", ".bag", ".mcap", ".db3")
@@ -106,11 +107,13 @@ def choose_name(names: Mapping[str, object], name: str | None, file: object, wha
 
 def _kind(path: Path) -> str:
     """Say which reader a path is for."""
-    if path.is_dir():
-        if (path / "meta" / "info.json").exists():
+    with telling(path):
+        is_folder = path.is_dir()
+        if is_folder and (path / "meta" / "info.json").exists():
             return "lerobot"
-        if (path / "metadata.yaml").exists():
+        if is_folder and (path / "metadata.yaml").exists():
             return "rosbag"
+    if is_folder:
         raise DemonstrationError(
             "it is a folder without meta/info.json (LeRobot) or metadata.yaml (rosbag2)",
             file=path,

@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import MAX_ROWS, existing_file, extra, whole_folder, whole_path
+from comove.demonstrations.files import MAX_ROWS, existing_file, extra, telling, whole_folder, whole_path
 from comove.demonstrations.loading import choose_name
+from comove.demonstrations.mcap import check_mcap, seal_mcap
 from comove.errors import ComoveWarning, DemonstrationError
 
-MAX_METADATA_BYTES = 16 * 2**20
+MAX_METADATA_BYTES = 4 * 2**20
 """Largest `metadata.yaml` [bytes]."""
 MAX_BYTES = 64 * 2**30
 """Largest bag [bytes]: cameras fill it, and are not read."""
@@ -134,7 +135,7 @@ def write_rosbag(
             _write_ros1(draft, demos, path, frame_id, start_ns)
     elif suffix in (".mcap", ".db3"):
         kind = "mcap" if suffix == ".mcap" else "sqlite3"
-        with whole_path(path) as draft, tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        with whole_path(path) as draft, tempfile.TemporaryDirectory(dir=draft.parent) as folder:
             _write_ros2(Path(folder, "bag"), demos, path, kind, frame_id, start_ns)
             os.replace(Path(folder, "bag", f"bag{suffix}"), draft)
     else:
@@ -184,7 +185,9 @@ class _Bag:
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[_Bag]:
     """Open a bag; tell what is wrong with it as a `DemonstrationError`."""
-    if path.is_dir():
+    with telling(path):
+        is_folder = path.is_dir()
+    if is_folder:
         existing_file(path / "metadata.yaml", MAX_METADATA_BYTES, _RECORD)
     else:
         existing_file(path, MAX_BYTES, "split the bag")
@@ -195,6 +198,9 @@ def _opened(path: Path) -> Iterator[_Bag]:
     with _telling(path):
         for file in sorted(path.glob("*.db3")) if path.is_dir() else [path]:
             _check_sqlite_size(file)
+        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+            if file.suffix.lower() == ".mcap":
+                check_mcap(file)
         if path.suffix.lower() == ".bag" and not path.is_dir():
             reader, store = rosbag1.Reader(path), get_typestore(Stores.ROS1_NOETIC)
             decode = store.deserialize_ros1
@@ -449,6 +455,8 @@ def _write_ros2(
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     with Writer(draft, version=8, storage_plugin=plugin) as writer:
         _write_messages(writer, store, store.serialize_cdr, demos, path, frame_id, start_ns)
+    for file in draft.glob("*.mcap"):
+        seal_mcap(file)
 
 
 def _write_messages(

@@ -18,6 +18,7 @@ from comove.errors import OptionError, RobotError, near_name
 from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, Part, Samples, parts_of, require_rate
 from comove.robots.approach import Transfers
 from comove.robots.judge.verify import VerifiedJointMotion
+from comove.ties import first_largest
 
 Clock = Callable[[], float]
 
@@ -261,7 +262,7 @@ def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances,
     found = np.array([state.position[name] for name in wanted])
     off = np.abs(found - part.joints.position[0])
     if not (off <= tolerances.start).all():
-        worst = int(np.nan_to_num(off, nan=np.inf).argmax())
+        worst = first_largest(np.nan_to_num(off, nan=np.inf))
         raise SendError(
             f"the joint '{wanted[worst]}' is at {found[worst]:.4f} rad, and the {part.name} begins at "
             f"{part.joints.position[0, worst]:.4f} rad, {off[worst]:.3g} rad away ({tolerances.start:g} allowed)",
@@ -318,7 +319,7 @@ def _deviation(state: RobotState, part: Part) -> tuple[float, str]:
         return 0.0, names[0]
     wanted = joints.curve(np.clip(state.time, 0.0, joints.duration))
     off = np.abs([state.position[name] for name in names] - wanted)
-    worst = int(np.nan_to_num(off, nan=np.inf).argmax())
+    worst = first_largest(np.nan_to_num(off, nan=np.inf))
     return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
 
 

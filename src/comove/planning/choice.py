@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.errors import OptionError
-from comove.planning.objective import N_STEPS, CostWeights, Objective
+from comove.planning.objective import N_STEPS, CostWeights, Evaluation, Objective
 from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
 from comove.primitives.operations import in_space
 from comove.primitives.poses import PoseDMP
@@ -19,6 +20,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+PIECE = 64  # movements evaluated at once
 N_BASIS = 30  # shape weights a dimension of what is carried
 
 Movements = Library | Mapping[str, DMP] | Iterable[Primitive | DMP]
@@ -64,7 +66,12 @@ class Choice:
 
 
 def best_movement(
-    movements: Movements, scene: Scene, *, cost: CostWeights | None = None, plane: str | None = None
+    movements: Movements,
+    scene: Scene,
+    *,
+    cost: CostWeights | None = None,
+    plane: str | None = None,
+    budget: float = np.inf,
 ) -> Choice:
     """Find the movement of a library that suits a scene best.
 
@@ -75,21 +82,29 @@ def best_movement(
     scene : to whose hands each is carried, as `solve` does
     cost : weights of the objective
     plane : "xy", "xz" or "yz", in which planar movements are laid in a spatial scene
+    budget : seconds after which movements that have not been looked at are left out
 
     Raises
     ------
     OptionError
         If no movement is left.
     """
+    begun = time.perf_counter()
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
-    carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in suited.values()]
-    q = np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])
     objective = Objective(scene, coordinates, cost or CostWeights())
-    value = objective.evaluate(q)
+    names, values = list(suited), []
+    for first in range(0, len(names), PIECE):
+        dmps = [suited[name] for name in names[first : first + PIECE]]
+        carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in dmps]
+        values.append(
+            objective.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried]))
+        )
+        if time.perf_counter() - begun > budget:
+            break
+    value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))
     passes, total = objective.feasible(value), objective.search_value(value)
     order = np.lexsort((total, ~passes))
-    names = list(suited)
     return Choice(
         tuple(
             Candidate(

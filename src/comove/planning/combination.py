@@ -24,6 +24,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modula
 from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
+from comove.planning.compiling import compiling
 from comove.planning.kernels import load_kernels
 from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.search import OutOfTime, Search, stricter
@@ -31,6 +32,7 @@ from comove.planning.solution import ProgressCallback
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.operations import refitted
 from comove.scenes.scene import Scene
+from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
 
 Array = NDArray[np.float64]
@@ -127,7 +129,7 @@ def combine(
         progress=progress,
     )
     attempts = Attempts(search, suited)
-    with suppress(OutOfTime), search.interruption.noticed():
+    with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
         attempts.run()
     found = attempts.found()
     verdict = verify(found.motion, checks)
@@ -168,7 +170,7 @@ class _Span:
 
     @classmethod
     def of(cls, movements: dict[str, DMP], scene: Scene, coordinates: Coordinates) -> _Span:
-        far = int(np.linalg.norm(scene.goal - scene.start, axis=1).argmax())
+        far = first_largest(np.linalg.norm(scene.goal - scene.start, axis=1))
         ends = scene.start[far], scene.goal[far]
         common_basis = {"n_basis": N_BASIS, "phase": LinearPhase(), "variant": Variant.CLOSED_FORM}
         carried = [refitted(modulate(dmp, *ends), **common_basis) for dmp in movements.values()]

@@ -3,8 +3,9 @@
 Configurations are those of `load_coordinates`. Along an edge between two of them centres move on straight lines
 and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
 a group's centre plus its reach times the angle. Edges are checked by conservative advancement: from a
-configuration with clearance d, no obstacle can be met before the span d has been travelled. Two hands that must
-stay apart both move: half of what is between them and their separation counts as clearance.
+configuration with clearance d, no obstacle can be met before the span d has been travelled. Where that is hardly
+any way at all, the edge creeps, and soon counts as not free. Two hands that must stay apart both move: half of what
+is between them and their separation counts as clearance.
 """
 
 from __future__ import annotations
@@ -25,14 +26,19 @@ from comove.coordination.coordinates import (
     Coordinates,
     place_one,
 )
-from comove.scenes.distances import point_distance, segment_distance
+from comove.planning.clock import clock_until, worked
+from comove.scenes.distances import CENTER, point_distance, segment_distance
 from comove.scenes.scene import Scene
 from comove.scenes.solids import border_distance, empty_solid, solid_at, solid_distance
+from comove.scenes.surfaces import Surfaces, signed_distance
 
 Array = NDArray[np.float64]
 
 CAP = 0.12  # m, on top of what is asked for
 TOLERANCE = 2e-4  # m, of clearances
+MESH_WORK = 100  # how many distances from obstacles one from a mesh takes as long as
+CREEPING = 40  # advances along an edge that may be less than that
+SOLID_WORK = 10  # distances of segments that one of a solid takes as long as
 
 
 class Space(NamedTuple):
@@ -44,10 +50,13 @@ class Space(NamedTuple):
     reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
     edges, radii, solids : the body, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n)
     obstacles : array, shape (n_rows, n_columns), their table
+    convex : array of int, which rows are obstacles themselves; the others hold meshes, and only guide
+    surfaces : the meshes
     lower, upper : arrays, shape (3,), the workspace [m]
     pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
     required : clearance asked for [m]
     cap : clearances above it are not told apart [m]
+    clock : until when there is time, see `clock_until`
     """
 
     blocks: Blocks
@@ -56,16 +65,19 @@ class Space(NamedTuple):
     radii: Array
     solids: NDArray[np.int64]
     obstacles: Array
+    convex: NDArray[np.int64]
+    surfaces: Surfaces
     lower: Array
     upper: Array
     pairs: NDArray[np.int64]
     least: Array
     required: float
     cap: float
+    clock: Array
 
 
-def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
-    """The space of `scene` in its load coordinates."""
+def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float = np.inf) -> Space:
+    """The space of `scene` in its load coordinates; nothing in it is free after the deadline (`clock_until`)."""
     reach = np.array([group.reach for group in coordinates.groups])
     body = scene.body
     return Space(
@@ -75,10 +87,13 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         body.radii,
         body.solids,
         scene.obstacles,
+        np.flatnonzero(scene.convex_rows),
+        scene.surfaces,
         *scene.workspace,
         *scene.kept_apart,
         scene.clearance,
         CAP + scene.clearance,
+        clock_until(deadline),
     )
 
 
@@ -93,8 +108,12 @@ def copy_to(source, target):
 def clearance_of(space, q, nodes, floor=0.0):
     """Clearance [m] of configuration q, at most the cap; what is below `floor` need not be exact.
 
-    `nodes` is scratch, array of shape (n_nodes, 3).
+    `nodes` is scratch, array of shape (n_nodes, 3). Once time is up, there is none (-inf).
     """
+    bodies = space.edges.shape[0] + space.solids.shape[0] * SOLID_WORK
+    obstacles = space.convex.shape[0] + MESH_WORK * space.surfaces.root.shape[0]
+    if worked(space.clock, 1 + bodies * (1 + obstacles)):
+        return -np.inf
     place_one(space.blocks, q, 1.0, nodes)
     clearance = space.cap
     for i in range(space.least.shape[0]):
@@ -112,7 +131,7 @@ def clearance_of(space, q, nodes, floor=0.0):
             return clearance
     for e in range(space.edges.shape[0]):
         a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
-        for j in range(space.obstacles.shape[0]):
+        for j in space.convex:
             distance = segment_distance(
                 space.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
             )
@@ -123,11 +142,38 @@ def clearance_of(space, q, nodes, floor=0.0):
         solid, normal = empty_solid(space.solids), np.array([1.0, 0.0, 0.0])
         solid_at(nodes, space.solids[s], solid)
         clearance = min(clearance, border_distance(solid, space.lower, space.upper))
-        for j in range(space.obstacles.shape[0]):
+        for j in space.convex:
             if clearance <= floor:
                 return clearance
             clearance = min(clearance, solid_distance(space.obstacles, j, solid, clearance, normal)[0])
+    for mesh in range(space.surfaces.root.shape[0]):
+        if clearance <= floor:
+            return clearance
+        clearance = min(clearance, _from_mesh(space, nodes, mesh, clearance))
     return clearance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _from_mesh(space, nodes, mesh, cutoff):
+    """Distance [m] of the body from a mesh, where its rows in the table say that it is; `cutoff` where it is more."""
+    row = space.surfaces.row[mesh]
+    points = np.empty((2, 3))
+    for e in range(space.edges.shape[0]):
+        for i in range(2):
+            for axis in range(3):
+                moved = space.obstacles[row, CENTER + axis] - space.surfaces.center[mesh, axis]
+                points[i, axis] = nodes[space.edges[e, i], axis] - moved
+        radius = space.radii[e]
+        cutoff = min(cutoff, signed_distance(space.surfaces, mesh, points, cutoff + radius) - radius)
+    if space.solids.shape[0] > 0:
+        points = np.empty((space.solids.shape[1], 3))
+    for s in range(space.solids.shape[0]):
+        for i in range(points.shape[0]):
+            for axis in range(3):
+                moved = space.obstacles[row, CENTER + axis] - space.surfaces.center[mesh, axis]
+                points[i, axis] = nodes[space.solids[s, i], axis] - moved
+        cutoff = min(cutoff, signed_distance(space.surfaces, mesh, points, cutoff))
+    return cutoff
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -199,11 +245,12 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Does the body keep `margin` [m] along the whole edge from p to q?"""
     length = span(space, p, q)
-    travelled = 0.0
+    travelled, creeping = 0.0, 0
     while travelled < length:
         interpolate(space, p, q, travelled / length, scratch)
         clearance = clearance_of(space, scratch, nodes) - margin
-        if clearance <= 0.0:
+        creeping += clearance < TOLERANCE
+        if clearance <= 0.0 or creeping > CREEPING:
             return False
         travelled += max(clearance, TOLERANCE)
     return clearance_of(space, q, nodes) > margin

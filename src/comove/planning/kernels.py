@@ -7,12 +7,16 @@ from functools import lru_cache
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.demonstrations.demonstration import Demonstration
+from comove.planning.clock import STRIDE, clock_until, worked
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import Objective
 from comove.planning.planner import forest, plan
-from comove.planning.seeds import fit, targets_along
+from comove.planning.seeds import fit, minimum_jerk, targets_along
 from comove.planning.spacetime import plan_in_time, spacetime, targets_in_time
 from comove.primitives.basis import motion_basis
+from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 
@@ -46,7 +50,11 @@ def load_kernels(n_dims: int, moving: bool = False) -> None:
             ],
         }
     )
+    worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
     coordinates, basis = load_coordinates(scene), motion_basis(30, "velocity")
+    way = np.linspace(0.0, 1.0, 21)
+    dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(n_dims))))
+    CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis)
     space, ends = configuration_space(scene, coordinates), coordinates.boundary()
     path = plan(space, ends[0], ends[2], 0.01, np.random.default_rng(0))
     if n_dims == 3:

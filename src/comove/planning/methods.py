@@ -34,6 +34,9 @@ from comove.verification.verify import Report
 Array = NDArray[np.float64]
 
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
+MOST_DOUBTED = (
+    2  # of these that the carrier doubts, whose picture of what moves the hands is a little too wide
+)
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
@@ -93,21 +96,18 @@ class Comove(Method):
         """Plan, fit and certify; then polish the best. False where no plan could be certified."""
         scene = search.scene
         planning = load_coordinates(scene)
-        space, ends = configuration_space(scene, planning), planning.boundary()
+        space, ends = configuration_space(scene, planning, search.until), planning.boundary()
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
             _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
         starts: list[tuple[float, CoordinatedDMP]] = []
-        failures, unfit, pace = 0, 0, 0.0
+        failures, unfit = 0, 0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
-            begun, nodes = search.time_left(), self._nodes(search.time_left(), failures, pace)
-            found = targets_of(failures, nodes)
-            pace = max(pace, (begun - search.time_left()) / nodes**2)
-            start = None
+            found, start = targets_of(failures, self._nodes(failures)), None
             if found is not None:
                 mend = search.best is None and (plans_are_dear or unfit >= self.n_unfit)
                 start = self._certified_fit(search, *found, mend)
@@ -128,15 +128,9 @@ class Comove(Method):
         """Whether what is not verified is good enough."""
         return False
 
-    def _nodes(self, time_left: float, failures: int, pace: float) -> int:
-        """Nodes for the next plan: few at first, more after failures, but no more than there is time for.
-
-        The time of a plan grows with the square of its nodes, `pace` the factor seen so far [s].
-        """
-        affordable = int(np.sqrt(0.5 * max(time_left, 0.0) / max(pace, 1e-12)))
-        return max(
-            FEW_NODES // 5, min(MANY_NODES, FEW_NODES * 2 ** (failures // self.n_restarts), affordable)
-        )
+    def _nodes(self, failures: int) -> int:
+        """Nodes for the next plan: few at first, more after failures."""
+        return min(MANY_NODES, FEW_NODES * 2 ** (failures // self.n_restarts))
 
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
@@ -146,18 +140,23 @@ class Comove(Method):
         A path with sharp bends needs more weights than others. Where `mend` says so, the best that touches nothing is
         mended instead.
         """
-        hopeful: CoordinatedDMP | None = None
+        hopeful, doubted = None, 0
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = motion_basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
             value = search.evaluate(search.objective, dmp, weights)
-            missed = np.where(search.objective.feasible(value), 0.0, 100.0)
+            sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
+            possible = np.broadcast_to(value.possible, sound.shape)
+            missed = np.where(sound, 0.0, 100.0) + np.where(possible, 0.0, 10.0)
             rank = search.objective.search_value(value) + missed
             gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
             for i in (*np.argsort(rank, kind="stable")[:N_CERTIFIED], gentlest):
-                if not np.all(value.possible) and not value.possible[i]:
-                    search.attempt = search.attempt or dmp.rollout(weights[i])
-                    break  # what moves the hands cannot: those that follow neither
+                if search.attempt is not None:  # one is judged even if time is up
+                    search.check_time()
+                if sound[i] and not possible[i]:
+                    doubted += 1
+                    if doubted > MOST_DOUBTED or not search.checks:  # which know exactly
+                        break
                 if search.judge(dmp.rollout(weights[i])).verified:
                     return float(value.cost[i]), replace(dmp, weights=weights[i])
             # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
@@ -260,7 +259,8 @@ class Guide(Quick):
         return report.clearance_min >= scene.clearance and excess <= self.excess
 
     def _will_do(self, search: Search) -> bool:
-        return search.attempt is not None and self.will_do(search.attempt_report, search.scene)
+        rejected = search.attempt_verdict
+        return rejected is not None and self.will_do(rejected.report, search.scene)
 
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]

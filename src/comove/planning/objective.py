@@ -27,6 +27,7 @@ from comove.errors import OptionError
 from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
 from comove.scenes.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
+from comove.scenes.surfaces import signed_distance
 
 Array = NDArray[np.float64]
 
@@ -176,6 +177,8 @@ class Objective:
                 scene.body.solids,
                 scene.obstacles,
                 scene.owners,
+                np.flatnonzero(scene.convex_rows),
+                scene.surfaces,
                 offsets,
                 *scene.workspace,
                 *scene.kept_apart,
@@ -229,6 +232,8 @@ def _evaluate(
     solids,
     obstacles,
     owners,
+    convex,
+    surfaces,
     offsets,
     lower,
     upper,
@@ -275,6 +280,8 @@ def _evaluate(
             solids,
             obstacles,
             owners,
+            convex,
+            surfaces,
             offsets,
             lower,
             upper,
@@ -294,6 +301,8 @@ def _obstacle_penalty(
     solids,
     obstacles,
     owners,
+    convex,
+    surfaces,
     offsets,
     lower,
     upper,
@@ -305,7 +314,7 @@ def _obstacle_penalty(
     """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout.
 
     `offsets` of the centres have the shape (n_steps, n_rows, 3), or no steps where all stand; `owners` say which
-    obstacle a row of the table is of.
+    obstacle a row of the table is of, and `convex` which rows are obstacles themselves and not parts of meshes.
     """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
@@ -313,6 +322,8 @@ def _obstacle_penalty(
     near = np.empty(n_obstacles, dtype=np.int64)
     touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
     here, there, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
+    near_meshes = np.empty(surfaces.root.shape[0], dtype=np.int64)
+    rod, hull = np.empty((2, 3)), np.empty((solids.shape[1], 3))
     normals = np.empty((solids.shape[0], n_obstacles, 3))  # the directions that parted them last
     normals[:] = 1.0 / sqrt(3.0)
     cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
@@ -334,13 +345,14 @@ def _obstacle_penalty(
         relative = longest + _farthest(offsets, t, after)
         parts = min(1 + int(relative / SUB_STEP), MAX_SUB_STEPS)
         n_near, at_border = _near_obstacles(
-            x, t, cap + thickest + relative, obstacles, offsets, lower, upper, near
+            x, t, cap + thickest + relative, obstacles, convex, offsets, lower, upper, near
         )
+        n_meshes = _near_meshes(x, t, cap + thickest + relative, surfaces, offsets, near_meshes)
         apart = cap
         for i in range(separations.shape[0]):
             spare = chord_distance(x, t, after, pairs[i, 0], pairs[i, 1]) - separations[i]
             apart = min(apart, needed + spare)
-        if n_near == 0 and not at_border and apart >= cap:
+        if n_near == 0 and n_meshes == 0 and not at_border and apart >= cap:
             continue
         weight = (longest if along_path else 1.0 / n_steps) / parts
         for part in range(parts):
@@ -379,7 +391,32 @@ def _obstacle_penalty(
                     if distance <= 0.0 and part == 0 and touched[owners[near[i]]] != t + 1:
                         touched[owners[near[i]]] = t + 1
                         hits += 1
+                for i in range(n_meshes):
+                    mesh = near_meshes[i]
+                    ox, oy, oz = _offset(offsets, t, after, f, surfaces.row[mesh])
+                    rod[0, 0], rod[0, 1], rod[0, 2] = px - ox, py - oy, pz - oz
+                    rod[1, 0], rod[1, 1], rod[1, 2] = qx - ox, qy - oy, qz - oz
+                    distance = signed_distance(surfaces, mesh, rod, cap + r) - r
+                    d = min(d, distance)
+                    owner = surfaces.owner[mesh]
+                    if distance <= 0.0 and part == 0 and touched[owner] != t + 1:
+                        touched[owner] = t + 1
+                        hits += 1
             for s in range(solids.shape[0]):
+                for i in range(n_meshes):
+                    mesh = near_meshes[i]
+                    ox, oy, oz = _offset(offsets, t, after, f, surfaces.row[mesh])
+                    for corner in range(hull.shape[0]):
+                        p, q = x[t, solids[s, corner]], x[after, solids[s, corner]]
+                        hull[corner, 0] = p[0] + f * (q[0] - p[0]) - ox
+                        hull[corner, 1] = p[1] + f * (q[1] - p[1]) - oy
+                        hull[corner, 2] = p[2] + f * (q[2] - p[2]) - oz
+                    distance = signed_distance(surfaces, mesh, hull, cap)
+                    d = min(d, distance)
+                    owner = surfaces.owner[mesh]
+                    if distance <= 0.0 and part == 0 and touched[owner] != t + 1:
+                        touched[owner] = t + 1
+                        hits += 1
                 if part == 0:
                     solid_at(x[t], solids[s], here)
                     solid_at(x[after], solids[s], there)
@@ -447,7 +484,24 @@ def _farthest(offsets, t, after):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near_obstacles(x, t, cutoff, obstacles, offsets, lower, upper, near):
+def _near_meshes(x, t, cutoff, surfaces, offsets, near):
+    """List in `near` the meshes whose boxes are within `cutoff` of the body's."""
+    count = 0
+    for mesh in range(surfaces.root.shape[0]):
+        box, away = surfaces.root[mesh], 0.0
+        ox, oy, oz = _offset(offsets, t, t, 0.0, surfaces.row[mesh])
+        for axis in range(3):
+            shift = ox if axis == 0 else (oy if axis == 1 else oz)
+            low, high = x[t, :, axis].min() - shift, x[t, :, axis].max() - shift
+            away = max(away, surfaces.lower[box, axis] - high, low - surfaces.upper[box, axis])
+        if away < cutoff:
+            near[count] = mesh
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _near_obstacles(x, t, cutoff, obstacles, convex, offsets, lower, upper, near):
     """List in `near` the obstacles within `cutoff` of the body's bounding ball; is the border that near too?"""
     n_nodes = x.shape[1]
     cx, cy, cz = 0.0, 0.0, 0.0
@@ -460,7 +514,7 @@ def _near_obstacles(x, t, cutoff, obstacles, offsets, lower, upper, near):
         reach = max(reach, (x[t, n, 0] - cx) ** 2 + (x[t, n, 1] - cy) ** 2 + (x[t, n, 2] - cz) ** 2)
     reach = sqrt(reach) + cutoff
     count = 0
-    for j in range(obstacles.shape[0]):
+    for j in convex:
         ox, oy, oz = _offset(offsets, t, t, 0.0, j)
         px, py, pz = cx - ox, cy - oy, cz - oz
         dx, dy, dz = px - obstacles[j, 1], py - obstacles[j, 2], pz - obstacles[j, 3]

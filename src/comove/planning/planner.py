@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
+from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,
     clearance_of,
@@ -59,7 +60,7 @@ def plan(
     ----------
     start, goal : arrays, shape (n_columns,)
     margin : clearance kept along the path [m] on top of `required`; less where the ends have less
-    max_nodes : after which the planner gives up
+    max_nodes : after which the planner gives up, as it does when the space's clock is up
 
     Returns
     -------
@@ -136,7 +137,7 @@ def _rrt_connect(space, start, goal, margin, rng, max_nodes):
         return trees[0, :2].copy()
     this = 0
     for _ in range(20 * max_nodes):
-        if counts[0] + counts[1] + 2 >= max_nodes:
+        if counts[0] + counts[1] + 2 >= max_nodes or worked(space.clock, counts[this]):
             break
         random_configuration(space, rng, sample)
         near = nearest(space, trees[this], counts[this], sample)
@@ -225,7 +226,7 @@ def forest(space, start, goal, margin, rng, max_nodes):
     if edge_is_free(space, start, goal, margin, scratch, nodes):
         return tree[:2].copy()
     for trial in range(40 * max_nodes):
-        if count >= max_nodes:
+        if count >= max_nodes or worked(space.clock, count):
             break
         draw = rng.random()
         between = -1  # which obstacles, where the new pose is between two
@@ -353,6 +354,8 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
         j, k = rng.integers(0, n_obstacles), rng.integers(0, n_obstacles)
         if j == k:
             continue
+        if worked(space.clock, n_obstacles):
+            break
         for axis in range(n_dims):
             low = max(space.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
             high = min(space.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])

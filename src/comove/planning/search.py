@@ -17,12 +17,13 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.optimisers.cmaes import CMAES
 from comove.optimisers.covariance import DiagonalCovariance
 from comove.optimisers.parameters import Parameters
+from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
-from comove.verification.verify import Check, Report, Verdict, verify
+from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
@@ -110,8 +111,10 @@ class Search:
     taught : the demonstrated movement, None without one
     hard : obstacles are constraints, not only costs
     rng : source of all random numbers
-    started, deadline : on the clock of `time.perf_counter` [s]
-    checks : further checks that a motion must pass
+    started, deadline : on the clock of `time.perf_counter`, which stands still while a kernel is compiled [s]
+    compiled : what has been compiled since the start
+    asked : the scene that was asked for, None where it is the one that is searched; for motions that are handed out
+    checks : further checks that a motion must pass, on the scene that was asked for
     carrier : what moves the hands, None where nothing limits them but the scene
     progress : called once a generation, and for every motion that is the best so far
     interruption : the user's wish to end
@@ -119,7 +122,7 @@ class Search:
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
     best, best_motion, best_cost : the best motion so far, its verdict and J
-    attempt, attempt_report, attempt_violation : the motion nearest to being verified among the rejected
+    attempt, attempt_verdict, attempt_violation : the motion nearest to being verified among the rejected
     log : what a method tells of its run, numbers or lists of them by name
     """
 
@@ -129,6 +132,8 @@ class Search:
     rng: np.random.Generator
     started: float
     deadline: float
+    compiled: Compiled = field(default_factory=Compiled)
+    asked: Scene | None = None
     checks: Sequence[Check] = ()
     carrier: Carrier | None = None
     progress: ProgressCallback | None = None
@@ -141,7 +146,7 @@ class Search:
     best_motion: CoordinatedMotion | None = None
     best_cost: float = np.inf
     attempt: CoordinatedMotion | None = None
-    attempt_report: Report | None = None
+    attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
     log: dict[str, float | list[float]] = field(default_factory=dict)
 
@@ -152,7 +157,16 @@ class Search:
 
     def time_left(self) -> float:
         """What is left of the budget [s]."""
-        return self.deadline - time.perf_counter()
+        return self.until - time.perf_counter()
+
+    @property
+    def until(self) -> float:
+        """When time is up, by `time.perf_counter` [s]."""
+        return self.deadline + self.compiled.seconds
+
+    def elapsed(self) -> float:
+        """Since the start [s]."""
+        return time.perf_counter() - self.started - self.compiled.seconds
 
     def over(self) -> bool:
         """Whether the budget is spent, or the user wishes to end."""
@@ -178,20 +192,26 @@ class Search:
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best. Further checks, which may be slow, come last."""
         verdict = verify(motion)
-        if verdict.verified is not None and self.checks:
-            verdict = verify(motion, self.checks)
+        if verdict.verified is not None and (self.checks or self.asked is not None):
+            handed = verify(self.handed(motion), self.checks)
+            if handed.verified is None:
+                verdict = replace(verdict, verified=None, reasons=handed.reasons)
         if verdict.verified is None:
             violation = self._violation(verdict)
             if self.attempt is None or violation < self.attempt_violation:
-                self.attempt, self.attempt_report, self.attempt_violation = motion, verdict.report, violation
+                self.attempt, self.attempt_verdict, self.attempt_violation = motion, verdict, violation
         elif self.first_verified is None:
-            self.first_verified = time.perf_counter() - self.started
+            self.first_verified = self.elapsed()
         if verdict.verified is not None or not self.hard:
             cost = self.objective.cost(motion).total
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
                 self._report(cost, 0.0)
         return verdict
+
+    def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
+        """A motion as it is handed out, on the scene that was asked for."""
+        return motion if self.asked is None else motion.on(self.asked)
 
     def _violation(self, verdict: Verdict) -> float:
         """How far a rejected motion is from being verified: contact counts before limits."""
@@ -209,7 +229,8 @@ class Search:
     def _report(self, cost: float, violation: float) -> None:
         if self.progress is not None:
             best = None if self.best is None else self.best_cost
-            self.progress(Progress(self.stage, self.generations, cost, violation, best, self.best_motion))
+            motion = None if self.best_motion is None else self.handed(self.best_motion)
+            self.progress(Progress(self.stage, self.generations, cost, violation, best, motion))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion, modulate
 from comove.errors import OptionError, near_name
+from comove.planning.compiling import compiling
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove
@@ -19,12 +21,14 @@ from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
+from comove.primitives.operations import scale
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
 
 OBSTACLES = ("constraint", "cost")
+COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
 
 
 def solve(
@@ -82,7 +86,9 @@ def solve(
     scene = method.scene_of(scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
-    weights = cost or CostWeights()
+    weights, asked = cost or CostWeights(), scene
+    if carrier is None:  # arms are as long as they are
+        scene, demonstration = of_common_size(scene, demonstration)
     taught = None if demonstration is None else carried_demonstration(demonstration, scene)
     penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
     search = Search(
@@ -92,6 +98,7 @@ def solve(
         rng=np.random.default_rng(seed),
         started=started,
         deadline=started + budget,
+        asked=None if scene is asked else asked,
         checks=checks,
         carrier=carrier,
         progress=progress,
@@ -100,29 +107,60 @@ def solve(
     if (
         at_goal >= scene.clearance or not search.hard
     ):  # else something that moves stands at the goal when the load comes
-        with suppress(OutOfTime), search.interruption.noticed():
+        with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
             method.run(search, planner=planner)
     if search.best is not None:
         motion, verdict = search.best_motion, search.best
     else:
         motion = search.attempt or CoordinatedMotion.straight(scene, search.objective.coordinates)
+        verdict = (
+            None if checks else search.attempt_verdict
+        )  # checks are not asked about what the scene rejects
+    motion, objective, log = search.handed(motion), search.objective, search.log
+    if verdict is None or search.asked is not None:
         verdict = verify(motion, checks)
+    if search.asked is not None:
+        ratio, taught = _side(asked) / _side(scene), objective.demonstration
+        taught = None if taught is None else ratio * taught
+        objective = replace(objective, scene=asked, coordinates=motion.coordinates, demonstration=taught)
+        log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
     return Solution(
-        scene=scene,
+        scene=asked,
         motion=verdict.verified,
         attempt=motion,
         report=verdict.report,
         reasons=verdict.reasons,
-        cost=search.objective.cost(motion),
+        cost=objective.cost(motion),
         method=method.name,
         seed=seed,
         evaluations=search.evaluations,
         generations=search.generations,
         time_to_first_verified_s=search.first_verified,
-        solve_time_s=time.perf_counter() - started,
+        solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
-        log=search.log,
+        log=log,
     )
+
+
+def of_common_size(scene: Scene, demonstration: DMP | None) -> tuple[Scene, DMP | None]:
+    """The scene a metre wide, if it is much smaller or larger, and a demonstration that is made so along with it.
+
+    Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
+    """
+    side = _side(scene)
+    begun = scene.begins > 0 or any(group.start_twist.any() for group in scene.groups)
+    if COMMON[0] <= side <= COMMON[1] or begun:
+        return scene, demonstration
+    return scene.scaled(1.0 / side), None if demonstration is None else scale(demonstration, 1.0 / side)
+
+
+def _times(value: float | list[float], ratio: float) -> float | list[float]:
+    return [ratio * x for x in value] if isinstance(value, list) else ratio * value
+
+
+def _side(scene: Scene) -> float:
+    """Longest side of the workspace [m]."""
+    return float((scene.upper - scene.lower).max())
 
 
 def _check_options(

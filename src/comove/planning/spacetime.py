@@ -15,7 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from comove.planning.clock import worked
 from comove.planning.configurations import (
+    CREEPING,
+    TOLERANCE,
     Space,
     clearance_of,
     copy_to,
@@ -40,7 +43,6 @@ MARGINS = (0.02, 0.01, 0.005, 0.015)  # m, tried in turn
 SMOOTHINGS = ((0.003, 0.06), (0.01, 0.1), (0.02, 0.15), (0.03, 0.25), (0.04, 0.4), (0.05, 0.6), (0.07, 0.9))
 # What a movement brings along fades in so many times the time to brake, within these shares of the duration.
 FADING, SHORTEST_LONGEST = 6.0, (0.05, 0.9)
-CREEP = 2e-4  # m, least advance along an edge
 
 
 class SpaceTime(NamedTuple):
@@ -158,15 +160,16 @@ def edge_is_free_in_time(world, p, s, q, t, margin, scratch, nodes):
     """Does the body keep `margin` [m] along the edge from p at time s to q at time t?"""
     space = world.space
     length = span(space, p, q) + world.fastest * abs(t - s)
-    travelled = 0.0
+    travelled, creeping = 0.0, 0
     while travelled < length:
         f = travelled / length
         interpolate(space, p, q, f, scratch)
         set_time(world, s + f * (t - s))
         clearance = clearance_of(space, scratch, nodes) - margin
-        if clearance <= 0.0:
+        creeping += clearance < TOLERANCE
+        if clearance <= 0.0 or creeping > CREEPING:
             return False
-        travelled += max(clearance, CREEP)
+        travelled += max(clearance, TOLERANCE)
     set_time(world, t)
     return clearance_of(space, q, nodes) > margin
 
@@ -217,7 +220,7 @@ def _grow(world, start, goal, speed, margin, rng, max_nodes, before):
         )
     this = 0
     for _ in range(40 * max_nodes):
-        if counts[0] + counts[1] + 2 >= max_nodes:
+        if counts[0] + counts[1] + 2 >= max_nodes or worked(space.clock, counts[this]):
             break
         if rng.random() < WAITING:
             copy_to(trees[this, int(rng.random() * counts[this])], sample)

@@ -242,6 +242,8 @@ def loads(data: bytes, file: object = None) -> Primitive:
     except ValueError as error:  # a truncated file, bytes that are no text, NaN, a key given twice
         at = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
         what = "it breaks off or is no JSON" if at or isinstance(error, UnicodeDecodeError) else str(error)
+        if what.startswith("Exceeds the limit"):
+            what = "it holds a number of thousands of digits"
         raise LibraryError(what + at, file=file, way_out=COPY_ANEW) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise LibraryError(

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations import Demonstration
+from comove.demonstrations.files import require_room, telling
 from comove.errors import LibraryError, OptionError, near_name
 from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
@@ -33,6 +34,7 @@ Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
 N_SHAPE = 101
+DIGITS = 9  # of distances that are compared
 SHOWN = 20  # names that a message lists
 
 Movement = Primitive | DMP | PoseDMP | Demonstration
@@ -131,8 +133,9 @@ class Library:
             If there is none (proposes the near name), or its file is damaged.
         """
         path = self.path(name)
-        if not path.is_file():
-            raise self._missing(name)
+        with telling(path, error=LibraryError):
+            if not path.is_file():
+                raise self._missing(name)
         return renamed(read_primitive(path), name)
 
     def add(self, primitive: Primitive, name: str | None = None, *, replace: bool = False) -> Path:
@@ -158,14 +161,8 @@ class Library:
         taken = [other for other in self.names if other.casefold() == name.casefold()]
         if taken and not (replace and taken == [name]):
             raise self._taken(taken[0])
-        try:
+        with telling(self.folder, "made", LibraryError):
             self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise LibraryError(
-                f"the folder cannot be made: {error.strerror}",
-                file=self.folder,
-                way_out="name another folder",
-            ) from error
         try:
             write_primitive(path, renamed(primitive, name), replace=replace)
         except LibraryError as error:
@@ -173,6 +170,19 @@ class Library:
                 raise self._taken(name) from error
             raise
         return path
+
+    def require_room(self) -> None:
+        """Make sure, before anything takes time, that primitives may be added.
+
+        Raises
+        ------
+        LibraryError
+            If the folder is a file, not writable, or its disk is full.
+        """
+        with telling(self.folder, "written", LibraryError):
+            if self.folder.exists() and not self.folder.is_dir():
+                raise LibraryError("it is a file", file=self.folder, way_out="name a folder")
+        require_room(self.folder / SUFFIX, LibraryError)
 
     def remove(self, name: str) -> None:
         """Delete a primitive, damaged or not.
@@ -220,16 +230,11 @@ class Library:
         return rank(list(self), start=start, goal=goal, duration=duration, shape=shape, limit=limit)
 
     def _entries(self) -> list[str]:
-        try:
-            return [entry.name for entry in os.scandir(self.folder)]
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise LibraryError(
-                f"it cannot be read: {error.strerror}",
-                file=self.folder,
-                way_out="name the folder of a library",
-            ) from error
+        with telling(self.folder, error=LibraryError):
+            try:
+                return [entry.name for entry in os.scandir(self.folder)]
+            except FileNotFoundError:
+                return []
 
     def _missing(self, name: str) -> LibraryError:
         return LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name))
@@ -294,7 +299,9 @@ def rank(
     if duration is not None:
         scaled["duration"] = np.log(terms["duration"])
     distance = np.sqrt(sum(term**2 for term in scaled.values()))
-    order = sorted(range(len(primitives)), key=lambda i: (distance[i], primitives[i].name))
+    order = sorted(
+        range(len(primitives)), key=lambda i: (round(float(distance[i]), DIGITS), primitives[i].name)
+    )
     return [
         Match(
             primitives[i].name, float(distance[i]), **{name: float(term[i]) for name, term in terms.items()}

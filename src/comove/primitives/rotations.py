@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.ties import first_least
+
 Array = NDArray[np.float64]
 
 TINY = 1e-150
@@ -147,7 +149,7 @@ def similarity(a: Array, b: Array) -> Array:
     a, b = a / length, b / wanted
     aside = b - (b @ a) * a
     if not np.linalg.norm(aside) > 0.0:
-        aside[np.argmin(np.abs(a))] = 1.0
+        aside[first_least(np.abs(a))] = 1.0
     for _ in range(2):  # once more, for vectors that nearly coincide
         aside = aside - (aside @ a) * a
         aside = aside / np.linalg.norm(aside)

@@ -38,6 +38,7 @@ from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
 from comove.reaction.twists import Poses, group_nodes
 from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -332,7 +333,7 @@ class Programme:
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:
             return NOTHING
-        return int(owner[size.argmax()])
+        return int(owner[first_largest(size)])
 
 
 def _freedom(scene: Scene, turning_weight: float) -> Freedom:

@@ -1,19 +1,19 @@
 """The result folder: `solution.npz`, `solution.json` and whatever pictures are drawn into it.
 
-A folder is written under a temporary name and renamed at the end, so it is there as a whole or not at all.
+A folder is written as a draft beside its place (see `comove.demonstrations.drafts`), so it is there as a whole or not
+at all.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,26 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations import drafts
+from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
-from comove.errors import DemonstrationError, OptionError, ResultError
+from comove.errors import DemonstrationError, OptionError, ResultError, shortened
+from comove.planning.objective import CostWeights, Objective
 from comove.planning.solution import Solution
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.results.entries import (
+    COUNT,
+    MAPPING,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    agrees,
+    number,
+    require_types,
+    require_unedited,
+)
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, Verdict, verify
@@ -47,6 +62,10 @@ FILES |= {
     for part in ("", "_approach", "_release")
     for suffix in ("", ".csv", ".csv.json", ".npz", ".bag", ".mcap")
 }
+ROOM = 2_000_000  # bytes that a result may take, pictures and all
+TERMS = ("goal", "velocity", "obstacle", "resemblance")
+RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
+USUAL = CostWeights()
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
@@ -103,68 +122,90 @@ def check_target(folder: str | Path, contents: Contents = RESULT) -> Path:
     ResultError
         If it is a file, a folder with something else in it, or not writable.
     """
-    folder = Path(folder).resolve()
-    if folder.exists() and not folder.is_dir():
-        raise ResultError("it is a file", file=folder, way_out="name a folder")
-    if folder.is_dir():
-        names = {entry.name for entry in folder.iterdir()}
-        if names and not names & contents.marks:
-            raise ResultError(
-                f"the folder is not empty and holds no {contents.what}",
-                file=folder,
-                way_out="name another or empty it",
-            )
-        known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
-        others = (
-            names - known
-            or {path.relative_to(folder).as_posix() for name in names for path in (folder / name).rglob("*")}
-            - known
-        )
-        if others:
-            raise ResultError(
-                f"besides a {contents.what} the folder holds '{min(others)}'",
-                file=folder,
-                way_out="name another folder or move that away",
-            )
-    parent = folder.parent
-    while not parent.exists():
-        parent = parent.parent
-    try:
-        os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=parent))
-    except OSError as error:
-        raise ResultError(
-            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
-        ) from error
+    folder = _resolved(folder)
+    with telling(folder, "written", ResultError):
+        if folder.exists() and not folder.is_dir():
+            raise ResultError("it is a file", file=folder, way_out="name a folder")
+        if folder.is_dir():
+            _require_only(folder, contents)
+    require_room(folder, ResultError, ROOM)
     return folder
+
+
+def _resolved(folder: str | Path) -> Path:
+    """Where links lead."""
+    try:
+        return Path(folder).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        if isinstance(error, RuntimeError):  # how Python 3.11 and 3.12 tell it
+            error = OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        why, way_out = (
+            refusal(error, Path(folder)) if isinstance(error, OSError) else (str(error), "name a folder")
+        )
+        raise ResultError(f"it cannot be written: {why}", file=folder, way_out=way_out) from error
+
+
+def _require_only(folder: Path, contents: Contents) -> None:
+    """Refuse a folder that cannot be replaced as a whole without loss."""
+    names = {entry.name for entry in folder.iterdir()}
+    if names and not names & contents.marks:
+        raise ResultError(
+            f"the folder is not empty and holds no {contents.what}",
+            file=folder,
+            way_out="name another or empty it",
+        )
+    known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
+    others = (
+        names - known
+        or {path.relative_to(folder).as_posix() for name in names for path in (folder / name).rglob("*")}
+        - known
+    )
+    if others:
+        raise ResultError(
+            f"besides a {contents.what} the folder holds '{min(others)}'",
+            file=folder,
+            way_out="name another folder or move that away",
+        )
+    if os.path.ismount(folder):
+        raise ResultError(
+            "it is a mount point, which cannot be replaced as a whole",
+            file=folder,
+            way_out=f"name a folder in it, such as {folder / 'result'}",
+        )
+    if folder == Path.cwd():
+        raise ResultError(
+            "it is the folder that you are in, and would be replaced as a whole",
+            file=folder,
+            way_out="name a folder in it",
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ResultError("you may not write it", file=folder, way_out="name a folder that you may write")
 
 
 @contextmanager
 def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Path]:
     """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
     folder = check_target(folder, contents)
+    made = []
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    except OSError as error:
-        raise ResultError(
-            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
-        ) from error
-    try:
-        yield draft
-        os.chmod(draft, 0o777 & ~_umask())
-        if folder.exists():
-            old = draft.with_name(draft.name + ".old")
-            os.replace(folder, old)
-            os.replace(draft, folder)
-            shutil.rmtree(old, ignore_errors=True)
-        else:
-            os.replace(draft, folder)
-    except OSError as error:
-        raise ResultError(
-            f"it cannot be written: {error.strerror}", file=folder, way_out="name a folder that you may write"
-        ) from error
+        with telling(folder, "written", ResultError):
+            made = _make(folder.parent)
+            with drafts.draft(folder) as draft:
+                yield draft
+                if folder.is_dir():
+                    _require_only(folder, contents)  # whatever was put there meanwhile
+                drafts.put(draft, folder)
     finally:
-        shutil.rmtree(draft, ignore_errors=True)
+        for parent in made:
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make a folder and what it lies in; what was made, the innermost first."""
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    return made
 
 
 def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> dict[str, Any]:
@@ -200,6 +241,7 @@ def motion_arrays(motion: CoordinatedMotion) -> dict[str, NDArray]:
 def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: float) -> dict[str, Any]:
     """The contents of solution.json."""
     report, cost = solution.report, solution.cost
+    terms = {name: getattr(cost, name) for name in TERMS}
     return {
         "verified": solution.verified,
         "interrupted": solution.interrupted,
@@ -209,12 +251,8 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "seed": solution.seed,
         "version": __version__,
         "cost": cost.total,
-        "cost_terms": {
-            "goal": cost.goal,
-            "velocity": cost.velocity,
-            "obstacle": cost.obstacle,
-            "resemblance": cost.resemblance,
-        },
+        "cost_terms": terms,
+        "cost_weights": _weights_of(terms, solution.attempt),
         **{name: _finite(value) for name, value in report.asdict().items()},
         "evaluations": solution.evaluations,
         "generations": solution.generations,
@@ -224,6 +262,22 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "scene_sha256": solution.scene.sha256,
         "motion_sha256": checksum(arrays),
     }
+
+
+def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
+    """By what the terms of J were weighted that follow from the motion; the usual weight where a term is 0."""
+    weights = {}
+    for name, unit in _unit_terms(motion).items():
+        usual = getattr(USUAL, name)
+        weight = terms[name] / unit if unit > 0 else usual
+        weights[name] = usual if abs(weight - usual) <= SAME * usual else weight
+    return weights
+
+
+def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
+    """The terms of J that follow from the motion alone, each of weight 1."""
+    cost = Objective(motion.scene, motion.coordinates, CostWeights(1.0, 1.0, 1.0)).cost(motion)
+    return {name: getattr(cost, name) for name in RECOMPUTED}
 
 
 def checksum(arrays: Mapping[str, NDArray]) -> str:
@@ -245,10 +299,26 @@ def read_result(folder: str | Path) -> StoredResult:
         If it is missing, incomplete or unreadable.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise ResultError(
-            "there is no such folder", file=folder, way_out="make it by: comove solve SCENE --out DIR"
-        )
+    return drafts.steadily(folder, lambda: _read(require_folder(folder, "comove solve")))
+
+
+def require_folder(folder: Path, command: str) -> Path:
+    """Return the folder of a result; a replacement of it that was cut off is brought to its end.
+
+    Raises
+    ------
+    ResultError
+        If there is none; names the `command` that makes it.
+    """
+    with telling(folder, error=ResultError):
+        if not folder.is_dir() and not drafts.finish(_resolved(folder)):
+            raise ResultError(
+                "there is no such folder", file=folder, way_out=f"make it by: {command} SCENE --out DIR"
+            )
+    return folder
+
+
+def _read(folder: Path) -> StoredResult:
     path = folder / SUMMARY
     if not path.is_file():
         raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="name the folder of a result")
@@ -324,8 +394,15 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
         reasons.append(f"{SUMMARY} was edited: its own checksum does not fit")
     if stored.summary.get("scene_sha256") != scene.sha256:
         reasons.append("the scene is not the one that was solved: its checksum differs")
+    try:
+        _require_entries(stored.summary, stored.folder / SUMMARY)
+    except ResultError as error:
+        reasons.append(f"{SUMMARY} was edited: {error.key}: {error.message}")
     if verdict.verified is not None and stored.summary.get("verified") is True:
         reasons += _edited_summary(stored.summary, verdict.report)
+        reasons += _edited_cost(stored.summary, motion)
+        if stored.summary.get("scene") != scene.name:
+            reasons.append(f"{SUMMARY} names another scene: {shortened(str(stored.summary.get('scene')))}")
     elif stored.summary.get("verified") is not True:
         reasons.append(f"{SUMMARY} does not claim a verified motion")
     return Verdict(None if reasons else verdict.verified, verdict.report, tuple(reasons))
@@ -355,10 +432,69 @@ def _edited_summary(summary: Mapping[str, Any], report: Report) -> list[str]:
     reasons = []
     for name, right in report.asdict().items():
         stated = summary.get(name)
-        agrees = isinstance(stated, (int, float)) and abs(stated - right) <= SAME * max(1e-3, abs(right))
-        if not agrees:
-            reasons.append(f"{SUMMARY} says {name} = {stated}, the motion's is {right:.9g}")
+        if not agrees(stated, right, SAME * max(1e-3, abs(right))):
+            reasons.append(f"{SUMMARY} says {name} = {shortened(str(stated))}, the motion's is {right:.9g}")
     return reasons
+
+
+def _edited_cost(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[str]:
+    """Which terms of J are not those of the motion under the weights that the summary states, in words."""
+    terms, weights = summary.get("cost_terms"), summary.get("cost_weights", vars(USUAL))
+    if not isinstance(terms, dict) or not isinstance(weights, dict):
+        return [f"{SUMMARY} says nothing of the terms of J, or of their weights"]
+    reasons, total, units = [], 0.0, _unit_terms(motion)
+    for name in TERMS:
+        stated, weight = number(terms.get(name)), number(weights.get(name, 0.0))
+        if stated is None or weight is None or min(stated, weight) < 0:
+            reasons.append(f"{SUMMARY} says {shortened(str(terms.get(name)))} of the cost's term '{name}'")
+            continue
+        total += stated
+        if name in RECOMPUTED:
+            right = weight * units[name]
+            if not agrees(stated, right, SAME * max(1e-3, right)):
+                reasons.append(f"{SUMMARY} says cost_terms.{name} = {stated}, the motion's is {right:.9g}")
+    if not reasons and not agrees(summary.get("cost"), total, SAME * max(1e-3, total)):
+        reasons.append(
+            f"{SUMMARY} says cost = {shortened(str(summary.get('cost')))}, its terms make {total:.9g}"
+        )
+    return reasons
+
+
+def require_whole(stored: StoredResult) -> StoredResult:
+    """Return a result that may be shown: nothing in it was changed that checksums cover, and all of it has its type.
+
+    Raises
+    ------
+    ResultError
+        If a checksum does not fit, or an entry is of another type; names it.
+    """
+    summary, file = stored.summary, stored.folder / SUMMARY
+    if summary.get("motion_sha256") != checksum(stored.arrays):
+        raise ResultError(
+            f"its checksum is not the one in {SUMMARY}",
+            file=stored.folder / ARRAYS,
+            way_out="solve the scene again",
+        )
+    require_unedited(summary, _summary_checksum(summary), file)
+    _require_entries(summary, file)
+    return stored
+
+
+def _require_entries(summary: Mapping[str, Any], file: Path) -> None:
+    """Refuse a summary in which something is missing or of another type."""
+    require_types(summary, _TYPES, file)
+    require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
+    require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
+
+
+_TYPES = (
+    dict.fromkeys(("scene", "method", "version", "scene_sha256"), TEXT)
+    | dict.fromkeys(("seed", "evaluations", "generations"), COUNT)
+    | {"verified": TRUTH, "interrupted": TRUTH, "reasons": TEXTS, "cost": NUMBER}
+    | {"cost_terms": MAPPING, "cost_weights": MAPPING.or_nothing}
+    | {field.name: NUMBER.or_nothing for field in fields(Report)}
+    | dict.fromkeys(("time_to_first_verified_s", "wall_time_s"), NUMBER.or_nothing)
+)
 
 
 def _basis(arrays: Mapping[str, NDArray]) -> MotionBasis:
@@ -399,9 +535,3 @@ def _finite(value: float) -> float | None:
 
 def _no_constant(text: str) -> float:
     raise ValueError(f"it holds {text}")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

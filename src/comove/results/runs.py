@@ -1,20 +1,24 @@
 """The store of runs: one SQLite file, one row a run, written as the run ends and never changed.
 
 Several processes may write at once. The key of a row is the hash of what was run, so that nothing is run twice, and
-whatever is killed loses no row that was written.
+whatever is killed loses no row that was written. What is read is looked at: a store of another version, or with rows
+that others have changed, is told.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
+from comove.demonstrations.files import telling, whole_path
 from comove.errors import ExtraError, ResultError
 
 APPLICATION = 0x636F6D76  # "comv", in the header of the file
@@ -103,6 +107,7 @@ _WHAT, _WHERE, _MEASURED = ([f.name for f in fields(c)] for c in (Configuration,
 COLUMNS = ("key", *_WHAT, "status", "message", "started", *_WHERE, *_MEASURED, "history")
 _REALS = {"budget", *_MEASURED}
 _WHOLE = {"seed", "cores"}
+_KINDS = dict.fromkeys(_REALS, float) | dict.fromkeys(_WHOLE, int)
 
 
 def _declared(columns: Iterable[str]) -> str:
@@ -110,12 +115,21 @@ def _declared(columns: Iterable[str]) -> str:
     return ", ".join(f'"{column}" {kinds.get(column, "TEXT")}' for column in columns)
 
 
-_TABLES = (
-    f"CREATE TABLE IF NOT EXISTS runs ({_declared(COLUMNS)})",
-    f"CREATE TABLE IF NOT EXISTS planned ({_declared(('key', *_WHAT))})",
-    "CREATE TABLE IF NOT EXISTS begun (key TEXT, driver TEXT, pid INTEGER, since REAL, PRIMARY KEY (key, driver))",
-    "CREATE TABLE IF NOT EXISTS kills (key TEXT PRIMARY KEY, times INTEGER)",
-)
+_TABLES = {
+    "runs": _declared(COLUMNS),
+    "planned": _declared(("key", *_WHAT)),
+    "begun": "key TEXT, driver TEXT, pid INTEGER, since REAL, PRIMARY KEY (key, driver)",
+    "kills": "key TEXT PRIMARY KEY, times INTEGER",
+}
+
+
+def _columns(declared: str) -> list[str]:
+    """Their names."""
+    return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER)', declared)
+
+
+_READ_ONLY = ("unable to open database file", "attempt to write a readonly database")
+_AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
 
 
 @dataclass(frozen=True)
@@ -139,9 +153,10 @@ class RunStore:
             If there is no such file, or it is none.
         """
         store = cls(Path(path))
-        if not store.path.is_file():
-            what = "it is a folder" if store.path.is_dir() else "there is no such file"
-            raise ResultError(what, file=path, way_out="make it by: comove bench run --out STORE.sqlite")
+        with telling(store.path, error=ResultError):
+            if not store.path.is_file():
+                what = "it is a folder" if store.path.is_dir() else "there is no such file"
+                raise ResultError(what, file=path, way_out="make it by: comove bench run --out STORE.sqlite")
         store._check()
         return store
 
@@ -155,30 +170,55 @@ class RunStore:
             If another file is in its place, or it cannot be written.
         """
         store = cls(Path(path))
-        if store.path.is_dir():
-            raise ResultError("it is a folder", file=path, way_out="name a file")
-        if store.path.exists() and store.path.stat().st_size:
-            store._check()
-        elif not store.path.parent.is_dir():
-            raise ResultError("its folder is not there", file=path, way_out="make the folder first")
+        with telling(store.path, "written", ResultError):
+            if store.path.exists() and not store.path.is_file():
+                what = "a folder" if store.path.is_dir() else "no regular file"
+                raise ResultError(f"it is {what}", file=path, way_out="name a file")
+            if store.path.exists() and store.path.stat().st_size:
+                store._check(whole=False)
+            elif not store.path.parent.is_dir():
+                raise ResultError("its folder is not there", file=path, way_out="make the folder first")
         with store.connected() as connection:
+            connection.execute("BEGIN IMMEDIATE")  # all of it or nothing, and one after the other
             connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            for name, declared in _TABLES.items():
+                connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({declared})")
+            connection.execute("COMMIT")
             connection.execute("PRAGMA journal_mode = WAL")
-            for table in _TABLES:
-                connection.execute(table)
         return store
 
-    def _check(self) -> None:
-        with self.connected() as connection:
+    def _check(self, *, whole: bool = True) -> None:
+        """Refuse what is no store, or one of another version; `whole`: also one that was not finished."""
+        with self.connected(reading=True) as connection:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
+            columns = {
+                name: [row[1] for row in connection.execute(f"PRAGMA table_info({name})")] for name in _TABLES
+            }
         if application != APPLICATION:
             raise ResultError(
                 "it is an SQLite file, but no store of runs", file=self.path, way_out="name another file"
             )
+        for name, found in columns.items():
+            if found and found != _columns(_TABLES[name]):
+                raise ResultError(
+                    f"it is a store of another version of comove: its table '{name}' has other columns",
+                    file=self.path,
+                    way_out="name another file, or read it with the version that wrote it",
+                )
+            if not found and whole:
+                raise ResultError(
+                    f"it has no table '{name}': it was not finished",
+                    file=self.path,
+                    way_out="go on with it: comove bench run --out STORE.sqlite",
+                )
 
     @contextmanager
-    def connected(self) -> Iterator[sqlite3.Connection]:
+    def connected(self, *, reading: bool = False) -> Iterator[sqlite3.Connection]:
         """A connection whose changes are written as a whole, or not at all.
+
+        Parameters
+        ----------
+        reading : nothing is changed, so that the file may lie where nobody may write
 
         Raises
         ------
@@ -187,7 +227,8 @@ class RunStore:
         """
         connection = None
         try:
-            connection = sqlite3.connect(self.path, timeout=WAIT)
+            with telling(self.path, "used", ResultError):
+                connection = self._readable() if reading else sqlite3.connect(self.path, timeout=WAIT)
             with connection:
                 yield connection
         except sqlite3.DatabaseError as error:
@@ -195,12 +236,36 @@ class RunStore:
                 raise ResultError(
                     "it is no SQLite file", file=self.path, way_out="name another file"
                 ) from error
+            damaged = "malformed" in str(error)
             raise ResultError(
-                f"the store cannot be used: {error}", file=self.path, way_out="name a file that you may write"
+                f"the store cannot be used: {error}",
+                file=self.path,
+                way_out=_AS_IT_WAS if damaged else "make room, or name a file that you may write",
             ) from error
         finally:
             if connection is not None:
                 connection.close()
+
+    def _readable(self) -> sqlite3.Connection:
+        """A connection for reading; on a medium that nobody may write, SQLite has to be told that nobody does."""
+        connection = None
+        try:
+            connection = sqlite3.connect(self.path, timeout=WAIT)
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            return connection
+        except sqlite3.OperationalError as error:
+            if connection is not None:
+                connection.close()
+            if str(error) not in _READ_ONLY:
+                raise
+            log = self.path.with_name(f"{self.path.name}-wal")
+            if log.exists() and log.stat().st_size:
+                raise ResultError(
+                    f"its last rows lie in {log.name}, and may not be moved into it here",
+                    file=self.path,
+                    way_out="copy both files to a folder that you may write",
+                ) from error
+        return sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
 
     def plan(self, configurations: Iterable[Configuration]) -> None:
         """Note what is to be run, so that a report can say what is missing."""
@@ -213,19 +278,67 @@ class RunStore:
 
     def planned(self) -> list[Configuration]:
         """What was to be run."""
-        with self.connected() as connection:
-            return [Configuration(*row[1:]) for row in connection.execute("SELECT * FROM planned")]
+        with self.connected(reading=True) as connection:
+            rows = connection.execute("SELECT * FROM planned").fetchall()
+        return [Configuration(*row[1:]) for row in rows]
 
     def keys(self) -> set[str]:
         """Of what has ended."""
-        with self.connected() as connection:
+        with self.connected(reading=True) as connection:
             return {key for (key,) in connection.execute("SELECT key FROM runs")}
 
     def runs(self) -> list[Run]:
         """What has ended, in the order in which it did."""
+        return [self._run(row) for row in self._rows()]
+
+    def _rows(self) -> list[tuple]:
+        with self.connected(reading=True) as connection:
+            return connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
+
+    def _run(self, row: tuple) -> Run:
+        """A run of its row, looked at."""
+        values = dict(zip(COLUMNS, row, strict=True))
+        try:
+            for name, value in values.items():
+                kind = (float, NoneType) if name in _MEASURED else _KINDS.get(name, str)
+                if not isinstance(value, kind):
+                    raise ValueError(f"{name} is {value!r}")
+            run = _run(values)
+            if run.status not in STATUSES or run.configuration.key != values["key"]:
+                raise ValueError("it is not what was run")
+            return run
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ResultError(
+                f"the row '{str(values['key'])[:12]}' was changed: {str(error)[:80]}",
+                file=self.path,
+                way_out=_AS_IT_WAS,
+            ) from error
+
+    def has(self, key: str) -> bool:
+        """Whether a run has ended."""
+        with self.connected(reading=True) as connection:
+            return connection.execute("SELECT 1 FROM runs WHERE key = ?", (key,)).fetchone() is not None
+
+    def claim(
+        self, key: str, driver: str, pid: int, since: float, is_gone: Callable[[int, float], bool]
+    ) -> bool:
+        """Note that a process is about to begin a run, unless the process of another driver is at it.
+
+        Parameters
+        ----------
+        since : when it is taken to begin (seconds of the epoch)
+        is_gone : whether a process that began then is at it no more
+        """
         with self.connected() as connection:
-            rows = connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
-        return [_run(dict(zip(COLUMNS, row, strict=True))) for row in rows]
+            connection.execute("BEGIN IMMEDIATE")
+            others = connection.execute(
+                "SELECT pid, since FROM begun WHERE key = ? AND driver != ?", (key, driver)
+            ).fetchall()
+            if not all(is_gone(*other) for other in others):
+                return False
+            connection.execute("DELETE FROM begun WHERE key = ?", (key,))
+            connection.execute("INSERT INTO begun VALUES (?, ?, ?, ?)", (key, driver, pid, since))
+            return True
 
     def begin(self, key: str, driver: str, pid: int, since: float) -> None:
         """Note that a process is at a run, since when (seconds of the epoch); the last call counts."""
@@ -306,19 +419,13 @@ def export_parquet(store: RunStore, path: str | Path) -> int:
         import pyarrow.parquet
     except ImportError as error:
         raise ExtraError("a Parquet file", "data") from error
-    with store.connected() as connection:
-        rows = connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
+    store.runs()  # looks at all rows
+    rows = store._rows()
     kinds = {c: pyarrow.float64() for c in _REALS} | {c: pyarrow.int64() for c in _WHOLE}
     columns = {
         name: pyarrow.array([row[i] for row in rows], type=kinds.get(name, pyarrow.string()))
         for i, name in enumerate(COLUMNS)
     }
-    try:
-        pyarrow.parquet.write_table(pyarrow.table(columns), path)
-    except OSError as error:
-        raise ResultError(
-            f"it cannot be written: {error.strerror or error}",
-            file=path,
-            way_out="name a file that you may write",
-        ) from error
+    with whole_path(path, ResultError) as draft:
+        pyarrow.parquet.write_table(pyarrow.table(columns), draft)
     return len(rows)

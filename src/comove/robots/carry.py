@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
+from comove.planning.compiling import compiling
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
@@ -68,22 +70,25 @@ def carry(
     demonstration, seed, progress
         As for `comove.planning.solve`.
     budget
-        Seconds after which the best so far is returned; loading kernels is apart.
+        Seconds after which the best so far is returned; compiling, once after installation, is apart.
 
     Raises
     ------
     SceneError, RobotError
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
-    task = Carrying(robot, scene)
-    check = RobotCheck(task)
-    check.prepare()
+    begun = time.perf_counter()
+    with compiling() as compiled:
+        task = Carrying(robot, scene)
+        check = RobotCheck(task)
+        check.prepare()
+    spent = time.perf_counter() - begun - compiled.seconds
     solution = solve(
         scene,
         demonstration=demonstration,
         seed=seed,
         method=robot_method(),
-        budget=budget,
+        budget=max(0.5 * budget, budget - spent),
         carrier=task,
         checks=[check],
         progress=progress,

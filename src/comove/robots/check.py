@@ -53,6 +53,7 @@ class RobotCheck:
         straight = CoordinatedMotion.straight(scene, coordinates)
         space, rng = configuration_space(scene, coordinates), np.random.default_rng(0)
         self.task.plan(space, straight.boundary[0], straight.boundary[0], 0.0, rng, max_nodes=8)
+        self.task.forget()
         self.task.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
         track(self.task, straight)
 

@@ -19,6 +19,7 @@ from scipy.interpolate import PPoly
 
 from comove.robots.extremes import Extreme, subdivided
 from comove.robots.model import Arm, Robot
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -62,8 +63,8 @@ def worst(robot: Robot, time: Array, torque: Array) -> Extreme:
     """The largest share of an effort limit, by torques of shape (n_steps, n_joints) at the times of `sampling`."""
     bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
     share = (np.abs(torque) + bulge) / robot.effort
-    place = np.unravel_index(int(share.argmax()), share.shape)
-    return Extreme(float(share[place]), int(place[1]), float(time[place[0]]))
+    place = np.unravel_index(first_largest(share), share.shape)
+    return Extreme(float(share.max()), int(place[1]), float(time[place[0]]))
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.ties import first_largest
+
 Array = NDArray[np.float64]
 
 
@@ -77,8 +79,8 @@ def places(curve: PPoly) -> tuple[Array, Array]:
 
 def _worst(values: Array, time: Array) -> Extreme:
     """The largest of `values`; arrays, shape (n_places, n_joints)."""
-    place = np.unravel_index(int(np.argmax(values)), values.shape)
-    return Extreme(float(values[place]), int(place[1]), float(time[place]))
+    place = np.unravel_index(first_largest(values), values.shape)
+    return Extreme(float(values.max()), int(place[1]), float(time[place]))
 
 
 def _over(numerator: Array, denominator: Array) -> Array:

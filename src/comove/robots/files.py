@@ -12,7 +12,7 @@ import hashlib
 import json
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,14 +22,17 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations.drafts import steadily
 from comove.demonstrations.npz import read_arrays
-from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError, RobotError
+from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError, RobotError, shortened
+from comove.results.entries import NUMBER, TEXT, TEXTS, TRUTH, agrees, require_types, require_unedited
 from comove.results.folder import (
     StoredResult,
     checksum,
     motion_arrays,
     read_result,
     rebuild,
+    require_folder,
     verify_result,
 )
 from comove.robots.description import Uncertainty, bundled_robots
@@ -154,16 +157,38 @@ def read_joints(folder: str | Path) -> StoredJoints:
         If it is missing, incomplete or unreadable.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise ResultError(
-            "there is no such folder", file=folder, way_out="make it by: comove robot solve SCENE --out DIR"
-        )
+    return steadily(folder, lambda: _read(require_folder(folder, "comove robot solve")))
+
+
+def _read(folder: Path) -> StoredJoints:
     summary = _read_json(folder / SUMMARY)
     try:
         arrays = read_arrays(folder / ARRAYS, SAMPLES)
     except DemonstrationError as error:
         raise ResultError(error.message, file=folder / ARRAYS, key=error.key, way_out=AGAIN) from error
     return StoredJoints(folder, summary, arrays, _read_scene(folder / SCENE))
+
+
+def require_whole_joints(stored: StoredJoints) -> StoredJoints:
+    """Return what may be shown: nothing in it was changed that checksums cover, and all of it has its type.
+
+    Raises
+    ------
+    ResultError
+        If a checksum does not fit, or an entry is of another type; names it.
+    """
+    file = stored.folder / SUMMARY
+    if stored.summary.get("joints_sha256") != checksum(stored.arrays):
+        raise ResultError(
+            f"its checksum is not the one in {SUMMARY}", file=stored.folder / ARRAYS, way_out=AGAIN
+        )
+    require_unedited(stored.summary, _summary_checksum(stored.summary), file)
+    require_types(stored.summary, _TYPES, file)
+    return stored
+
+
+_ENTRIES = {"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT}
+_TYPES = _ENTRIES | dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing)
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -192,27 +217,48 @@ def _read_scene(path: Path) -> Scene:
         raise ResultError(str(error), file=path, way_out=AGAIN) from error
 
 
-def verify_stored(folder: str | Path, robot: Robot | None = None) -> JointVerdict:
-    """Judge a stored joint motion anew, from its files alone.
+def verify_stored(
+    folder: str | Path,
+    robot: Robot | None = None,
+    *,
+    scene: Scene | None = None,
+    uncertainty: Uncertainty | None = None,
+    mass_shares: Sequence[float] | None = None,
+) -> JointVerdict:
+    """Judge a stored joint motion anew.
+
+    What the judge assumes comes from the scene, the robot's description and the caller, never from what `robot.json`
+    says of it: that must agree.
 
     Parameters
     ----------
     robot
         Unless given, the one that `robot.json` names.
+    scene
+        On which it is judged; `scene.json` unless given.
+    uncertainty
+        Of the bases; the description's unless given.
+    mass_shares
+        Parts of the load's mass that its holders carry; equal unless given.
 
     Raises
     ------
     ResultError
         If the folder is missing, incomplete or unreadable, or there is no such robot.
     """
-    stored, solution = read_joints(folder), read_result(folder)
+    stored, solution = steadily(Path(folder), lambda: (read_joints(folder), read_result(folder)))
     robot = _robot(stored) if robot is None else robot
-    hands = verify_result(solution, stored.scene)
+    scene = stored.scene if scene is None else scene
+    uncertainty = robot.description.uncertainty if uncertainty is None else uncertainty
+    assumed = {"uncertainty": uncertainty, "mass_shares": mass_shares}
+    hands = verify_result(solution, scene)
     edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
-    flaws = _misshapen(stored.arrays) or unfit_joints(robot, stored.scene, stored.joints)
+    edits += _other_assumptions(stored.summary, uncertainty, mass_shares)
+    if stored.scene.sha256 != scene.sha256:
+        edits.append(f"{SCENE} is not the scene that it is judged on: its checksum differs")
+    flaws = _misshapen(stored.arrays) or unfit_joints(robot, scene, stored.joints)
     try:
-        motion = rebuild(solution.arrays, stored.scene)
-        assumed = _assumed(stored.summary)
+        motion = rebuild(solution.arrays, scene)
         verdict = verify_joints(robot, motion, stored.joints, **assumed) if not flaws else _NOTHING
     except (InputError, ValueError) as error:
         flaws, verdict = [*flaws, " ".join(str(error).split())], _NOTHING
@@ -223,6 +269,7 @@ def verify_stored(folder: str | Path, robot: Robot | None = None) -> JointVerdic
         edits.append(f"{SUMMARY} does not claim a verified motion")
     elif verdict.verified is not None:
         edits += _edited_measures(stored.summary, verdict.report)
+        edits += _edited_entries(stored, robot)
     reasons = (*flaws, *edits)
     return replace(verdict, verified=None if reasons else verdict.verified, reasons=reasons)
 
@@ -250,16 +297,19 @@ def _robot(stored: StoredJoints) -> Robot:
         ) from error
 
 
-def _assumed(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """What the judge was told beside the motion."""
-    shares = summary.get("mass_shares")
-    if shares is not None and not (isinstance(shares, list) and all(isinstance(x, float) for x in shares)):
-        raise ValueError(f"{SUMMARY} was edited: mass_shares is {shares!r}")
-    try:
-        uncertainty = Uncertainty.model_validate(summary.get("uncertainty"))
-    except ValueError:
-        raise ValueError(f"{SUMMARY} was edited: uncertainty is {summary.get('uncertainty')!r}") from None
-    return {"uncertainty": uncertainty, "mass_shares": shares}
+def _other_assumptions(
+    summary: Mapping[str, Any], uncertainty: Uncertainty, mass_shares: Sequence[float] | None
+) -> list[str]:
+    """What the summary says was assumed, and the judge does not assume, in words."""
+    assumed = {
+        "uncertainty": (uncertainty.model_dump(), "the robot's description says"),
+        "mass_shares": (None if mass_shares is None else [float(x) for x in mass_shares], "it is judged by"),
+    }
+    return [
+        f"{SUMMARY} says {key} = {shortened(repr(summary.get(key)))}, {says} {right}"
+        for key, (right, says) in assumed.items()
+        if summary.get(key) != right
+    ]
 
 
 def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot) -> list[str]:
@@ -344,18 +394,31 @@ def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) ->
     return name, int(off[name].argmax())
 
 
+def _edited_entries(stored: StoredJoints, robot: Robot) -> list[str]:
+    """What else the summary tells wrongly."""
+    reasons = []
+    if stored.summary.get("robot") != robot.name:
+        told = shortened(repr(stored.summary.get("robot")))
+        reasons.append(f"{SUMMARY} says robot = {told}, it is judged by {robot.name}")
+    try:
+        require_types(stored.summary, _ENTRIES, stored.folder / SUMMARY)
+    except ResultError as error:
+        reasons.append(f"{SUMMARY} was edited: {error.key}: {error.message}")
+    return reasons
+
+
 def _edited_measures(summary: Mapping[str, Any], report: JointReport) -> list[str]:
     """Which measures of the summary are not those of the motion."""
     reasons = []
     for name, right in _finite(report.asdict()).items():
         stated = summary.get(name)
         if stated is None or right is None:
-            agrees = stated is right
+            same = stated is right
         else:
             near = SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(right))
-            agrees = isinstance(stated, int | float) and abs(stated - right) <= near
-        if not agrees:
-            reasons.append(f"{SUMMARY} says {name} = {stated}, the motion's is {right}")
+            same = agrees(stated, right, near)
+        if not same:
+            reasons.append(f"{SUMMARY} says {name} = {shortened(str(stated))}, the motion's is {right}")
     return reasons
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from comove.robots.description import (
     find_description,
     load_description,
 )
-from comove.robots.urdf import Mimic, Source, errors_of_reader, read_source
+from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 Array = NDArray[np.float64]
 
@@ -182,12 +183,12 @@ def _frame_names(model: Any) -> set[str]:
 def _built(source: Source) -> tuple[Any, Any]:
     """Model and collision geometry, with the pairs that can collide."""
     failure = None
-    with errors_of_reader() as errors:
+    with tempfile.TemporaryDirectory() as folder, errors_of_reader() as errors:
         try:
-            model = pin.buildModelFromXML(source.urdf)
-            geometry = pin.buildGeomFromUrdfString(model, source.urdf, pin.GeometryType.COLLISION)
-            geometry.addAllCollisionPairs()
-            _drop_adjacent(model, geometry)
+            text = for_pinocchio(source, Path(folder))
+            model = pin.buildModelFromXML(text)
+            geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+            _compare_all_but_adjacent(model, geometry)
             if source.srdf is not None:
                 pin.removeCollisionPairsFromXML(model, geometry, source.srdf, False)
         except (ValueError, RuntimeError, IndexError) as error:
@@ -227,21 +228,21 @@ def _check_bodies(model: Any, geometry: Any, path: Path) -> None:
             )
 
 
-def _drop_adjacent(model: Any, geometry: Any) -> None:
-    """Forget pairs of bodies that one joint connects: they touch where they are joined."""
-    objects = geometry.geometryObjects
-    for pair in [pin.CollisionPair(p.first, p.second) for p in geometry.collisionPairs]:
-        i, j = objects[pair.first].parentJoint, objects[pair.second].parentJoint
-        if i == j or model.parents[i] == j or model.parents[j] == i:
-            geometry.removeCollisionPair(pair)
+def _compare_all_but_adjacent(model: Any, geometry: Any) -> None:
+    """Compare all pairs of bodies but those that one joint connects: they touch where they are joined."""
+    joints = np.array([item.parentJoint for item in geometry.geometryObjects], dtype=int)
+    parents = np.array(model.parents)[joints]
+    adjacent = (joints[:, None] == joints) | (parents[:, None] == joints) | (joints[:, None] == parents)
+    geometry.setCollisionPairs(~adjacent)
 
 
 def _drop_rigid(geometry: Any) -> None:
     """Forget pairs of bodies that have become one by locking joints."""
-    objects = geometry.geometryObjects
-    for pair in [pin.CollisionPair(p.first, p.second) for p in geometry.collisionPairs]:
-        if objects[pair.first].parentJoint == objects[pair.second].parentJoint:
-            geometry.removeCollisionPair(pair)
+    joints = np.array([item.parentJoint for item in geometry.geometryObjects], dtype=int)
+    compared = np.zeros((len(joints), len(joints)), dtype=bool)
+    for pair in geometry.collisionPairs:
+        compared[pair.first, pair.second] = joints[pair.first] != joints[pair.second]
+    geometry.setCollisionPairs(compared)
 
 
 def _move_base(model: Any, geometry: Any, placement: Any) -> None:
@@ -332,9 +333,16 @@ def _with_posture(
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if name not in moving and joint.nq == 1:
             posture.setdefault(name, float(np.clip(0.0, *_range(model, joint))))
-    for name, mimic in mimics.items():
+    for name, mimic in _leaders_first(mimics):
         if name in description.posture:
             continue
+        if mimic.joint not in list(model.names):
+            raise RobotError(
+                f"the joint '{name}' goes along with '{mimic.joint}', which is not there",
+                file=file,
+                key="posture",
+                way_out=f"correct its <mimic>, or say where it stays: posture: {{{name}: 0}}",
+            )
         if name in moving or mimic.joint in moving:
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which no arm here can",
@@ -344,6 +352,18 @@ def _with_posture(
             )
         posture[name] = mimic.multiplier * posture.get(mimic.joint, 0.0) + mimic.offset
     return description.model_copy(update={"posture": posture})
+
+
+def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
+    """Joints that go along with others, after those that they follow; none follows itself."""
+
+    def followed(name: str) -> int:
+        n = 0
+        while name in mimics:
+            n, name = n + 1, mimics[name].joint
+        return n
+
+    return sorted(mimics.items(), key=lambda item: followed(item[0]))
 
 
 def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:

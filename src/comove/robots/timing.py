@@ -27,6 +27,7 @@ from comove.robots.effort import largest_torque, loaded_model, sampling, torques
 from comove.robots.extremes import Extreme, largest_acceleration, largest_velocity, subdivided
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.ties import first_least
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,8 @@ def shortest_duration(
         (np.sqrt(share / acceleration.value), "acceleration", acceleration),
         _pace_of_torques(robot, joints, masses, share),
     ]
-    pace, what, extreme = min(paces, key=lambda item: item[0])
+    _, what, extreme = paces[first_least([pace for pace, *_ in paces])]
+    pace = min(pace for pace, *_ in paces)
     timed = joints.stretched(joints.duration / pace)
     for _ in range(TRIES):  # torques are sampled anew at another pace
         strongest = largest_torque(robot, robot.arms, masses, timed.curve)

@@ -1,16 +1,17 @@
 """A URDF before Pinocchio takes it: found, looked at, completed by the description's limits, its names prefixed.
 
 Pinocchio's reader leaves out what it does not understand, such as a body's shape, and says so on stderr at most; here
-that is an error.
+that is an error (`comove.robots.soundness`). Meshes of bodies are read here, since its reader of meshes guesses, or
+breaks down, where a file is damaged: Pinocchio gets triangles that were looked at.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import sys
 import tempfile
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,15 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from comove.errors import RobotError
+from comove.errors import ComoveWarning, RobotError
 from comove.robots.description import JointLimits, ModelSource, Placement
+from comove.robots.soundness import doubts, number, require_sound, short
+from comove.scenes.triangles import FORMATS, MeshError, as_stl, elements_of, triangles_of
+from comove.scenes.triangles import MAX_BYTES as MAX_MESH_BYTES
 
-MESHES = (".dae", ".obj", ".ply", ".stl")
-LIMITED = ("revolute", "prismatic")
-MOVING = (*LIMITED, "continuous")
-LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
-MAX_BYTES, MAX_MESH_BYTES = 20_000_000, 200_000_000
-MAX_DEPTH = 64  # levels of elements
+LIMITS = ("lower", "upper", "velocity", "effort")
+MAX_BYTES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Source:
     file : the URDF
     srdf : text of the SRDF with the prefix, None where there is none
     mimics : joints that go along with others, by name
+    meshes : what the bodies' meshes hold, as binary STL, by the name that the URDF has for it
     """
 
     urdf: str
@@ -56,6 +57,7 @@ class Source:
     file: Path
     srdf: str | None = None
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
+    meshes: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
 
 def package_folders(file: Path) -> list[str]:
@@ -72,7 +74,8 @@ def package_folders(file: Path) -> list[str]:
 def resolve(uri: str, file: Path) -> Path:
     """The path that a URI in a description or a model means.
 
-    ``package://NAME/`` is the package that the file itself is in, or one in a folder of packages.
+    ``package://NAME/`` is the package that the file itself is in, or one in a folder of packages; what it names stays
+    inside the package.
 
     Raises
     ------
@@ -82,6 +85,10 @@ def resolve(uri: str, file: Path) -> Path:
     tail, folders = re.sub(r"^(package|file)://", "", uri), [str(file.parent)]
     if uri.startswith("package://"):
         tail = tail.lstrip("/")
+        if os.path.normpath(tail).split("/")[0] != tail.split("/")[0] or tail.startswith("."):
+            raise RobotError(
+                f"'{short(uri)}' leads out of its package", file=file, way_out="correct the path"
+            )
         own = [str(folder.parent) for folder in file.absolute().parents if folder.name == tail.split("/")[0]]
         folders = [*own, *package_folders(file)]
     for folder in folders:
@@ -92,7 +99,7 @@ def resolve(uri: str, file: Path) -> Path:
         except (OSError, ValueError):  # a name that is too long, or has a zero byte
             break
     raise RobotError(
-        f"there is no file '{_short(uri)}'",
+        f"there is no file '{short(uri)}'",
         file=file,
         way_out=f"correct the path or install the package; looked in {', '.join(folders)}",
     )
@@ -117,23 +124,44 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     _require_urdf(tree, path)
     joints = [joint for joint in tree.findall("./joint") if joint.get("name")]
     for joint in joints:
-        name = source.prefix + joint.get("name", "")
-        _fill_limits(joint, limits.get(name))
-        _check_joint(joint, name, path)
-    for shape in tree.findall("./link/collision/geometry/*"):
-        _check_shape(shape, path)
-        if shape.tag == "mesh":
-            digest.update(_mesh(shape, path, file).read_bytes())
-    srdf = None if source.srdf is None else _tree(resolve(source.srdf, file))
+        _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
+    require_sound(tree, source.prefix, path)
+    for doubt in doubts(tree, source.prefix):
+        warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
+    meshes: dict[str, bytes] = {}
+    for mesh in tree.findall("./link/collision/geometry/mesh"):
+        found = _mesh(mesh, path, file)
+        data = _bytes_of(found, MAX_MESH_BYTES)
+        digest.update(data)
+        meshes[_uri(found)] = _stl(data, found)
+    srdf = None if source.srdf is None else _srdf(resolve(source.srdf, file))
     _prefix(source.prefix, tree, srdf)
     for part in (tree, srdf):
         digest.update(b"" if part is None else ET.tostring(part))
     for mesh in tree.findall("./link/*/geometry/mesh"):  # what nothing but pictures need may be missing
         with suppress(RobotError):
-            mesh.set("filename", f"file://{_found(mesh.get('filename', ''), path, file).resolve()}")
+            mesh.set("filename", _uri(_found(mesh.get("filename", ""), path, file)))
     mimics = {joint.get("name", ""): _mimic(mimic) for joint in joints for mimic in joint.findall("mimic")}
     texts = [None if part is None else ET.tostring(part, encoding="unicode") for part in (tree, srdf)]
-    return Source(texts[0], source.base, path, texts[1], mimics)
+    return Source(texts[0], source.base, path, texts[1], mimics, meshes)
+
+
+def for_pinocchio(source: Source, folder: Path) -> str:
+    """The model with nothing in it but what Pinocchio needs; the meshes of its bodies are written into a folder."""
+    tree = ET.fromstring(source.urdf)
+    for part in [part for part in tree if part.tag not in ("link", "joint")]:
+        tree.remove(part)
+    for link in tree.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    files: dict[str, Path] = {}
+    for mesh in tree.findall("./link/collision/geometry/mesh"):
+        name = mesh.get("filename", "")
+        if name not in files:
+            files[name] = folder / f"{len(files)}.stl"
+            files[name].write_bytes(source.meshes[name])
+        mesh.set("filename", f"file://{files[name]}")
+    return ET.tostring(tree, encoding="unicode")
 
 
 @contextmanager
@@ -157,50 +185,58 @@ def errors_of_reader() -> Iterator[list[str]]:
             errors += re.findall(r"^Error:\s*(.+)$", file.read().decode(errors="replace"), re.MULTILINE)
 
 
-class _Builder(ET.TreeBuilder):
-    """Builds a tree that is not too deep, and takes no document type, in which entities would be defined."""
-
-    depth = 0
-
-    def start(self, tag: Any, attributes: Any) -> ET.Element:
-        """Open an element."""
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise RobotError(f"the nesting is deeper than {MAX_DEPTH} levels", way_out="flatten it")
-        return super().start(tag, attributes)
-
-    def end(self, tag: Any) -> ET.Element:
-        """Close it."""
-        self.depth -= 1
-        return super().end(tag)
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse."""
-        raise RobotError(
-            "it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out"
-        )
-
-
 def _tree(path: Path) -> ET.Element:
-    parser = ET.XMLParser(target=_Builder())
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise RobotError(f"it is larger than {MAX_BYTES // 1_000_000} MB", way_out="name a model")
-        parser.feed(path.read_bytes())
-        return parser.close()
-    except ET.ParseError as error:
-        raise RobotError(f"it is not XML: {error}", file=path, way_out="correct it") from None
-    except (OSError, ValueError, LookupError) as error:  # the latter two: an encoding that is not known
-        raise RobotError(f"it cannot be read: {error}", file=path, way_out="check name and rights") from None
-    except RobotError as error:
+        return elements_of(_bytes_of(path, MAX_BYTES))
+    except MeshError as error:
         raise RobotError(error.message, file=path, way_out=error.way_out) from None
+
+
+def _bytes_of(path: Path, limit: int) -> bytes:
+    """What is in a file, at most so much."""
+    try:
+        with open(path, "rb") as file:
+            data = file.read(limit + 1)
+    except OSError as error:
+        raise RobotError(
+            f"it cannot be read: {error.strerror}", file=path, way_out="check name and rights"
+        ) from None
+    if len(data) > limit:
+        raise RobotError(f"it is larger than {limit // 1_000_000} MB", file=path, way_out="simplify it")
+    return data
+
+
+def _stl(data: bytes, path: Path) -> bytes:
+    """The triangles of a mesh."""
+    try:
+        return as_stl(*triangles_of(data, path.suffix.lower()))
+    except MeshError as error:
+        raise RobotError(
+            f"the mesh cannot be read: {error.message}", file=path, way_out=error.way_out
+        ) from None
+
+
+def _uri(path: Path) -> str:
+    return f"file://{path.resolve()}"
+
+
+def _srdf(path: Path) -> ET.Element:
+    tree = _tree(path)
+    if tree.tag != "robot":
+        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", file=path, way_out="name an SRDF")
+    for pair in tree.iter("disable_collisions"):
+        if not (pair.get("link1") and pair.get("link2")):
+            raise RobotError(
+                "a <disable_collisions> does not name two links", file=path, way_out='write link1="" link2=""'
+            )
+    return tree
 
 
 def _require_urdf(tree: ET.Element, path: Path) -> None:
     if any("xacro" in element.tag for element in tree.iter()):
         raise RobotError("it is a xacro", file=path, way_out="expand it first: xacro FILE > robot.urdf")
     if tree.tag != "robot":
-        raise RobotError(f"it is a <{_short(tree.tag)}>, not a <robot>", file=path, way_out="name a URDF")
+        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", file=path, way_out="name a URDF")
 
 
 def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
@@ -217,58 +253,16 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
         joint.set("type", "revolute")
 
 
-def _check_joint(joint: ET.Element, name: str, path: Path) -> None:
-    """Limits and axis are numbers that mean something."""
-    limit, wrong = joint.find("limit"), {}
-    for key in LIMITS:
-        text = None if limit is None else limit.get(key)
-        if text is None:
-            if joint.get("type") in LIMITED and key in REQUIRED:
-                wrong[key] = "is missing"
-        elif _number(text) is None or (key in REQUIRED and float(text) < 0):
-            wrong[key] = f"is '{_short(text)}'"
-    if wrong:
-        told = ", ".join(f"{key} {what}" for key, what in wrong.items())
-        given = ", ".join(f"{key}: NUMBER" for key in wrong)
-        raise RobotError(
-            f"of the limits of the joint '{name}', {told}",
-            file=path,
-            way_out=f"correct it, or give it in the description: limits: {{{name}: {{{given}}}}}",
-        )
-    axis = joint.find("axis") if joint.get("type") in MOVING else None
-    if axis is not None and not any(map(_number, axis.get("xyz", "1 0 0").split())):
-        raise RobotError(f"the axis of the joint '{name}' has no direction", file=path, way_out="correct it")
-
-
-def _check_shape(shape: ET.Element, path: Path) -> None:
-    """Sizes are positive numbers; a mesh may be mirrored."""
-    for key in ("size", "radius", "length", "scale"):
-        values = [_number(text) for text in shape.get(key, "").split()]
-        if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
-            raise RobotError(
-                f"a <{shape.tag}> has the {key} '{_short(shape.get(key, ''))}'",
-                file=path,
-                way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
-            )
-
-
 def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:
-    """The file of a mesh that can be read."""
+    """The file of a mesh whose format can be read."""
     named = mesh.get("filename", "")
-    if Path(named).suffix.lower() not in MESHES:
+    if Path(named).suffix.lower() not in FORMATS:
         raise RobotError(
-            f"the mesh '{_short(named)}' has an unknown format",
+            f"the mesh '{short(named)}' has an unknown format",
             file=path,
-            way_out=f"convert it to one of {', '.join(MESHES)}",
+            way_out=f"convert it to one of {', '.join(FORMATS)}",
         )
-    found = _found(named, path, file)
-    if found.stat().st_size > MAX_MESH_BYTES:
-        raise RobotError(
-            f"the mesh is larger than {MAX_MESH_BYTES // 1_000_000} MB",
-            file=found,
-            way_out="simplify it: its hull will do",
-        )
-    return found
+    return _found(named, path, file)
 
 
 def _found(named: str, path: Path, file: Path) -> Path:
@@ -297,19 +291,6 @@ def _prefix(prefix: str, tree: ET.Element, srdf: ET.Element | None) -> None:
 
 def _mimic(mimic: ET.Element) -> Mimic:
     multiplier, offset = (
-        _number(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0"))
+        number(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0"))
     )
     return Mimic(mimic.get("joint", ""), 1.0 if multiplier is None else multiplier, offset or 0.0)
-
-
-def _number(text: str) -> float | None:
-    """A finite number, None where the text is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 100 else f"{text[:97]}..."

@@ -25,6 +25,16 @@ MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
 RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
 
 
+def _axes() -> Array:
+    z = RAY / np.linalg.norm(RAY)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+AXES = _axes()  # two across the ray and one along it, as rows
+
+
 class Solid(NamedTuple):
     """What triangles bound, ready for questions whether points are inside.
 
@@ -48,15 +58,18 @@ class Solid(NamedTuple):
 
 def solid_of(corners: Array) -> Solid:
     """The solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
-    z = RAY / np.linalg.norm(RAY)
-    x = np.cross([0.0, 1.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    axes = np.stack([x, np.cross(z, x), z])
+    axes = AXES
     seen = np.ascontiguousarray(corners @ axes.T)
     low, high = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
     width = float((high - low).max()) / N_BINS * (1 + 1e-9)
     first, member = _binned(seen, low, width)
     return Solid(np.ascontiguousarray(corners), seen, axes, low, width, first, member)
+
+
+def no_solid(corners: Array) -> Solid:
+    """Triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]: no point is inside."""
+    none = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -109,9 +122,9 @@ def is_inside(solid, x, y, z):
         triangle = solid.seen[solid.member[m]]
         if triangle[0, 2] < w and triangle[1, 2] < w and triangle[2, 2] < w:
             continue
-        e = _side(triangle[0], triangle[1], u, v)
-        f = _side(triangle[1], triangle[2], u, v)
-        g = _side(triangle[2], triangle[0], u, v)
+        e = side_of(triangle[0], triangle[1], u, v)
+        f = side_of(triangle[1], triangle[2], u, v)
+        g = side_of(triangle[2], triangle[0], u, v)
         if (e > 0.0) == (f > 0.0) and (f > 0.0) == (g > 0.0):
             total = e + f + g
             if total != 0.0 and (f * triangle[0, 2] + g * triangle[1, 2] + e * triangle[2, 2]) / total > w:
@@ -120,7 +133,7 @@ def is_inside(solid, x, y, z):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _side(p, q, u, v):
+def side_of(p, q, u, v):
     """On which side of the edge p-q a ray passes; the same for both triangles of the edge, to the last digit."""
     if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
         return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
@@ -137,8 +150,8 @@ def are_inside(solid, points):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pieces(solid, planes, first_plane, low, high, bend, smallest):
-    """Cut a solid into pieces.
+def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
+    """Cut a solid, or what bounds nothing, into pieces.
 
     Parameters
     ----------
@@ -147,6 +160,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest):
     first_plane : array of int, shape (4,), where the planes of each axis begin
     low, high : arrays, shape (3,), a box around the solid [m]
     bend : how far a piece may be from convex [m], unless its box is smaller than `smallest` [m]
+    most : pieces, beyond which it ends
 
     Returns
     -------
@@ -166,7 +180,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest):
     first[0] = 0
     polygon, other = np.empty((MAX_POLYGON, 3)), np.empty((MAX_POLYGON, 3))
     own = np.empty((4096, 3))
-    while top > 0:
+    while top > 0 and n_pieces <= most:
         top -= 1
         a, b = boxes[top, 0].copy(), boxes[top, 1].copy()
         begin, end = spans[top]
@@ -239,6 +253,7 @@ def _cut(planes, first_plane, a, b):
 def _piece(solid, members, a, b, polygon, other, own, flat):
     """Extreme points of the solid within a box, in `own`: how many, and how far from convex the piece is [m]."""
     n_own, n_faces = 0, 0
+    sheet = solid.member.shape[0] == 0
     faces = np.empty((members.shape[0], 4))
     for m in range(members.shape[0]):
         corners = solid.corners[members[m]]
@@ -258,7 +273,7 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
         if length == 0.0:
             continue
         nx, ny, nz = nx / length, ny / length, nz / length
-        if _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
+        if not sheet and _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
             continue
         faces[n_faces, 0], faces[n_faces, 1], faces[n_faces, 2] = nx, ny, nz
         faces[n_faces, 3] = nx * p[0] + ny * p[1] + nz * p[2]
@@ -280,13 +295,13 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
         low, high = np.inf, -np.inf
         for i in range(n_own):
             low, high = min(low, own[i, axis]), max(high, own[i, axis])
-        if high - low <= flat:
+        if high - low <= flat and not sheet:
             return 0, 0.0, own
     off = 0.0
     for f in range(n_faces):
         for i in range(n_own):
             beyond = faces[f, 0] * own[i, 0] + faces[f, 1] * own[i, 1] + faces[f, 2] * own[i, 2] - faces[f, 3]
-            off = max(off, beyond)
+            off = max(off, abs(beyond) if sheet else beyond)
     return n_own, off, own
 
 

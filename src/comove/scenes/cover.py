@@ -1,12 +1,16 @@
-"""Convex polytopes that together hold a solid, and reach little beyond it.
+"""Convex polytopes that together hold a mesh, and reach little beyond it.
 
 What is convex is its own hull. Anything else is cut into small pieces (`comove.scenes.cells`). Two pieces see each
-other if every straight line between them stays within the resolution of the solid; pieces that all see each other
+other if every straight line between them stays within the resolution of the mesh; pieces that all see each other
 have a hull that hardly leaves it (approximate convex decomposition by visibility, Liu et al., 2010). Such groups are
 grown from many pieces, the one that holds most of what is not yet held is kept, and so on until every piece is in a
-hull. As hulls are convex, a piece whose extreme points are held is held as a whole, and so is the solid.
+hull. As hulls are convex, a piece whose extreme points are held is held as a whole, and so is the mesh. Sheets, which
+have no inside, are taken as thin walls.
 
-How far the hulls reach beyond the solid is bounded by halving boxes: distances have Lipschitz constant 1, so the
+That every triangle is held is checked in the end, whatever the mesh is like: what the hulls leave out of a triangle
+is cut off by their planes, and becomes a thin polytope of its own.
+
+How far the hulls reach beyond the mesh is bounded by halving boxes: distances have Lipschitz constant 1, so the
 distance in the middle of a box and its half diagonal bound it in the box.
 """
 
@@ -18,92 +22,158 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
-from comove.scenes.cells import Solid, are_inside, pieces, solid_of
+from comove.scenes.cells import Solid, are_inside, no_solid, pieces, solid_of
 from comove.scenes.polytopes import Polytope, coarser, hull_of
+from comove.scenes.topology import Parts
 
 Array = NDArray[np.float64]
 
 SHARE = 0.03  # of the longest side, the resolution where none is given
+SHEET = 2e-4  # of a mesh's longest side, how thick a sheet is taken to be
 N_CELLS = 8  # along the longest side, of what is not convex
-N_NODES, MOST_NODES = 64, 500_000  # of the grid of known distances: along the longest side, and in all
+N_NODES, MOST_NODES = 64, 200_000  # of the grid of known distances: along the longest side, and in all
 BEND, SMALLEST = 0.3, 0.5  # of the resolution: how far from convex pieces may be, and how small they are cut
 CONVEX = 1e-9  # of its size, by which a solid may miss being convex
 FOR_GROUPS = 0.75  # of the resolution; the rest is for coarser hulls
-STRICTNESS = (1.0, 0.6, 0.3, 0.1)  # of this, tried in turn until a group's hull is near enough to the solid
+STRICTNESS = (1.0, 0.6, 0.3, 0.1)  # of this, tried in turn until a group's hull is near enough to the mesh
 N_SEEDS, N_ORDERS, N_TRIED = 24, 3, 6
+MOST_PIECES = 1000  # that are not put together; where there are more they are made coarser
+MOST_WORK, LITTLE_WORK = (
+    1500,
+    300,
+)  # pieces of a mesh that are put together to few, and where little is asked for
+MOST_HULLS = 60  # of one part; where more would come of it its pieces stay as they are
+MOST_PARTS = 100  # that are taken to pieces one by one
+COARSER = 1.5  # than before, the resolution of the next try
 MOST_SAMPLES = 16  # along a line
 N_SEEN = 8  # points of a piece that see
-PLANE_AREA = 2e-3  # of the surface, from which on what lies in one plane is worth a cut
+PLANE_AREA, N_PLANES = (
+    1e-4,
+    12,
+)  # of the surface, from which on what lies in one plane is worth a cut; most an axis
 FINEST = 0.5  # of the resolution, below which overhangs are not told apart
+FLAT = 1e-12  # of the square of its size: a triangle of less has no plane
+HELD = 1e-9  # of a mesh's size, by which a triangle may be outside what holds it
+MOST_CORNERS, MOST_OPEN = 64, 192  # of what is left of a triangle, and pieces of it to look at
 
 
 @dataclass(frozen=True)
 class Cover:
-    """Polytopes that hold a solid.
+    """Polytopes that hold a mesh.
 
     Attributes
     ----------
-    polytopes : their union holds it
-    overhang : upper bound of how far a point of theirs is from the solid [m]
+    polytopes : their union holds every triangle and what the triangles close
+    overhang : upper bound of how far a point of theirs is from the mesh [m]
     """
 
     polytopes: tuple[Polytope, ...]
     overhang: float
 
 
-def cover_of(vertices: Array, faces: NDArray[np.int64], resolution: float | None = None) -> Cover | None:
-    """A cover of the solid that closed triangles bound; None where nothing of it has a volume.
+def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True) -> Cover:
+    """Find convex polytopes that hold solids and sheets.
 
     Parameters
     ----------
-    vertices, faces : arrays, shapes (n_vertices, 3) [m] and (n_faces, 3), turned outwards
-    resolution : about how far the cover may reach beyond the solid [m]; 3 % of its longest side unless given
+    resolution : about how far they may reach beyond the mesh [m]; 3 % of its longest side unless given
+    few : put small pieces together to few polytopes, whatever that takes; else only where it takes little
     """
-    resolution = SHARE * float(np.ptp(vertices, axis=0).max()) if resolution is None else resolution
+    size = float(np.ptp(parts.vertices, axis=0).max())
+    resolution = SHARE * size if resolution is None else resolution
+    work = MOST_WORK if few else LITTLE_WORK
+    found, overhang, rest = [], 0.0, []
+    for part, thickness in [(p, 0.0) for p in parts.solids] + [(p, SHEET * size) for p in parts.sheets]:
+        corners = parts.vertices[part]
+        if _area(corners).max() <= FLAT * size**2:
+            continue  # lines: what is left out below
+        hull = _hull(corners, resolution, thickness)
+        groups = None if hull else _Groups(corners, resolution, thickness)
+        if hull is None and groups.n <= (work if few or not thickness else 0):
+            work -= groups.n
+            hull = groups.cover()
+        if hull is None:
+            rest.append((corners, thickness))
+        else:
+            found += hull[0]
+            overhang = max(overhang, hull[1])
+    own, beyond = _singles(rest, resolution, SHEET * size)
+    found, overhang = found + own, max(overhang, beyond)
+    triangles = parts.vertices[np.concatenate([*parts.solids, *parts.sheets])]
+    for polygon in left_out(triangles, found, HELD * size):
+        found.append(_thin(polygon, SHEET * size))
+        overhang = max(overhang, SHEET * size)
+    return Cover(tuple(found), overhang)
+
+
+def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Polytope], float] | None:
+    """The hull of a part and its overhang [m], where it is convex or no larger than the resolution; else None."""
+    points = np.unique(corners.reshape(-1, 3), axis=0)
+    size = float(np.ptp(points, axis=0).max())
+    if size <= resolution:
+        return [coarser(_thin(points, max(thickness, CONVEX * size)), resolution)[0]], size
+    hull = None if thickness else hull_of(points)
+    if hull is None or not _is_convex(corners, hull):
+        return None
+    own, beyond = coarser(hull, resolution)
+    return [own], beyond
+
+
+def _singles(
+    parts: list[tuple[Array, float]], resolution: float, thickness: float
+) -> tuple[list[Polytope], float]:
+    """The hulls of all pieces of parts, coarser ones where there would be too many, and their overhang [m].
+
+    Parameters
+    ----------
+    parts : triangles (n, 3, 3) [m] of each, and how thick a sheet it is [m]
+    thickness : of sheets [m]
+    """
+    if len(parts) > MOST_PARTS:  # as one sheet: what is inside is of no account where nothing gets in
+        parts = [(np.concatenate([corners for corners, _ in parts]), thickness)]
+    n_planes = N_PLANES
+    while True:
+        groups = [_Groups(corners, resolution, own, n_planes) for corners, own in parts]
+        if sum(own.n for own in groups) <= MOST_PIECES:
+            break
+        resolution, n_planes = COARSER * resolution, 0
     found, overhang = [], 0.0
-    for part in parts_of(vertices, faces):
-        own, beyond = _part_cover(vertices[part], resolution)
-        found += own
-        overhang = max(overhang, beyond)
-    return Cover(tuple(found), overhang) if found else None
+    for own in groups:
+        hulls, beyond = own.singles()
+        found, overhang = found + hulls, max(overhang, beyond)
+    return found, overhang
 
 
-def parts_of(vertices: Array, faces: NDArray[np.int64], *, together: bool = True) -> list[NDArray[np.int64]]:
-    """The faces by connected part; list of arrays, shape (n_faces, 3).
+def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
+    """Polygons, arrays of shape (n, 3) [m]: all of the triangles that is in none of the polytopes.
 
     Parameters
     ----------
-    together : all are one part where one of them is a cavity, which is turned inwards
+    triangles : array, shape (n_triangles, 3, 3) [m]
+    tolerance : by which what is held may be outside [m]
     """
-    n, (a, b, c) = len(vertices), faces.T
-    ends = np.concatenate([a, b]), np.concatenate([b, c])
-    _, label = connected_components(coo_array((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)
-    labels = label[a]
-    parts = [faces[labels == k] for k in np.unique(labels)]
-    if together and any(volume_of(vertices[part]) < 0 for part in parts):
-        return [faces]
-    return parts
+    first = np.cumsum([0, *(len(p.planes) for p in polytopes)])
+    planes = np.concatenate([p.planes for p in polytopes]) if polytopes else np.zeros((0, 4))
+    corners, counts = _left_out(triangles, planes, first, tolerance)
+    return [own[:n] for own, n in zip(corners, counts, strict=True)]
 
 
-def volume_of(corners: Array) -> float:
-    """What triangles enclose, array of shape (n_triangles, 3, 3); negative where they are turned inwards [m^3]."""
-    middle = corners.mean(axis=(0, 1))
-    a, b, c = np.moveaxis(corners - middle, 1, 0)
-    return float((a * np.cross(b, c)).sum()) / 6
+def _area(corners: Array) -> Array:
+    """Twice the areas of triangles (n, 3, 3); array, shape (n,) [m^2]."""
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
-def _part_cover(corners: Array, resolution: float) -> tuple[list[Polytope], float]:
-    hull = hull_of(np.unique(corners.reshape(-1, 3), axis=0))
-    if hull is None:
-        return [], 0.0
-    if _is_convex(corners, hull):
-        own, beyond = coarser(hull, resolution)
-        return [own], beyond
-    return _Groups(corners, resolution).cover()
+def _thin(points: Array, thickness: float) -> Polytope:
+    """The hull of what points (n, 3) [m] span, made `thickness` [m] thick."""
+    return hull_of(_thickened(points, thickness))
+
+
+def _thickened(points: Array, thickness: float) -> Array:
+    """Every point and its neighbours along the axes; array, shape (6 n, 3) [m]."""
+    steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
+    return (points[:, None] + steps).reshape(-1, 3)
 
 
 def _is_convex(corners: Array, hull: Polytope) -> bool:
@@ -122,16 +192,17 @@ def _is_convex(corners: Array, hull: Polytope) -> bool:
 
 
 class _Groups:
-    """Groups of pieces of one part, in a frame of its own."""
+    """Groups of pieces of one part, in a frame of its own; a sheet's are made `thickness` [m] thick."""
 
-    def __init__(self, corners: Array, resolution: float):
+    def __init__(self, corners: Array, resolution: float, thickness: float, n_planes: int = N_PLANES):
         self.frame = frame_of(corners)
         self.corners = np.ascontiguousarray(corners @ self.frame.T)
         self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
         self.size = float((self.high - self.low).max())
         self.resolution, self.near = resolution, FOR_GROUPS * resolution
-        self.solid = solid_of(self.corners)
-        planes = [self._planes(axis) for axis in range(3)]
+        self.thickness = thickness
+        self.solid = no_solid(self.corners) if thickness else solid_of(self.corners)
+        planes = [self._planes(axis, n_planes) for axis in range(3)]
         first = np.cumsum([0, *map(len, planes)])
         out = CONVEX * self.size
         self.points, self.first = pieces(
@@ -142,32 +213,38 @@ class _Groups:
             self.high + out,
             BEND * resolution,
             SMALLEST * resolution,
+            MOST_PIECES,
         )
-        self.distance = Distance(self.corners, self.solid, resolution)
         self.n = len(self.first) - 1
+        if thickness:
+            self.points, self.first = _thickened(self.points, thickness), 6 * self.first
 
-    def _planes(self, axis: int) -> Array:
-        """Where the part is cut across an axis: at large flat sides, and evenly in between."""
+    def _planes(self, axis: int, n_planes: int) -> Array:
+        """Where the part is cut across an axis: at the largest flat sides, and evenly in between."""
         normals = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         area = np.linalg.norm(normals, axis=1)
         across = np.abs(normals[:, axis]) > (1 - 1e-9) * np.maximum(area, 1e-300)
         at = np.round(self.corners[across, 0, axis] / (1e-6 * self.size)).astype(np.int64)
         places, which = np.unique(at, return_inverse=True)
         share = np.bincount(which, area[across], minlength=len(places)) / area.sum()
-        places = 1e-6 * self.size * places[share > PLANE_AREA]
+        large = share > max(PLANE_AREA, np.sort(share)[-n_planes - 1] if len(share) > n_planes else 0.0)
+        places = 1e-6 * self.size * places[large]
         inner = (places > self.low[axis] + 1e-5 * self.size) & (places < self.high[axis] - 1e-5 * self.size)
         # To the last digit: a cut beside a side leaves slivers.
         exact = self.corners[across, 0, axis]
         places = np.array([exact[np.abs(exact - p).argmin()] for p in places[inner]])
         ends = np.concatenate([[self.low[axis]], places, [self.high[axis]]])
         even = [
-            np.linspace(a, b, int(np.ceil((b - a) / (self.size / N_CELLS) - 1e-9)) + 1)[1:-1]
+            np.linspace(a, b, int(np.ceil((b - a) / max(self.size / N_CELLS, self.resolution) - 1e-9)) + 1)[
+                1:-1
+            ]
             for a, b in zip(ends[:-1], ends[1:], strict=True)
         ]
         return np.sort(np.concatenate([places, *even]))
 
-    def cover(self) -> tuple[list[Polytope], float]:
-        """Hulls that hold all pieces, in the given frame, and their overhang [m]."""
+    def cover(self) -> tuple[list[Polytope], float] | None:
+        """Hulls that hold all pieces, in the given frame, and their overhang [m]; None where they are too many."""
+        self.distance = Distance(self.corners, self.solid, self.resolution)
         apart = self._apart()
         rng = np.random.default_rng(0)
         middle = np.add.reduceat(self.points, self.first[:-1]) / np.diff(self.first)[:, None]
@@ -176,6 +253,8 @@ class _Groups:
             hull, held = self._best(apart, middle, left, rng)
             chosen.append((hull, held))
             left &= ~held
+            if len(chosen) > MOST_HULLS:
+                return None
         for k in reversed(range(len(chosen))):  # what the others hold as well is not needed
             others = [held for i, (_, held) in enumerate(chosen) if i != k]
             if others and np.any(others, axis=0).all():
@@ -187,9 +266,24 @@ class _Groups:
             if around is not hull or not self._is_filled(hull, held):
                 beyond = self.distance.farthest(around, FINEST * self.resolution)
             overhang = max(overhang, beyond)
-            planes = np.column_stack([around.planes[:, :3] @ self.frame, around.planes[:, 3]])
-            found.append(Polytope(around.vertices @ self.frame, planes))
+            found.append(self._turned(around))
         return found, overhang
+
+    def singles(self) -> tuple[list[Polytope], float]:
+        """The hull of every piece, in the given frame, and their overhang [m]."""
+        found, overhang = [], 0.0
+        for k in range(self.n):
+            points = self._points_of(k)
+            hull = hull_of(points) or _thin(points, CONVEX * self.size)
+            around, _ = coarser(hull, self.resolution - self.near)
+            overhang = max(overhang, float(np.linalg.norm(np.ptp(around.vertices, axis=0))))
+            found.append(self._turned(around))
+        return found, overhang
+
+    def _turned(self, polytope: Polytope) -> Polytope:
+        """A polytope in the frame that was given."""
+        planes = np.column_stack([polytope.planes[:, :3] @ self.frame, polytope.planes[:, 3]])
+        return Polytope(polytope.vertices @ self.frame, planes)
 
     def _apart(self) -> Array:
         """How far lines between two pieces leave the solid at most, as far as points of theirs tell; (n, n) [m]."""
@@ -227,7 +321,7 @@ class _Groups:
             best = None
             for group in ranked[:N_TRIED]:
                 hull = hull_of(self.points[np.repeat(group, np.diff(self.first))])
-                if hull is None or not self.distance.is_near(hull, self.near):
+                if hull is None or not self._is_near(hull):
                     continue
                 held = self._held(hull)
                 if best is None or (held & left).sum() > (best[1] & left).sum():
@@ -238,6 +332,12 @@ class _Groups:
         hull = hull_of(self._points_of(piece))
         return hull, self._held(hull) | (np.arange(self.n) == piece)
 
+    def _is_near(self, hull: Polytope) -> bool:
+        """Whether no point of a hull is farther from the mesh than hulls of groups may be."""
+        if self.thickness:  # no node of the grid need be in what is thin
+            return self.distance.farthest(hull, FINEST * self.near) <= self.near
+        return self.distance.is_near(hull, self.near)
+
     def _points_of(self, piece: int) -> Array:
         return self.points[self.first[piece] : self.first[piece + 1]]
 
@@ -247,7 +347,7 @@ class _Groups:
 
     def _is_filled(self, hull: Polytope, held: NDArray[np.bool_]) -> bool:
         """Whether the pieces in a hull are all of it."""
-        if not self.distance.is_near(hull, 0.0):
+        if self.thickness or not self.distance.is_near(hull, 0.0):
             return False
         volume = ConvexHull(hull.vertices).volume
         pieces = (hull_of(self._points_of(k)) for k in np.flatnonzero(held))
@@ -301,10 +401,12 @@ class Distance:
         axes = [self.origin[k] + self.step * np.arange(count[k]) for k in range(3)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         inside = are_inside(solid, nodes)
-        field = np.zeros(len(nodes))
-        if inside.any():  # about: what is far away is only known to be
-            field = self.step * distance_transform_edt(~inside.reshape(count)).ravel()
-        near = ~inside & (field < resolution + 2 * self.step)
+        there = inside.copy()
+        there[np.ravel_multi_index(np.round((samples - self.origin) / self.step).astype(int).T, count)] = True
+        # About: what is far away is only known to be.
+        field = self.step * distance_transform_edt(~there.reshape(count)).ravel()
+        field[inside] = 0.0
+        near = ~inside & (field < resolution + 3 * self.step)
         field[near] = self._outside(nodes[near])
         self.field = field.reshape(count)
         self._nodes, self._field = nodes, field
@@ -383,6 +485,98 @@ def _from_triangles(points: Array, corners: Array) -> Array:
         share = np.clip(share, 0.0, 1.0)[:, None]
         best = np.minimum(best, np.linalg.norm(points - s - share * along, axis=1))
     return best
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _left_out(triangles, planes, first, tolerance):
+    """Polygons that remain when everything behind the planes of one polytope after the other is cut off.
+
+    Parameters
+    ----------
+    planes : array, shape (n_planes, 4), of all polytopes [m]
+    first : array of int, shape (n_polytopes + 1,), where the planes of each begin
+
+    Returns
+    -------
+    corners : array, shape (n_polygons, MOST_CORNERS, 3) [m]
+    counts : array of int, shape (n_polygons,), how many corners each has
+    """
+    found, counts, n_found = np.empty((16, MOST_CORNERS, 3)), np.empty(16, dtype=np.int64), 0
+    stack = np.empty((256, MOST_CORNERS, 3))
+    sizes, after = np.empty(256, dtype=np.int64), np.empty(256, dtype=np.int64)
+    inner, outer = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
+    for triangle in triangles:
+        stack[0, :3], sizes[0], after[0] = triangle, 3, 0
+        top = 1
+        while top > 0:
+            top -= 1
+            n, polytope = sizes[top], after[top]
+            polygon = stack[top, :n].copy()
+            # What lies beyond one of its planes as a whole is not touched by a polytope.
+            while polytope < first.shape[0] - 1 and _is_beyond(
+                polygon, planes[first[polytope] : first[polytope + 1]], tolerance
+            ):
+                polytope += 1
+            # In no polytope, or in so many pieces already that it is left as it is.
+            whole = polytope == first.shape[0] - 1 or top > MOST_OPEN
+            for k in range(0 if whole else first[polytope], 0 if whole else first[polytope + 1]):
+                n_outer = _half(polygon, planes[k], tolerance, 1.0, outer)
+                if n_outer > 2:
+                    if top == stack.shape[0]:
+                        stack = np.concatenate((stack, np.empty_like(stack)))
+                        sizes = np.concatenate((sizes, np.empty_like(sizes)))
+                        after = np.concatenate((after, np.empty_like(after)))
+                    stack[top], sizes[top], after[top] = outer, n_outer, polytope + 1
+                    top += 1
+                    n = _half(polygon, planes[k], tolerance, -1.0, inner)
+                    polygon = inner[:n].copy()
+                    whole = n + 2 > MOST_CORNERS
+                    if n < 3 or whole:
+                        break
+            if whole:
+                if n_found == found.shape[0]:
+                    found = np.concatenate((found, np.empty_like(found)))
+                    counts = np.concatenate((counts, np.empty_like(counts)))
+                found[n_found, :n], counts[n_found] = polygon, n
+                n_found += 1
+    return found[:n_found], counts[:n_found]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _is_beyond(polygon, planes, tolerance):
+    """Whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), but for `tolerance` [m]."""
+    for plane in planes:
+        least = np.inf
+        for p in polygon:
+            least = min(least, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+        if least >= tolerance:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _half(polygon, plane, tolerance, side, out):
+    """Write the part of a polygon beyond a plane (`side` 1) or behind it (-1) in `out`; how many corners it has.
+
+    Nothing is beyond where no corner is so by more than `tolerance` [m].
+    """
+    n, count, most = polygon.shape[0], 0, -np.inf
+    for p in polygon:
+        most = max(most, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+    if side > 0.0 and most <= tolerance:
+        return 0
+    for i in range(n):
+        p, q = polygon[i], polygon[(i + 1) % n]
+        here = side * (plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+        there = side * (plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] - plane[3])
+        if here >= 0.0:
+            out[count] = p
+            count += 1
+        if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
+            share = here / (here - there)
+            out[count] = p + share * (q - p)
+            count += 1
+    return count
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -14,6 +14,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from comove.scenes.messages import counted, show
 
 MAX_NAME = 100
+SMALLEST, LARGEST = 1e-9, 1e9
+"""What numbers must lie between, in SI units: beyond, rounding or overflow make the results wrong."""
 QUATERNION_TOLERANCE = 1e-3
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 
@@ -25,6 +27,22 @@ class Wrong(ValueError):
 def no_minus_zero(number: float) -> float:
     """Turn -0.0 into 0.0, so that equal files have equal checksums."""
     return number + 0.0
+
+
+def not_huge(number: float) -> float:
+    """Accept numbers with which lengths can be computed; -0.0 becomes 0.0."""
+    if abs(number) > LARGEST:
+        raise Wrong(f"{show(number)} is out of range", f"write a number of at most {LARGEST:g}, in SI units")
+    return no_minus_zero(number)
+
+
+def measurable(number: float) -> float:
+    """Accept positive numbers that are a length, a time, a mass... of things."""
+    if number < SMALLEST:
+        raise Wrong(
+            f"{show(number)} is out of range", f"write a number of at least {SMALLEST:g}, in SI units"
+        )
+    return not_huge(number)
 
 
 def as_tuple(value: Any) -> Any:
@@ -74,9 +92,20 @@ def at_least(count: int, what: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-Number = Annotated[float, AfterValidator(no_minus_zero)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(no_minus_zero)]
-NotNegative = Annotated[float, Field(ge=0), AfterValidator(no_minus_zero)]
+def at_most(count: int, what: str) -> AfterValidator:
+    """Make a validator of lists that nobody can wait for when they are longer."""
+
+    def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len(items) > count:
+            raise Wrong(f"the list has {len(items)} entries", f"write at most {count} {what}")
+        return items
+
+    return AfterValidator(check)
+
+
+Number = Annotated[float, AfterValidator(not_huge)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(measurable)]
+NotNegative = Annotated[float, Field(ge=0), AfterValidator(not_huge)]
 Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple)]
 Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple)]
 Quaternion = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_unit_quaternion)]

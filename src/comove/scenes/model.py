@@ -42,6 +42,7 @@ from comove.scenes.keys import (
     Wrong,
     as_tuple,
     at_least,
+    at_most,
     no_minus_zero,
     safe_name,
 )
@@ -51,8 +52,10 @@ from comove.scenes.yaml_reader import Lines, read_yaml
 
 CHOICES = ("episode", "topic")
 """Keys that say which recording of a file is meant."""
-MAX_DURATION = 3600.0
+MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 """[s]"""
+MAX_MANIPULATORS = 100
+"""Hands of one scene; distances grow with the square of their number."""
 ROBOT_CLEARANCE = 0.005
 """[m], kept on robots where the file does not say."""
 
@@ -75,6 +78,14 @@ def _version(number: int) -> int:
     if number != 1:
         raise Wrong(f"the version {number} is not known", "write 1")
     return number
+
+
+def _no_instant(duration: float) -> float:
+    if duration < MIN_DURATION:
+        raise Wrong(
+            f"{show(duration)} s leaves no time to move", f"write at least {MIN_DURATION:g}, in seconds"
+        )
+    return duration
 
 
 def _robot_name(name: str) -> str:
@@ -395,12 +406,17 @@ class SceneFile(Part):
 
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
-    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(no_minus_zero)]
+    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)]
     """[s]"""
     workspace: Workspace
     obstacles: Annotated[tuple[Obstacle, ...], BeforeValidator(as_tuple)] = ()
     load: Load | None = None
-    manipulators: Annotated[tuple[Manipulator, ...], BeforeValidator(as_tuple), at_least(1, "manipulator")]
+    manipulators: Annotated[
+        tuple[Manipulator, ...],
+        BeforeValidator(as_tuple),
+        at_least(1, "manipulator"),
+        at_most(MAX_MANIPULATORS, "manipulators"),
+    ]
     limits: Limits = Limits()
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(as_tuple)] = ()
     demonstration: DemonstrationSource | None = None

@@ -17,6 +17,8 @@ from comove.scenes.messages import counted, show
 
 Array = NDArray[np.float64]
 
+FASTEST = 1000.0
+"""Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""
 HOW = ("velocity", "waypoints", "circle")
 
 
@@ -50,7 +52,17 @@ class Motion(Part):
             raise Wrong(f"{lone} are given without {other}", "give both, or neither")
         if self.times is not None:
             self._require_order()
+        if len({len(point) for point in self.waypoints or ()}) <= 1:  # or else `checks` says what is wrong
+            self._require_pace()
         return self
+
+    def _require_pace(self) -> None:
+        with np.errstate(over="ignore"):
+            speed = self.speed
+        if not speed <= FASTEST:
+            raise Wrong(
+                f"the obstacle moves at {speed:g} m/s", f"let it take its time: at most {FASTEST:g} m/s"
+            )
 
     def _require_order(self) -> None:
         if len(self.times) != len(self.waypoints):
@@ -120,7 +132,8 @@ class Motion(Part):
             return float(np.linalg.norm(self.velocity))
         if self.circle is not None:
             return 2 * np.pi / self.circle.period_s * self.circle.radius
-        return float(np.linalg.norm(self.velocities(self.times), axis=1).max(initial=0.0))
+        ways = np.linalg.norm(np.diff(np.array(self.waypoints), axis=0), axis=1)
+        return float((ways / np.diff(self.times)).max(initial=0.0))
 
     def sags(self, time: ArrayLike) -> Array:
         """How far the centre strays at most from its chords between the times; array, shape (n_times - 1,) [m]."""

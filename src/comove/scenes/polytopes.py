@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 ALIKE = 1e-9  # by which unit normals of one facet may differ
 OUT = 1e-9  # of a polytope's size, by which the planes of a coarser one are moved outwards
+FAR = 1e6  # of a polytope's size, beyond which no vertex of a coarser one is
 MANY_VERTICES, MANY_PLANES = 48, 40  # beyond which a coarser polytope is looked for
 MOST_PLANES = 96  # of a coarser one
 
@@ -71,7 +72,9 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
         offsets = (hull.vertices @ normals.T).max(axis=0) + out
         planes = np.column_stack([normals, offsets])
         vertices = HalfspaceIntersection(np.column_stack([normals, -offsets]), middle).intersections
-        vertices = vertices[np.isfinite(vertices).all(axis=1)]
+        vertices = vertices[
+            np.abs(vertices - middle).max(axis=1) < FAR * hull.size
+        ]  # planes that hardly meet
         feet = nearest_in_hull(hull.vertices, vertices)
         apart = np.linalg.norm(vertices - feet, axis=1)
         worst = int(apart.argmax())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import hypot, radians
@@ -33,19 +33,36 @@ from comove.scenes.constraints import (
 from comove.scenes.cover import Cover
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import Pose, RigidGroup, rotation_in_plane
-from comove.scenes.meshes import mesh_cover
+from comove.scenes.meshes import Mesh, read_mesh
 from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
 from comove.scenes.moving import Motion
 from comove.scenes.polytopes import rows_of
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
 from comove.scenes.solids import N_CORNERS, solids_clearance
+from comove.scenes.surfaces import Placed, Surfaces, signed_distance, surfaces_of
 from comove.scenes.taught import read_demonstration, read_movement
 
 Array = NDArray[np.float64]
 
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 LOAD = "load"
+LENGTHS = {  # keys whose numbers are lengths, speeds and accelerations, and the scale of meshes, which makes lengths
+    *("lower", "upper", "start", "goal", "center", "size", "radius", "radii", "length", "height", "overhang"),
+    *(
+        "vertices",
+        "grasps",
+        "scale",
+        "resolution",
+        "velocity",
+        "waypoints",
+        "distance",
+        "tolerance",
+        "clearance",
+    ),
+    *("speed", "acceleration"),
+}
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
@@ -88,11 +105,12 @@ class Scene:
     constraints : what must hold at every instant, distances that load and relative poses imply included
     body : what must not touch anything
     obstacles : array, shape (n_rows, n_columns), the table that kernels take: a row an obstacle, of a mesh one for
-        each polytope that stands for it
+        each polytope that holds a part of it; for who searches and dodges
     owners : array of int, shape (n_rows,), whose row it is, by the number of the obstacle in the file
     grasp : how the hands hold the load, None where the file does not say
     motions : how obstacles move, None for those that stand
     begins : when the movement begins on the clock of these motions [s]
+    surfaces : the triangles of obstacles that are meshes: what must not be touched
     overhangs : by how much the polytopes of a mesh reach beyond it at most [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     """
@@ -112,6 +130,7 @@ class Scene:
     grasp: Grasp | None = None
     motions: tuple[Motion | None, ...] = ()
     begins: float = 0.0
+    surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     overhangs: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
 
@@ -158,6 +177,18 @@ class Scene:
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
+    def scaled(self, factor: float) -> Scene:
+        """The same scene with every length multiplied by `factor`, and with them speeds and accelerations.
+
+        What is taught is left out, as a demonstration has lengths of its own.
+        """
+        data = self.file.model_dump() | {"demonstration": None}
+        for manipulator, start, goal in zip(data["manipulators"], self.start, self.goal, strict=True):
+            manipulator |= {"start": start.tolist(), "goal": goal.tolist()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            return Scene.from_dict(_scaled(data, factor), folder=self.folder)
+
     @property
     def name(self) -> str:
         """Name of the scene."""
@@ -197,6 +228,11 @@ class Scene:
     def first_rows(self) -> NDArray[np.int64]:
         """The first row of every obstacle in the table; array, shape (n_obstacles,)."""
         return np.unique(self.owners, return_index=True)[1]
+
+    @cached_property
+    def convex_rows(self) -> NDArray[np.bool_]:
+        """Which rows of the table are obstacles themselves, and not polytopes that hold a mesh."""
+        return ~np.isin(self.owners, self.surfaces.owner)
 
     def by_row(self, of_obstacles: Array) -> Array:
         """What is known by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows, ...)."""
@@ -327,8 +363,8 @@ class Scene:
         nodes : array, shape (n_nodes, 3), [m]
         time : at which obstacles are where they are then [s]
         """
-        clearance, row = self._nearest(nodes, self.obstacles_at(time))
-        return clearance, self.name_of(self.owner_of(row))
+        clearance, nearest = self._nearest(nodes, time, range(len(self.file.obstacles)))
+        return clearance, self.name_of(nearest)
 
     def owner_of(self, row: int) -> int:
         """The obstacle of a row of the table; what is no row comes back as it is."""
@@ -342,9 +378,10 @@ class Scene:
             return "something that was seen"
         return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
 
-    def _nearest(self, nodes: Array, table: Array) -> tuple[float, int]:
-        """Clearance [m] of one configuration among the obstacles of a table, and the row that is nearest, or -1."""
-        body = self.body
+    def _nearest(self, nodes: Array, time: float, among: Iterable[int]) -> tuple[float, int]:
+        """Clearance [m] of one configuration among some obstacles at an instant, and which is nearest, or -1."""
+        body, rows = self.body, np.flatnonzero(self.convex_rows & np.isin(self.owners, list(among)))
+        table = self.obstacles_at(time)[rows]
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
         if len(body.solids):
             found = min(found, solids_clearance(nodes, body.solids, table, *self.workspace))
@@ -353,7 +390,18 @@ class Scene:
             border = nodes[first[first != second]]  # without the hands, which are points
             for j in np.flatnonzero(_inside_polygon(border, table[:, 1:4])):
                 found = min(found, (-float(table[j, sd.REACH]), int(j)))
-        return found
+        clearance, nearest = found[0], int(self.owners[rows][found[1]]) if found[1] >= 0 else -1
+        hulls = [(edge, radius) for edge, radius in zip(body.edges, body.radii, strict=True)]
+        hulls += [(solid, 0.0) for solid in body.solids]
+        for mesh, obstacle in enumerate(self.surfaces.owner):
+            if obstacle in among:
+                seen = nodes - self.offsets(np.array([time]))[0, obstacle]
+                for own, radius in hulls:
+                    points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius
+                    distance = signed_distance(self.surfaces, mesh, points, cutoff) - radius
+                    if distance < clearance:
+                        clearance, nearest = distance, int(obstacle)
+        return clearance, nearest
 
     def nodes_at(self, end: str) -> Array:
         """Nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
@@ -372,6 +420,16 @@ class Scene:
         return tuple(found)
 
 
+def _scaled(data: Any, factor: float, key: str = "") -> Any:
+    """Data of a scene file in which all numbers under the keys of lengths are multiplied by `factor`."""
+    if isinstance(data, dict):
+        return {k: _scaled(value, factor, key if key in LENGTHS else k) for k, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_scaled(value, factor, key) for value in data]
+    is_length = key in LENGTHS and isinstance(data, (int, float)) and not isinstance(data, bool)
+    return data * factor if is_length else data
+
+
 @lru_cache(maxsize=8)  # a search asks for them in every generation
 def _offsets_along(scene: Scene, n_steps: int) -> Array:
     if not scene.moving.any():
@@ -382,7 +440,8 @@ def _offsets_along(scene: Scene, n_steps: int) -> Array:
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
-    covers, meshes = _covers(file, folder, path)
+    meshes = _meshes(file, folder, path)
+    covers = {whose: mesh.cover(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()}
     names = [m.name for m in file.manipulators]
     start = _spatial(np.array([m.start for m in file.manipulators]))
     goal = _spatial(np.array([m.goal for m in file.manipulators]))
@@ -412,8 +471,11 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         owners=owners,
         grasp=grasp_of(file, _carried(file, groups)),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
+        surfaces=surfaces_of(
+            [_placed(mesh, part, i, owners) for i, (mesh, part) in meshes.items() if i != LOAD]
+        ),
         overhangs={whose: cover.overhang for whose, cover in covers.items()},
-        meshes=meshes,
+        meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
     moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
     for end, given in (("start", scene.start), ("goal", scene.goal)):
@@ -457,22 +519,31 @@ def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
     return next((group.members for group in groups if holders & set(group.members)), ())
 
 
-def _covers(
-    file: SceneFile, folder: Path, path: Path | None
-) -> tuple[dict[int | str, Cover], tuple[str, ...]]:
-    """What stands for the meshes of a scene, of the load and by number of the obstacle; checksums of their files."""
+def _meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | str, tuple[Mesh, Any]]:
+    """The meshes of a scene and where the file names them, of the load and by number of the obstacle."""
     parts: list[tuple[int | str, str, Any]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
     ]
     parts += [(LOAD, "load", file.load)]
-    covers, checksums = {}, []
+    meshes = {}
     for whose, key, part in parts:
         if part is not None and part.shape == "mesh":
-            covers[whose], checksum = mesh_cover(
-                folder / part.file, part.scale, part.resolution, file=path, key=f"{key}.file"
-            )
-            checksums.append(checksum)
-    return covers, tuple(checksums)
+            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
+            if part.resolution is not None and not part.resolution < mesh.width:
+                raise SceneError(
+                    f"'{part.file}' is {mesh.width:.3g} m long, and the resolution is {part.resolution:g} m",
+                    file=path,
+                    key=f"{key}.resolution",
+                    way_out="give a finer resolution",
+                )
+            meshes[whose] = mesh, part
+    return meshes
+
+
+def _placed(mesh: Mesh, obstacle: Any, number: int, owners: NDArray[np.int64]) -> Placed:
+    """The mesh of an obstacle where it stands at 0 s."""
+    rotation = matrices(np.array(obstacle.quaternion_wxyz))
+    return Placed(mesh.parts, np.array(obstacle.center), rotation, number, int(np.argmax(owners == number)))
 
 
 def _body(file: SceneFile, names: list[str], groups: list[RigidGroup], cover: Cover | None = None) -> Body:
@@ -593,14 +664,14 @@ def _require_heading(scene: Scene, path: object) -> None:
 def _require_free_ends(scene: Scene, path: object) -> None:
     for end in ("start", "goal"):
         # What moves may have left the goal, or not come there yet, when the load does.
-        there = np.arange(len(scene.obstacles))
-        there = there[~scene.moving[scene.owners]] if end == "goal" else there
-        clearance, row = scene._nearest(scene.nodes_at(end), scene.obstacles_at(0.0)[there])
-        nearest = scene.name_of(-1 if row < 0 else scene.owner_of(there[row]))
-        if clearance < scene.clearance:
+        there = [i for i in range(len(scene.file.obstacles)) if end == "start" or not scene.moving[i]]
+        clearance, nearest = scene._nearest(scene.nodes_at(end), 0.0, there)
+        nearest = scene.name_of(nearest)
+        rounding = PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
+        if clearance < scene.clearance + rounding:  # nothing could be proved of a motion that begins there
             need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""
-            where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is {clearance:.3g} m from"
-            where = "touches" if abs(clearance) < 1e-9 else where
+            where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is only {clearance:.3g} m from"
+            where = "touches" if abs(clearance) < rounding else where
             outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
             raise SceneError(
                 f"at the {end} the load or a hand {where} {nearest}{outside}{need}",

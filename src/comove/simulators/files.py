@@ -1,12 +1,15 @@
 """A simulation in a result folder: `simulation.json` and `simulation.npz`, and its pictures.
 
-The summary names the checksum of the series and is written last, so that what was interrupted or edited is noticed.
+The summary names the checksum of the series and appears last, at once after them, so that what was interrupted or
+edited is noticed.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -20,6 +23,7 @@ from comove._version import __version__
 from comove.demonstrations.files import telling, whole_file
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, ResultError
+from comove.results.entries import require_unedited
 from comove.results.folder import checksum
 from comove.simulators.execution import Execution
 
@@ -29,6 +33,7 @@ PICTURES = (SHEET, FILM, "simulation.gif")  # the latter where nothing encodes f
 REQUIRED = ("time", "commanded", "joints", "torque", "hands", "hands_planned", "load_pose", "wrench", "lag")
 TOOLS = ("mujoco", "pin", "numpy")
 MAX_BYTES = 2**20
+UNSUMMED = {"summary_sha256", "steps_per_second"}
 
 
 def write_simulation(execution: Execution, folder: str | Path, *, seed: int | None = None) -> dict[str, Any]:
@@ -48,13 +53,17 @@ def write_simulation(execution: Execution, folder: str | Path, *, seed: int | No
     folder = Path(folder)
     series = execution.series()
     summary = summary_of(execution, series, seed)
-    with whole_file(folder / SERIES, ResultError) as file:
-        np.savez_compressed(file, **series)
-    for name in PICTURES:
-        with telling(folder / name, "replaced", ResultError):
-            (folder / name).unlink(missing_ok=True)
-    with whole_file(folder / SUMMARY, ResultError) as file:
-        file.write((json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
+    summary["summary_sha256"] = _summary_checksum(summary)
+    text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    with whole_file(folder / SUMMARY, ResultError) as told:
+        told.write(text.encode())
+        told.flush()
+        os.fsync(told.fileno())  # so that nothing is left to do between the two files but to name them
+        with whole_file(folder / SERIES, ResultError) as file:
+            np.savez_compressed(file, **series)
+            for name in PICTURES:
+                with telling(folder / name, "replaced", ResultError):
+                    (folder / name).unlink(missing_ok=True)
     return summary
 
 
@@ -92,8 +101,9 @@ def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArr
         If they are missing, unreadable or do not belong together.
     """
     path = Path(folder) / SUMMARY
-    if not path.is_file():
-        raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="simulate the motion first")
+    with telling(path, error=ResultError):
+        if not path.is_file():
+            raise ResultError(f"it holds no {SUMMARY}", file=folder, way_out="simulate the motion first")
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ValueError("it is larger than 1 MB")
@@ -109,6 +119,7 @@ def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArr
         raise ResultError(
             error.message, file=error.file, key=error.key, way_out="simulate it again"
         ) from error
+    require_unedited(summary, _summary_checksum(summary), path)
     if summary.get("series_sha256") != checksum(series):
         raise ResultError(
             f"{SERIES} is not what {SUMMARY} tells of: its checksum differs",
@@ -116,6 +127,12 @@ def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArr
             way_out="simulate it again",
         )
     return summary, series
+
+
+def _summary_checksum(summary: Mapping[str, Any]) -> str:
+    """SHA-256 of all entries but the checksum itself and the speed, which no two runs share."""
+    entries = {key: value for key, value in summary.items() if key not in UNSUMMED}
+    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def _named(grasp: object) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.model import BarLoad
 from comove.scenes.scene import Scene
+from comove.ties import first_largest, first_least
 
 Array = NDArray[np.float64]
 
@@ -149,7 +150,7 @@ def _lug(box: Part, grasp: Array, sides: tuple[float, float]) -> Part | None:
 def _rod(a: Array, b: Array, radius: float) -> Part:
     along = np.linalg.norm(a - b)
     z = (a - b) / along
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x = np.cross(np.eye(3)[first_least(np.abs(z))], z)
     x /= np.linalg.norm(x)
     return Part(
         "capsule", (a + b) / 2, np.stack([x, np.cross(z, x), z], axis=1), (max(radius, THINNEST), along / 2)
@@ -186,7 +187,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
     apart = hand_poses(robot, scene, motion.position[:1])[0, :, :3, 3] - scene.start
     missed = np.linalg.norm(apart, axis=1)
     if missed.max() > NEAR:
-        hand = int(missed.argmax())
+        hand = first_largest(missed)
         raise SceneError(
             f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",
             key=f"manipulators[{hand}].start",

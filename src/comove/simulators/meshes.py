@@ -8,22 +8,29 @@ once, or one that is killed, leave whole entries only.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.errors import ExtraError, RobotError
+from comove.scenes.triangles import MAX_BYTES, MeshError, triangles_of
 
-VERSION = b"3"  # of the conversion
+VERSION = b"4"  # of the conversion
 SEAL = b"# sha256 "
 DARKEST = 0.08  # what is black in a mesh: true black has no shape in a picture
+MATERIALS = ".mtl"  # the only files that a mesh may bring along
+MAX_MATERIALS, MAX_CHANGES = 1_000_000, 1000  # bytes of such a file; changes of material in a mesh
 
 Colour = tuple[float, ...]
 Part = tuple[Path, Colour | None]
+Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
 def cache_folder() -> Path:
@@ -55,12 +62,12 @@ def coloured_parts(mesh: Path) -> list[Part]:
 
 
 def _cached(mesh: Path, *, by_colour: bool) -> list[Part]:
-    suffix = mesh.suffix.lower().encode()
-    key = hashlib.sha256(b"|".join([VERSION, str(by_colour).encode(), suffix, mesh.read_bytes()])).hexdigest()
+    data, suffix = _bytes_of(mesh), mesh.suffix.lower()
+    key = hashlib.sha256(b"|".join([VERSION, str(by_colour).encode(), suffix.encode(), data])).hexdigest()
     folder = cache_folder()
     parts = _read_parts(folder, key)
     if parts is None:
-        bodies = _converted(mesh, by_colour)
+        bodies = _converted(mesh, data, by_colour)
         names = [f"{key}-{i}.obj" for i in range(len(bodies))]
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -78,6 +85,17 @@ def _cached(mesh: Path, *, by_colour: bool) -> list[Part]:
     return parts
 
 
+def _bytes_of(mesh: Path) -> bytes:
+    """What is in the file, and one byte more than is read where it is too large."""
+    try:
+        with open(mesh, "rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise RobotError(
+            f"the mesh cannot be read: {error.strerror}", file=mesh, way_out="check its rights"
+        ) from error
+
+
 def _read_parts(folder: Path, key: str) -> list[Part] | None:
     """What the cache holds, None where it is not all there and whole."""
     index = _read_whole(folder / f"{key}.json")
@@ -87,15 +105,53 @@ def _read_parts(folder: Path, key: str) -> list[Part] | None:
     return parts if all(_read_whole(path) is not None for path, _ in parts) else None
 
 
-def _converted(mesh: Path, by_colour: bool) -> list[tuple[bytes, Colour | None]]:
+def _converted(mesh: Path, data: bytes, by_colour: bool) -> list[tuple[bytes, Colour | None]]:
     """The mesh's pieces as OBJ, vertices and triangles alone, with their colours."""
+    try:
+        whole = triangles_of(data, mesh.suffix.lower())
+    except MeshError as error:
+        raise RobotError(
+            f"the mesh cannot be read: {error.message}", file=mesh, way_out=error.way_out
+        ) from error
+    if not by_colour or data.count(b"usemtl") > MAX_CHANGES:  # which take trimesh quadratic time
+        return [(_obj([whole]), None)]
+    groups: dict[Colour | None, list[Triangles]] = {}
+    for piece in _pieces(mesh, data):
+        groups.setdefault(_colour(piece), []).append((piece.vertices, piece.faces))
+    return [(_obj(group), colour) for colour, group in groups.items()]
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Lends trimesh the files of materials that lie beside a mesh, and no pictures."""
+
+    folder: Path
+
+    def __getitem__(self, name: str) -> bytes:
+        """As `get`."""
+        return self.get(name)
+
+    def get(self, name: str) -> bytes:
+        """What is in a file."""
+        path = self.folder / str(name).strip()
+        beside = path.suffix == MATERIALS and path.resolve().parent == self.folder.resolve()
+        if not (beside and path.is_file()):
+            raise FileNotFoundError(name)
+        with open(path, "rb") as file:
+            return file.read(MAX_MATERIALS)
+
+
+def _pieces(mesh: Path, data: bytes) -> list[Any]:
+    """The mesh's pieces with their materials, as trimesh reads them."""
     try:
         import trimesh
     except ImportError as error:
         raise ExtraError("simulation", "sim") from error
+
+    suffix = mesh.suffix.lower()
     try:
-        scene = trimesh.load_scene(mesh)
-        if mesh.suffix.lower() == ".dae" and scene.units not in (None, "meters", "meter"):
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=_Beside(mesh.parent))
+        if suffix == ".dae" and scene.units not in (None, "meters", "meter"):
             scene = scene.convert_units("meters")
         pieces = [piece for piece in scene.dump() if len(getattr(piece, "faces", ()))]
         if not pieces:
@@ -103,10 +159,7 @@ def _converted(mesh: Path, by_colour: bool) -> list[tuple[bytes, Colour | None]]
     except Exception as error:  # a reader of foreign formats may raise anything
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise RobotError(f"the mesh cannot be read: {reason}", file=mesh, way_out="repair it") from error
-    groups: dict[Colour | None, list[Any]] = {}
-    for piece in pieces:
-        groups.setdefault(_colour(piece) if by_colour else None, []).append(piece)
-    return [(_obj(group), colour) for colour, group in groups.items()]
+    return pieces
 
 
 def _colour(piece: Any) -> Colour | None:
@@ -117,11 +170,11 @@ def _colour(piece: Any) -> Colour | None:
     return (*(round(DARKEST + (1 - DARKEST) * part, 3) for part in rgb), round(alpha, 3))
 
 
-def _obj(pieces: list[Any]) -> bytes:
+def _obj(pieces: list[Triangles]) -> bytes:
     """Vertices and triangles of pieces as one OBJ; vertices at one place become one."""
-    starts = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
-    corners = np.concatenate([piece.vertices for piece in pieces])
-    faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
+    corners = np.concatenate([vertices for vertices, _ in pieces])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])
     vertices, place = np.unique(corners, axis=0, return_inverse=True)
     lines = ["v {:.9g} {:.9g} {:.9g}".format(*vertex) for vertex in vertices]
     lines += ["f {} {} {}".format(*face) for face in place.reshape(-1)[faces] + 1]

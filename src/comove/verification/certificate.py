@@ -20,6 +20,11 @@ and half edges e_k are linear in time. The gap along a fixed direction n between
 ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
 least at an end. The direction is that of the interval before, or the best at mid-time; intervals that are not
 clear enough are halved. So it is with a hull, whose reach along n is the largest of what is linear in time, convex.
+
+An obstacle that is a mesh is its triangles (`comove.scenes.surfaces`). Every part of the body is a convex hull of
+nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes passes over those far
+away. Whoever is outside at the start and never meets a triangle stays outside: only at the start is it asked whether
+something is inside.
 """
 
 from __future__ import annotations
@@ -36,14 +41,40 @@ from comove.primitives.forcing import INTERVAL, N_INTERVALS
 from comove.scenes.distances import point_distance
 from comove.scenes.scene import Scene
 from comove.scenes.solids import empty_solid, gap, move_solid, solid_at, solid_distance
+from comove.scenes.surfaces import DEPTH, box_distance, box_gap, nearest, surface_distance, triangle_gap
 from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
 
 LOOSE, TIGHT = 1e-4, 1e-7  # m, how far the bound may stay below the true clearance
+COMMON = (0.3, 10.0)  # m, sides of workspaces for which these are made; for others they grow and shrink along
 MAX_CELLS = 2_000_000  # a bound that needs more is given up as it stands: still sound, only lower
 STACK = 256
-ROUNDING = 1e-12  # m
+ROUNDING = 1e-12  # of the largest coordinate, and of a metre
+
+
+class Need(NamedTuple):
+    """What is asked of a bound.
+
+    Attributes
+    ----------
+    clearance : asked for [m]; the bound is tightened where it is close to it
+    loose, tight : how far it may stay below the true clearance, and where that is close to what is asked for [m]
+    rounding : of distances [m]
+    """
+
+    clearance: float
+    loose: float
+    tight: float
+    rounding: float
+
+
+def need_of(scene: Scene, nodes: Array) -> Need:
+    """What is asked of the bound for a body with these nodes, array of shape (..., 3) [m]."""
+    side = float((scene.upper - scene.lower).max())
+    unit = 1.0 if COMMON[0] <= side <= COMMON[1] else side
+    largest = max(1.0, side, float(np.abs(nodes).max()))
+    return Need(scene.clearance, LOOSE * unit, TIGHT * unit, ROUNDING * largest)
 
 
 class Clearance(NamedTuple):
@@ -112,19 +143,33 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
     """
     if not all(np.isfinite(array).all() for array in (nodes, bulge, *paths)):
         return Clearance(-np.inf, -np.inf, float(time[0]), -1)
-    body, around = scene.body, (scene.obstacles, paths, *scene.workspace, scene.clearance)
+    body, own, need = scene.body, scene.convex_rows, need_of(scene, nodes)
+    moving = Paths(paths.offset[:, own], paths.sag[:, own])
+    around = (scene.obstacles[own], moving, *scene.workspace, need)
     found = certified_clearance(nodes, bulge, body.edges, body.radii, *around)
     if len(body.solids):
         found = certified_solids(nodes, bulge, body.solids, *around, *found)
     lower, upper, k, nearest = found
-    if body.filled:  # an obstacle inside the plate at the start need not touch its border
+    nearest = int(scene.owners[own][nearest]) if nearest >= 0 else nearest
+    for mesh, (obstacle, row) in enumerate(zip(scene.surfaces.owner, scene.surfaces.row, strict=True)):
+        way = np.zeros((len(nodes), 3)), np.zeros(len(bulge))
+        if len(paths.offset):
+            way = np.ascontiguousarray(paths.offset[:, row]), np.ascontiguousarray(paths.sag[:, row])
+        for hulls, radii in ((body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))):
+            if len(hulls):
+                found = certified_surface(
+                    nodes, bulge, hulls, radii, *way, scene.surfaces, mesh, need, lower, upper, k
+                )
+                nearest = int(obstacle) if found[1] < upper else nearest
+                lower, upper, k = found
+    if body.filled or len(scene.surfaces.root):  # at the start what is inside need not touch a border
         at_start, _ = scene.clearance_at(nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)
-    return Clearance(lower, upper, float(time[k]), scene.owner_of(nearest))
+    return Clearance(lower, upper, float(time[k]), nearest)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upper, required):
+def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upper, need):
     """Certified lower bound, least clearance met, its knot, its obstacle.
 
     Parameters
@@ -135,7 +180,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
     obstacles : array, shape (n_obstacles, N_COLUMNS), their table
     paths : how they move
     lower, upper : arrays, shape (3,), the workspace [m]
-    required : clearance asked for [m]; the bound is tightened where it is close to it
+    need : what is asked of the bound
     """
     n_intervals, n_edges, n_obstacles = bulge.shape[0], edges.shape[0], obstacles.shape[0]
     bound, met, knot, nearest = np.inf, np.inf, 0, -1
@@ -182,7 +227,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
             a0, b0, a1, b1 = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
             length = max(_apart(a0, b0), _apart(a1, b1))
             move_a, move_b = _apart(a0, a1), _apart(b0, b1)
-            swell = max(bulge[k, m], bulge[k, n]) + ROUNDING
+            swell = max(bulge[k, m], bulge[k, n]) + need.rounding
             for j in range(n_obstacles):
                 if paths.offset.shape[0] > 0:  # as seen from the obstacle
                     _seen_from(paths, k, j, nodes[k, m], seen[0])
@@ -191,7 +236,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                     _seen_from(paths, k + 1, j, nodes[k + 1, n], seen[3])
                     a0, b0, a1, b1 = seen[0], seen[1], seen[2], seen[3]
                     move_a, move_b = _apart(a0, a1), _apart(b0, b1)
-                    swell = max(bulge[k, m], bulge[k, n]) + paths.sag[k, j] + ROUNDING
+                    swell = max(bulge[k, m], bulge[k, n]) + paths.sag[k, j] + need.rounding
                 x, y, z = _on_surface(a0, b0, a1, b1, 0.5, 0.5)
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
                 if distance - 0.5 * max(move_a, move_b) - 0.5 * length - swell > met:
@@ -209,7 +254,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                         met, knot, nearest = distance, k, j
                     along = distance - 0.5 * (s1 - s0) * length
                     sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
-                    enough = met - _slack(met, required)
+                    enough = met - _slack(met, need)
                     if along - sweep < enough:
                         x, y, z = _on_surface(a0, b0, a1, b1, t, s0)
                         first = point_distance(obstacles, j, x, y, z) - radii[e]
@@ -233,9 +278,7 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
 
 
 @numba.njit(cache=True, error_model="numpy")
-def certified_solids(
-    nodes, bulge, solids, obstacles, paths, lower, upper, required, bound, met, knot, nearest
-):
+def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need, bound, met, knot, nearest):
     """As `certified_clearance`, for solids; the last four arguments are what it found for the rest of the body.
 
     Parameters
@@ -268,9 +311,9 @@ def certified_solids(
             for k in range(n_intervals):
                 begin, end = end, begin
                 _solid_seen_from(paths, k + 1, j, nodes[k + 1], corners, end)
-                swell = ROUNDING
+                swell = need.rounding
                 for n in corners:
-                    swell = max(swell, bulge[k, n] + ROUNDING)
+                    swell = max(swell, bulge[k, n] + need.rounding)
                 if paths.offset.shape[0] > 0:
                     swell += paths.sag[k, j]
                 stack[0, 0], stack[0, 1] = 0.0, 1.0
@@ -278,7 +321,7 @@ def certified_solids(
                 while top > 0:
                     top -= 1
                     t0, t1 = stack[top, 0], stack[top, 1]
-                    slack = _slack(met, required)
+                    slack = _slack(met, need)
                     clear = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal)
                     if clear < met - slack:
                         cells += 1
@@ -287,7 +330,7 @@ def certified_solids(
                         at_middle, distance = solid_distance(obstacles, j, solid, np.inf, other)
                         if distance < met:
                             met, knot, nearest = distance, k, j
-                            slack = _slack(met, required)
+                            slack = _slack(met, need)
                         anew = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, other)
                         if anew > clear:
                             clear = anew
@@ -301,6 +344,108 @@ def certified_solids(
                             continue
                     bound = min(bound, clear - swell)
     return bound, met, knot, nearest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, need, bound, met, knot):
+    """As `certified_clearance`, for the triangles of a mesh; the last three arguments are what was found before.
+
+    Parameters
+    ----------
+    hulls : array of int, shape (n_hulls, n), the nodes of every convex part of the body
+    radii : array, shape (n_hulls,), by which they are thickened [m]
+    offset, sag : arrays, shapes (n_knots, 3) and (n_knots - 1,), how the mesh moves [m]
+    surfaces, mesh : `comove.scenes.surfaces.Surfaces`, and which of its meshes
+    """
+    n_intervals, n_points = bulge.shape[0], hulls.shape[1]
+    begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))
+    normal, other, scratch = np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3))
+    low, high = np.empty(3), np.empty(3)
+    boxes, parts, cells = np.empty(DEPTH, dtype=np.int64), np.empty((STACK, 2)), 0
+    for h in range(hulls.shape[0]):
+        for k in range(0, n_intervals + 1, 4):  # a first look
+            _hull_seen_from(nodes[k], hulls[h], offset[k], begin)
+            distance = surface_distance(surfaces, mesh, begin, met + radii[h]) - radii[h]
+            if distance < met:
+                met, knot = distance, k
+        _hull_seen_from(nodes[0], hulls[h], offset[0], end)
+        for k in range(n_intervals):
+            begin, end = end, begin
+            _hull_seen_from(nodes[k + 1], hulls[h], offset[k + 1], end)
+            swell = radii[h] + sag[k] + surfaces.slack[mesh] + need.rounding
+            worst = 0.0
+            for node in hulls[h]:
+                worst = max(worst, bulge[k, node])
+            swell += worst
+            for axis in range(3):
+                low[axis] = min(begin[:, axis].min(), end[:, axis].min())
+                high[axis] = max(begin[:, axis].max(), end[:, axis].max())
+            boxes[0], top = surfaces.root[mesh], 1
+            while top > 0:
+                top -= 1
+                box = boxes[top]
+                enough = met - _slack(met, need) + radii[h]
+                clear = box_distance(surfaces, box, low, high)
+                if clear < enough:
+                    clear = max(clear, box_gap(surfaces, box, begin, end, normal))
+                if clear >= enough:
+                    bound = min(bound, clear - swell)
+                    continue
+                if surfaces.right[box] >= 0:
+                    boxes[top], boxes[top + 1] = surfaces.right[box], box + 1
+                    top += 2
+                    continue
+                for i in range(surfaces.first[box], surfaces.first[box] + surfaces.count[box]):
+                    triangle = surfaces.triangles[i]
+                    parts[0, 0], parts[0, 1], n_parts = 0.0, 1.0, 1
+                    while n_parts > 0:
+                        n_parts -= 1
+                        t0, t1 = parts[n_parts, 0], parts[n_parts, 1]
+                        clear = _hull_gap(triangle, begin, end, t0, t1, middle, normal)
+                        slack = _slack(met, need)
+                        if clear - radii[h] < met - slack:
+                            cells += 1
+                            t = 0.5 * (t0 + t1)
+                            _between(begin, end, t, middle)
+                            other[:] = normal
+                            at_middle, distance = nearest(triangle, middle, other, scratch)
+                            if distance == 0.0:  # they cut each other: about how deep
+                                distance = at_middle
+                            if distance - radii[h] < met:
+                                met, knot = distance - radii[h], k
+                                slack = _slack(met, need)
+                            anew = _hull_gap(triangle, begin, end, t0, t1, middle, other)
+                            if anew > clear:
+                                clear = anew
+                                normal[:] = other
+                            # Where they touch, or no direction does better at mid-time, halving gains nothing.
+                            gains = (
+                                at_middle > 0.0 and clear - radii[h] < min(met, at_middle - radii[h]) - slack
+                            )
+                            if gains and n_parts + 2 <= STACK and cells <= MAX_CELLS:
+                                parts[n_parts, 0], parts[n_parts, 1] = t0, t
+                                parts[n_parts + 1, 0], parts[n_parts + 1, 1] = t, t1
+                                n_parts += 2
+                                continue
+                        bound = min(bound, clear - swell)
+    return min(bound, met), met, knot
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _hull_seen_from(nodes, hull, offset, out):
+    """Write in `out` the nodes of a hull as seen from a mesh that has moved by `offset`."""
+    for i in range(hull.shape[0]):
+        for axis in range(3):
+            out[i, axis] = nodes[hull[i], axis] - offset[axis]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _hull_gap(triangle, begin, end, t0, t1, scratch, normal):
+    """Least gap [m] along `normal` while a hull moves from share t0 to t1 of its way; `scratch` as large as it."""
+    _between(begin, end, t0, scratch)
+    first = triangle_gap(triangle, scratch, normal)
+    _between(begin, end, t1, scratch)
+    return min(first, triangle_gap(triangle, scratch, normal))
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -344,10 +489,10 @@ def _between(begin, end, t, solid):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slack(met, required):
+def _slack(met, need):
     """How far [m] the bound may stay below the clearance met: little where it is close to what is asked for."""
-    spare = 0.5 * (met - required)
-    return LOOSE if spare < 0.0 else min(LOOSE, max(TIGHT, spare))
+    spare = 0.5 * (met - need.clearance)
+    return need.loose if spare < 0.0 else min(need.loose, max(need.tight, spare))
 
 
 @numba.njit(cache=True, error_model="numpy")

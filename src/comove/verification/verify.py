@@ -191,6 +191,8 @@ def _contact(motion: CoordinatedMotion, clearance: Clearance) -> str:
     when = f"at {clearance.time:.2f} s"
     if clearance.upper < 0:
         return f"the load or a hand reaches {-clearance.upper:.3g} m or more into {what} {when}"
+    if clearance.upper == 0:  # a surface has no depth
+        return f"the load or a hand touches {what} {when}"
     if clearance.upper < scene.clearance:
         return f"only {clearance.upper:.3g} m from {what} {when} (clearance {scene.clearance:g} m asked for)"
     return (

@@ -20,6 +20,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+MESH_ALPHA = 0.2  # of a triangle
 COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
 N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
@@ -211,7 +212,9 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     """
     solid = 1.0 if scene.n_dims == 2 else 0.35
     moves = scene.moving[scene.owners]
-    for row in scene.obstacles[~moves]:
+    for mesh in np.flatnonzero(~scene.moving[scene.surfaces.owner]):
+        _draw_triangles(axes, scene.surfaces.of(mesh)[:, :, list(view)])
+    for row in scene.obstacles[~moves & scene.convex_rows]:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
     if not moves.any():
         return
@@ -222,6 +225,13 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
+
+
+def _draw_triangles(axes: Axes, triangles: Array) -> None:
+    """The shadow of a mesh, darker where more of it is behind each other; triangles (n, 3, 2)."""
+    axes.add_collection(
+        PolyCollection(triangles, facecolors="0.62", alpha=MESH_ALPHA, edgecolors="none", rasterized=True)
+    )
 
 
 def outline(row: Array, view: tuple[int, int]) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 import time
@@ -24,6 +25,30 @@ class Witnessed(System):
     def run(self, problem, offers):
         time.sleep(self.pause)
         offers.take(witness(problem.scene).hands(N_SAMPLES)[:, :, : problem.scene.n_dims], 0.5)
+
+
+@dataclass(frozen=True)
+class Logged(Witnessed):
+    """Writes into a log what it runs."""
+
+    name: str = "logged"
+    pause: float = 0.2
+
+    def run(self, problem, offers):
+        with open(os.environ["RUNS_LOG"], "a", encoding="utf-8") as log:
+            log.write(f"{problem.scene.name}\n")
+        super().run(problem, offers)
+
+
+@dataclass(frozen=True)
+class Filler(Witnessed):
+    """Leaves no room on the disk, as far as its process is concerned."""
+
+    name: str = "filler"
+
+    def run(self, problem, offers):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
+        super().run(problem, offers)
 
 
 @dataclass(frozen=True)
@@ -76,6 +101,8 @@ def witness(scene):
 SYSTEMS = {
     "witnessed": Witnessed(),
     "slow": Witnessed("slow", 0.4),
+    "logged": Logged(),
+    "filler": Filler(),
     "killer": Killer(),
     "thrower": Thrower(),
     "sleeper": Sleeper(),

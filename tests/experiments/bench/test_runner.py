@@ -72,7 +72,7 @@ def test_a_driver_that_is_killed(tmp_path, uninterrupted):
     for line in process.stdout:
         if int(line) >= 1:
             break
-    workers = [pid for _, pid, _ in _begun(store)]
+    workers = [pid for _, pid, _ in _begun(store) if pid != process.pid]
     process.send_signal(signal.SIGKILL)
     process.communicate()
     wait_for(lambda: not any(alive(pid) for pid in workers))
@@ -88,8 +88,9 @@ def test_a_driver_that_is_killed(tmp_path, uninterrupted):
 def test_a_worker_that_is_killed(tmp_path, uninterrupted):
     store = tmp_path / "runs.sqlite"
     process = start(store, 2, "slow")
-    wait_for(lambda: store.exists() and len(_begun(store)) > 0)
-    os.kill(_begun(store)[0][1], signal.SIGKILL)
+    workers = []
+    wait_for(lambda: workers.extend(pid for _, pid, _ in _begun(store) if pid != process.pid) or workers)
+    os.kill(workers[0], signal.SIGKILL)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert told(store) == uninterrupted
@@ -153,3 +154,41 @@ def test_options_that_make_no_sense(options, named):
 def test_nothing_to_run(tmp_path):
     with pytest.raises(OptionError, match="nothing to run"):
         run_all(tmp_path / "runs.sqlite", [])
+
+
+def test_two_drivers_share_a_store_and_do_nothing_twice(tmp_path, monkeypatch):
+    monkeypatch.setitem(ONE_THREAD, "RUNS_LOG", str(tmp_path / "log"))
+    store = tmp_path / "runs.sqlite"
+    both = [start(store, 1, "logged") for _ in range(2)]
+    for process in both:
+        _, err = process.communicate(timeout=120)
+        assert process.returncode == 0, err
+    assert len(told(store)) == 4
+    assert sorted((tmp_path / "log").read_text().split()) == sorted(s.name for s in scenes_of("easy", 4))
+
+
+def test_what_a_killed_driver_was_at_is_taken_over(tmp_path):
+    """Its worker is gone with it; what it had claimed and not begun as well."""
+    store = RunStore.create(tmp_path / "runs.sqlite")
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    jobs = jobs_of(scenes_of("easy", 4), {"witnessed": Witnessed()}, budget=0.1)
+    for job in jobs:
+        store.begin(job.configuration.key, f"{gone.pid}-ab", gone.pid, time.time() + 1000.0)
+    drive(store.path, 1, "witnessed")
+    assert len(told(store.path)) == 4
+    assert not _begun(store.path)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
+def test_a_full_disk_is_told_and_no_run_is_blamed_for_it(tmp_path):
+    """The disk is full for the worker that has run; what had ended before is there, and the same call goes on."""
+    store = tmp_path / "runs.sqlite"
+    drive(store, 1, "witnessed")
+    before = told(store)
+    _, err = start(store, 1, "filler").communicate(timeout=120)
+    assert "comove.errors.ResultError: " in err.splitlines()[-1]
+    assert "the store cannot be used" in err.splitlines()[-1] and "make room" in err.splitlines()[-1]
+    assert told(store) == before
+    drive(store, 1, "witnessed", "slow")
+    assert len(told(store)) == 8

@@ -130,7 +130,6 @@ def test_a_tighter_bound_holds_the_middle_closer():
 
 def test_a_mesh_of_many_rows_leaves_what_comes_after_it_where_it_is(tmp_path):
     """A ball crosses the way. A tube that stands in the far corner, and comes first in the file, changes nothing."""
-    pytest.importorskip("trimesh")
     write_obj(tmp_path / "tube.obj", *ring(n=10))
     tube = {"shape": "mesh", "file": "tube.obj", "center": [1.8, 1.8, 0.9]}
     ball = {

@@ -159,6 +159,18 @@ def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     assert distance(grasp(machine, arm, q), pose[:3, :3], pose[:3, 3]) < 1e-7  # of the logarithm near 0
 
 
+def test_a_pose_with_all_joints_at_their_limits_is_reached():
+    """Joints are held at their limits, not before: a long arm makes much of a nanoradian."""
+    machine = robot("random 2")
+    chains = chains_of(machine, machine.arms)
+    goal = within(chains, np.ones(24))
+    q = np.where(np.arange(len(goal)) % 7 == 6, goal, goal - 0.02)
+    q[8:13] = goal[8:13]
+    pose = grasp(machine, 1, goal)
+    target = pose[:3, :3].copy(), pose[:3, 3].copy()
+    assert reach_pose(chains, 1, *target, q.copy(), 0.0, 0.0, 1e-9, 1e-6, 100, q) < 1e-9
+
+
 @pytest.mark.parametrize("name", ALL)
 @settings(max_examples=40)
 @given(

@@ -11,6 +11,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
 from comove.robots.search.carrying import Carrying
+from comove.robots.search.links import FAT
 from comove.robots.search.planner import JUMP, REACHED, SPACING, _dense, _followed, follow_edge
 from tests.robots.search.test_links import CORNERS, between, obstacle, solid
 from tests.robots.small_robots import POST, gantry_scene, grasp_errors, robot, task
@@ -41,9 +42,10 @@ def planned(carrying, seed, margin=MARGIN, max_nodes=1000, tries=40):
 
 def led(carrying, path):
     """A path with close vertices, and joints that follow it from one of the starts; two arrays."""
-    fine = _dense(space_of(carrying.scene), path)
+    fine, around = _dense(space_of(carrying.scene), path), carrying.arms.around
+    arms = carrying.arms._replace(around=around._replace(clearance=around.clearance - FAT))  # as lenient
     for start in product(*carrying.starts):
-        joints = _followed(space_of(carrying.scene), carrying.arms, fine, np.concatenate(start))
+        joints = _followed(space_of(carrying.scene), arms, fine, np.concatenate(start))
         if len(joints) == len(fine):
             return fine, joints
     raise AssertionError("no start leads along the path")

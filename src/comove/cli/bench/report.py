@@ -16,9 +16,10 @@ def report(
     store: Store, out: Annotated[Path, typer.Option(help="Folder for report.md and its pictures.")]
 ) -> int:
     """Say what the runs of STORE show: success, times, costs, and what is missing."""
-    from comove.experiments.bench.report import REPORT, write_report
-    from comove.results import RunStore
+    from comove.experiments.bench.report import CONTENTS, REPORT, write_report
+    from comove.results import RunStore, check_target
 
+    check_target(out, CONTENTS)
     write_report(RunStore.open(store), out)
     print(f"report: {out / REPORT}")
     return 0

@@ -38,11 +38,9 @@ def add(
     from comove.primitives import Library, learn, read_primitive
     from comove.primitives.files import renamed
 
-    options, library, primitives = (
-        r.learning_options(n_basis, variant, phase, period, poses),
-        Library(folder),
-        [],
-    )
+    library, primitives = Library(folder), []
+    library.require_room()
+    options = r.learning_options(n_basis, variant, phase, period, poses)
     for demo in demos:
         if demo.endswith(".json"):
             primitive = read_primitive(demo)

@@ -11,7 +11,7 @@ import typer
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.library.app import FOLDER, Folder, library_app
 from comove.cli.progress import progress_bar
-from comove.cli.recordings import check_target, file_name, save_picture
+from comove.cli.recordings import check_picture, check_target, file_name, save_picture
 
 
 @verb_of(library_app)
@@ -33,6 +33,7 @@ def combine(
     from comove.scenes import Scene
 
     check_target(out)
+    check_picture(picture)
     library, loaded = Library(folder), Scene.load(scene)
     primitives = [library.get(name) for name in names] if names else library
     with progress_bar(budget) as progress:

@@ -10,7 +10,7 @@ import typer
 
 from comove.cli.app import BAD_INPUT, VERIFIED, verb_of
 from comove.cli.library.app import FOLDER, Folder, library_app
-from comove.cli.recordings import save_picture
+from comove.cli.recordings import check_picture, save_picture
 
 
 @verb_of(library_app, "list")
@@ -22,6 +22,7 @@ def list_primitives(
     """List the primitives of the library; damaged files are named, others left alone."""
     from comove.primitives import Library
 
+    check_picture(out)
     library = Library(folder)
     primitives, damaged = library.read_all()
     if json:

@@ -9,7 +9,7 @@ import typer
 
 from comove.cli.app import verb_of
 from comove.cli.library.app import FOLDER, Folder, library_app
-from comove.cli.recordings import learned_text, recording_of, save_picture
+from comove.cli.recordings import check_picture, learned_text, recording_of, save_picture
 
 
 @verb_of(library_app)
@@ -21,6 +21,7 @@ def show(
     """Print what is known of a primitive, and draw it."""
     from comove.primitives import Library
 
+    check_picture(out)
     library = Library(folder)
     primitive = library.get(name)
     dmp, unit = primitive.positions, primitive.unit

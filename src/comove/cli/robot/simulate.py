@@ -32,7 +32,8 @@ def simulate(
     import numpy as np
 
     from comove.cli.robot.report import simulation_text, stored_motion
-    from comove.errors import ComoveError, OptionError, near_name
+    from comove.demonstrations.files import require_target
+    from comove.errors import ComoveError, OptionError, ResultError, near_name
     from comove.simulators import (
         Connect,
         Friction,
@@ -48,6 +49,7 @@ def simulate(
     if grasp not in grasps:
         raise OptionError(f"unknown grasp '{grasp}'", key="--grasp", way_out=near_name(grasp, grasps))
     motion = stored_motion(folder)
+    require_target(folder / "simulation.npz", ResultError)
     robot = motion.robot
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
     execution = simulate(motion.joints, motion.scene, robot, grasps[grasp](), drawn)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, since_process_start, verb_of
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot.app import robot_app
 
 SAVING = 2.0  # s, kept back from the budget for the files and pictures
@@ -34,7 +34,8 @@ def solve(
     from comove.cli.progress import progress_bar
     from comove.cli.robot.report import duration_offer, joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
-    from comove.cli.solve import check_budget, write_result
+    from comove.cli.solve import budget_left, check_budget, write_result
+    from comove.planning import load_kernels
     from comove.results import check_target, whole_folder
     from comove.robots import carry, write_joints
     from comove.scenes import Scene
@@ -42,18 +43,20 @@ def solve(
 
     check_budget(budget)
     check_target(out)
-    loaded = Scene.load(scene)
-    carrier, named = robot_named(robot, loaded, scene)
-    dmp, spent = loaded.taught, since_process_start()
-    with of_scene(scene), progress_bar(budget) as progress:
-        found = carry(
-            loaded,
-            carrier,
-            demonstration=dmp,
-            seed=seed,
-            budget=max(0.5 * budget, budget - spent - SAVING),
-            progress=progress,
-        )
+    with progress_bar(budget) as progress:
+        loaded = Scene.load(scene)
+        carrier, named = robot_named(robot, loaded, scene)
+        dmp = loaded.taught
+        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        with of_scene(scene):
+            found = carry(
+                loaded,
+                carrier,
+                demonstration=dmp,
+                seed=seed,
+                budget=budget_left(budget, SAVING, loaded),
+                progress=progress,
+            )
     solution = found.solution
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, dmp)

@@ -18,13 +18,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from comove._version import __version__
-from comove.errors import ExtraError, InputError, OptionError
+from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.systems import Outcome, Problem, System, measured
 from comove.experiments.workers import ONE_THREAD
@@ -173,14 +173,18 @@ class _Driver:
         )
         try:
             while queue or under_way:
-                while queue and len(under_way) < workers:
-                    job = queue.popleft()
+                while len(under_way) < workers and (job := self._next(queue)):
                     future = executor.submit(_work, self.store, job, self.name)
                     under_way[future] = job
+                if not under_way:  # all that is left is done by others
+                    time.sleep(POLL)
+                    continue
                 ended, _ = loky.wait(under_way, timeout=POLL, return_when=loky.FIRST_COMPLETED)
                 for future in ended:
                     failure = future.exception()
                     if isinstance(failure, loky.BrokenProcessPool):
+                        raise failure
+                    if isinstance(failure, ResultError):  # the store could not be written
                         raise failure
                     if failure is not None:  # it could not even be handed out
                         self.store.add(_run_of(under_way[future], "error", _told(failure)))
@@ -193,12 +197,28 @@ class _Driver:
         finally:
             executor.shutdown(wait=True, kill_workers=True)
 
+    def _next(self, queue: deque[Job]) -> Job | None:
+        """The first run that nobody else has done or is doing; what others are doing goes to the end."""
+        for _ in range(len(queue)):
+            job = queue.popleft()
+            key = job.configuration.key
+            if self.store.has(key):
+                self.done += 1
+                self._tell()
+            elif self.store.claim(
+                key, self.name, os.getpid(), time.time() + LOADING, partial(_is_gone, job.allowed)
+            ):
+                return job
+            else:
+                queue.append(job)
+        return None
+
     def _stop_late(self, jobs: Any) -> set[str]:
         """Kill the processes of runs that did not stop when they should have; the keys of these."""
         known = {job.configuration.key: job for job in jobs}
         stopped = set()
         for key, pid, since in self.store.begun(self.name):
-            if key in known and time.time() > since + known[key].allowed + GRACE:
+            if key in known and pid != os.getpid() and time.time() > since + known[key].allowed + GRACE:
                 with suppress(ProcessLookupError):  # it has just gone by itself
                     os.kill(pid, signal.SIGKILL)
                     self.store.add(_run_of(known[key], "late", _late_text(known[key])))
@@ -220,6 +240,19 @@ class _Driver:
             else:
                 self.suspects.append(job)
         self._tell()
+
+
+def _is_gone(allowed: float, pid: int, since: float) -> bool:
+    """Whether a process of another driver is at its run no more."""
+    if time.time() > since + allowed + GRACE + POLL:
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:  # another user's
+        return False
+    return False
 
 
 def _loky() -> Any:

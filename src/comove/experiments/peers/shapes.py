@@ -72,7 +72,7 @@ class Shapes:
         self.phi = basis.at(s)[1][0]
         self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
         self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
-        guess = self.hands(self.seen)
+        guess = self._samples(self.seen)
         self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
@@ -85,6 +85,9 @@ class Shapes:
         """
         if self.offers.seconds > self.problem.budget:
             raise OutOfTime
+        return self._samples(x)
+
+    def _samples(self, x: Array) -> Array:
         weights = self.dmp.weights + x.reshape(-1, *self.dmp.weights.shape)
         q = self.dmp.rollouts(weights, N_STEPS)
         return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)

@@ -103,7 +103,8 @@ class Single(Method):
                 name for name in suited if not np.array_equal(suited[name].weights, across[name].weights)
             ]
             suited = suited | {f"{name} in {PLANES[1]}": across[name] for name in planar}
-        ranking = best_movement(suited, scene, cost=search.objective.weights).ranking
+        left = 0.25 * search.time_left()
+        ranking = best_movement(suited, scene, cost=search.objective.weights, budget=left).ranking
         chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
         return chosen if search.taught is None else {TAUGHT: search.taught, **chosen}
 

@@ -24,6 +24,7 @@ from comove.robots.judge.bodies import Bodies
 from comove.robots.judge.carried import Carried
 from comove.robots.judge.load_shapes import placements
 from comove.robots.judge.nearing import Nearing
+from comove.ties import first_least
 
 Array = NDArray[np.float64]
 
@@ -112,10 +113,12 @@ def _first(bodies: Bodies) -> _Cells:
 
 def _nearer(best: Clearance, distance: Array, cells: _Cells, width: float) -> Clearance:
     """The least clearance so far."""
-    k = int(distance.argmin()) if len(distance) else -1
-    if k < 0 or distance[k] >= best.upper:
+    k = first_least(distance) if len(distance) else -1
+    if k < 0 or distance.min() >= best.upper:
         return best
-    return Clearance(-np.inf, float(distance[k]), int(cells.pair[k]), float((cells.stretch[k] + 0.5) * width))
+    return Clearance(
+        -np.inf, float(distance.min()), int(cells.pair[k]), float((cells.stretch[k] + 0.5) * width)
+    )
 
 
 class _Distances:

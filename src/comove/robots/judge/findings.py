@@ -21,6 +21,7 @@ from comove.robots.judge.reach import joint_axes
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
+from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
 def rest(robot: Robot, curve: PPoly) -> Finding:
     """Whether the robot begins and ends at rest."""
     speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
-    name = robot.joint_names[int(speed.argmax())]
+    name = robot.joint_names[first_largest(speed)]
     moving = f"{name} moves at {speed.max():.3g} rad/s at an end; begin and end at rest"
     return Finding({}, {}, [] if speed.max() <= END_SPEED else [moving])
 
@@ -212,8 +213,8 @@ def _hold(
 
 def _largest(values: Array, time: Array) -> Extreme:
     """The largest value, of which column and when; `values` of shape (n, n_hands)."""
-    step, column = np.unravel_index(int(values.argmax()), values.shape)
-    return Extreme(float(values[step, column]), int(column), float(time[step]))
+    step, column = np.unravel_index(first_largest(values), values.shape)
+    return Extreme(float(values.max()), int(column), float(time[step]))
 
 
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> Finding:

@@ -60,7 +60,7 @@ def placements(nodes: Array, spanned: tuple[int, ...]) -> tuple[Array, Array]:
     ends = nodes[:, spanned[0]], nodes[:, spanned[-1]]
     if len(spanned) == 2:  # any frame whose z axis is along the rod
         z = _unit(ends[1] - ends[0])
-        x = _unit(np.cross(z, np.eye(3)[np.abs(z).argmin(axis=1)]))
+        x = _unit(np.cross(z, np.eye(3)[np.abs(z).round(9).argmin(axis=1)]))
     else:
         x = _unit(nodes[:, spanned[1]] - ends[0])
         z = _unit(np.cross(x, nodes[:, spanned[2]] - ends[0]))

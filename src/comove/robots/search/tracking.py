@@ -14,6 +14,7 @@ from comove.robots.motion import SAMPLE_RATE, JointMotion
 from comove.robots.search.carrying import Carrying
 from comove.robots.search.chains import inside, reach_pose
 from comove.robots.search.following import follow_one, hand_rotation
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -49,9 +50,9 @@ def track(task: Carrying, motion: CoordinatedMotion) -> tuple[JointMotion, Miss 
     joints, residual = _tracked(task.arms, _nodes(motion, n_steps), posture)
     position = np.repeat(task.robot.home[None], n_steps, axis=0)
     position[:, task.columns] = joints
-    worst, arm = np.unravel_index(residual.argmax(), residual.shape)
+    worst, arm = np.unravel_index(first_largest(residual), residual.shape)
     miss = None
-    if residual[worst, arm] > EXACT:
+    if residual.max() > EXACT:
         miss = Miss(task.holders[arm].name, float(time[worst]), float(residual[worst, arm]))
     return JointMotion(time, task.robot.joint_names, position), miss
 

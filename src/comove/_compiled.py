@@ -1,0 +1,137 @@
+"""Compiled kernels on disk: what is damaged is compiled again, and where none can be kept all goes on without.
+
+numba keeps what it has compiled beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on
+a file that is cut off, on a full disk, and where none of the three can be written; it runs machine code that was
+damaged; and two processes that compile two signatures of a function at once can take each other's. Here every file
+carries a checksum of its contents and its signature. Kernels of others are left alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import pickle
+import re
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+CACHING = "numba.core.caching"
+OURS = "comove."
+_ADDRESS = re.compile(r"0x[0-9a-f]+")
+_told = False
+
+
+def guard_kernels() -> None:
+    """See to it that numba, which may never be imported, keeps comove's kernels so."""
+    if CACHING in sys.modules:
+        _guard(sys.modules[CACHING])
+    else:
+        sys.meta_path.insert(0, _WhenImported())
+
+
+class _WhenImported(MetaPathFinder):
+    """Waits for the module of numba, once."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != CACHING:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_guard(module: ModuleType) -> None:
+                execute(module)
+                _guard(module)
+
+            spec.loader.exec_module = execute_and_guard
+        return spec
+
+
+def _guard(caching: ModuleType) -> None:
+    """Put what is better in the place of what numba does."""
+    cache, file = caching.FunctionCache, caching.IndexDataCacheFile
+    begin, load, save = cache.__init__, cache.load_overload, cache.save_overload
+
+    class Sealed(file):
+        """Files whose contents and signature are checked; what does not fit is as if it were not there."""
+
+        def load(self, key: Any) -> Any:
+            name = self._load_index().get(key)
+            try:
+                with open(self._data_path(name or ""), "rb") as stored:
+                    seal, data = stored.read(32), stored.read()
+                return pickle.loads(data) if seal == _seal(key, data) else None
+            except OSError:
+                return None
+
+        def save(self, key: Any, data: Any) -> None:
+            self._sealed_for = key
+            super().save(key, data)
+
+        def _save_data(self, name: str, data: Any) -> None:
+            data = self._dump(data)
+            with self._open_for_write(self._data_path(name)) as stored:
+                stored.write(_seal(self._sealed_for, data) + data)
+
+        def _load_index(self) -> dict:
+            try:
+                return super()._load_index()
+            except Exception:  # pickle may raise anything on what is no index
+                return {}
+
+    def begin_guarded(self: Any, py_func: Any) -> None:
+        if not py_func.__module__.startswith(OURS):
+            begin(self, py_func)
+            return
+        try:
+            begin(self, py_func)
+        except RuntimeError:  # no folder can be written
+            _tell_once()
+            self._name, self._py_func, self._impl = repr(py_func), py_func, None
+            self._cache_path, self._cache_file, self._enabled = None, None, False
+            return
+        self._cache_file = Sealed(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
+
+    def load_guarded(self: Any, sig: Any, target_context: Any) -> Any:
+        if not isinstance(self._cache_file, Sealed):
+            return load(self, sig, target_context)
+        try:
+            return load(self, sig, target_context)
+        except Exception:  # of another version of LLVM, or whatever else does not fit
+            return None
+
+    def save_guarded(self: Any, sig: Any, data: Any) -> None:
+        try:
+            save(self, sig, data)
+        except OSError:  # a full disk: it is compiled again next time
+            if not isinstance(self._cache_file, Sealed):
+                raise
+
+    cache.__init__, cache.load_overload, cache.save_overload = begin_guarded, load_guarded, save_guarded
+
+
+def _seal(key: Any, data: bytes) -> bytes:
+    """Checksum of a compiled function and what it was compiled for."""
+    return hashlib.sha256(_ADDRESS.sub("", repr(key)).encode() + data).digest()
+
+
+def _tell_once() -> None:
+    global _told
+    if not _told:
+        _told = True
+        from comove.errors import ComoveWarning
+
+        warnings.warn(
+            "compiled kernels cannot be kept, so every start takes as long as the first: let NUMBA_CACHE_DIR name a "
+            "folder that you may write",
+            ComoveWarning,
+            stacklevel=3,
+        )

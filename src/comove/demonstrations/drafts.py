@@ -1,0 +1,260 @@
+"""Drafts: what is written beside its place and put there as a whole, whatever interrupts it.
+
+A draft is a hidden folder beside its target that its writer holds a lock on, which the system takes back when the
+writer dies, however it dies. So the next writer knows which drafts nobody will finish, and takes them away.
+
+Where the system can exchange two folders (Linux), the target is at every instant the whole old or the whole new one.
+Elsewhere the old one steps aside first; a writer that dies in between leaves both, and `finish` ends its work.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import functools
+import hashlib
+import os
+import secrets
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from comove.errors import ComoveWarning, InputError
+
+try:
+    import fcntl
+except ImportError:  # no Unix: drafts of writers that died stay
+    fcntl = None
+
+PART, OLD = ".part", ".old"
+_NOW, _EXCHANGE = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of Linux
+IN_THE_WAY = (errno.EEXIST, errno.ENOTEMPTY)
+_UNKNOWN = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP)  # to the kernel, or to the file system
+_ATTEMPTS = 1000
+_GAP, _LONG = 10.0, 86400.0  # s, that nobody takes between two renames, or to write a draft
+
+T = TypeVar("T")
+
+
+@contextlib.contextmanager
+def draft(target: Path) -> Iterator[Path]:
+    """An empty folder beside `target`, which goes when the block ends, with whatever is in it then."""
+    tidy(target)
+    path, lock = _new(target)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(lock)
+
+
+def put(draft: Path, target: Path) -> None:
+    """Make a folder the `target`, as a whole; what was there before is where `draft` was, or gone."""
+    settle(draft)
+    for _ in range(_ATTEMPTS):
+        try:
+            os.rename(draft, target)  # onto nothing, or onto an empty folder
+            return
+        except OSError as failure:
+            if failure.errno not in IN_THE_WAY:
+                raise
+        with contextlib.suppress(FileNotFoundError):  # somebody took the target away: once more
+            if exchanged(draft, target) or _stepped_aside(draft, target):
+                return
+    raise OSError(errno.EBUSY, os.strerror(errno.EBUSY), str(target))
+
+
+def exchanged(first: Path, second: Path) -> bool:
+    """Let two folders change places at once; False where the system cannot."""
+    rename = _renameat2()
+    if rename is None:
+        return False
+    if rename(_NOW, os.fsencode(first), _NOW, os.fsencode(second), _EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in _UNKNOWN:
+        return False
+    raise OSError(code, os.strerror(code), str(second))
+
+
+@functools.cache
+def _renameat2() -> Callable[..., int] | None:
+    """The system's call, None where there is none."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError, TypeError):
+        return None
+    rename.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint]
+    return rename
+
+
+def _stepped_aside(draft: Path, target: Path) -> bool:
+    """Two renames, between which a writer may die; False where another writer was quicker."""
+    old = draft.with_suffix(OLD)
+    try:
+        os.rename(target, old)
+        os.rename(draft, target)
+        return True
+    except OSError as failure:
+        if failure.errno not in IN_THE_WAY:
+            raise
+        return False
+    finally:
+        if old.exists() and not os.path.lexists(target):
+            os.rename(old, target)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def finish(target: Path) -> bool:
+    """End what a writer began who died while `target` stepped aside; says so in a warning.
+
+    Returns
+    -------
+    bool, whether there was something to end
+    """
+    for old in _beside(target, OLD):
+        part = old.with_suffix(PART)
+        with contextlib.suppress(OSError), _held(part, wait=True, abandoned_after=_GAP) as held:
+            if held and old.exists() and not os.path.lexists(target):
+                os.rename(part, target)
+                shutil.rmtree(old, ignore_errors=True)
+                warnings.warn(
+                    f"{target}: whoever replaced this folder was cut off before the end; that has been made up for, "
+                    "the folder is the new one",
+                    ComoveWarning,
+                    stacklevel=3,
+                )
+                return True
+    return False
+
+
+def steadily(folder: Path, read: Callable[[], T]) -> T:
+    """What `read` gives of a folder that nobody replaced meanwhile."""
+    for _ in range(_ATTEMPTS):
+        before = _identity(folder)
+        try:
+            found = read()
+        except InputError:
+            if _identity(folder) == before:
+                raise
+            continue
+        if _identity(folder) == before:
+            return found
+    raise OSError(errno.EBUSY, os.strerror(errno.EBUSY), str(folder))
+
+
+def _identity(folder: Path) -> tuple[int, ...] | None:
+    """Changes when another folder takes its place."""
+    try:
+        found = os.stat(folder)
+    except (OSError, ValueError):
+        return None
+    return found.st_dev, found.st_ino, found.st_ctime_ns
+
+
+def tidy(target: Path) -> None:
+    """Take away what writers of `target` left who died."""
+    finish(target)
+    for part in _beside(target, PART):
+        with contextlib.suppress(OSError), _held(part, abandoned_after=_LONG) as held:
+            if held:
+                shutil.rmtree(part, ignore_errors=True)
+    for old in _beside(target, OLD):
+        if not old.with_suffix(PART).exists():
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _beside(target: Path, suffix: str) -> list[Path]:
+    """Drafts of `target`, its own and those of others."""
+    prefix = _prefix(target)
+    with contextlib.suppress(OSError):
+        return [
+            target.with_name(name)
+            for name in sorted(os.listdir(target.parent))
+            if name.startswith(prefix) and name.endswith(suffix)
+        ]
+    return []
+
+
+def _prefix(target: Path) -> str:
+    """Names the target, however long its name is."""
+    return f".{target.name[:40]}.{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]}."
+
+
+def _new(target: Path) -> tuple[Path, int]:
+    """A new draft and the lock on it."""
+    while True:
+        path = target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{PART}")
+        try:
+            os.mkdir(path)
+        except FileExistsError:
+            continue
+        with contextlib.suppress(FileNotFoundError):  # taken for one that was left
+            lock = os.open(path, os.O_RDONLY)
+            with contextlib.suppress(OSError):  # a file system without locks
+                _lock(lock, wait=True)
+            if _is(lock, path):
+                return path, lock
+            os.close(lock)
+
+
+@contextlib.contextmanager
+def _held(path: Path, *, abandoned_after: float, wait: bool = False) -> Iterator[bool]:
+    """Whether the draft is ours to deal with: it is there, and its writer is not.
+
+    Parameters
+    ----------
+    abandoned_after : seconds after which it counts as left alone, on file systems without locks
+    """
+    try:
+        lock = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        yield False
+        return
+    try:
+        try:
+            _lock(lock, wait=wait)
+        except BlockingIOError:
+            yield False
+        except OSError:
+            yield time.time() - os.fstat(lock).st_ctime > abandoned_after
+        else:
+            yield _is(lock, path)
+    finally:
+        os.close(lock)
+
+
+def _lock(number: int, *, wait: bool) -> None:
+    """Lock an open folder; raises OSError where another has it, or nobody can."""
+    if fcntl is None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+    fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def _is(number: int, path: Path) -> bool:
+    """Whether an open folder still has that path."""
+    try:
+        return os.path.samestat(os.fstat(number), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def settle(draft: Path) -> None:
+    """Wait until the disk holds everything that is in a draft."""
+    for folder, _, names in os.walk(draft, topdown=False):
+        for name in names:
+            _synchronise(os.path.join(folder, name))
+        with contextlib.suppress(OSError):  # not all file systems know this of folders
+            _synchronise(folder)
+
+
+def _synchronise(path: str) -> None:
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

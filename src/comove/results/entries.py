@@ -1,0 +1,87 @@
+"""Entries of JSON files that anybody may have edited: numbers that are numbers, texts that are texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from comove.errors import ResultError, shortened
+
+
+def number(value: object) -> float | None:
+    """A finite number out of a JSON file; None where it is none."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        return float(value) if math.isfinite(value) else None
+    except OverflowError:
+        return None
+
+
+def agrees(stated: object, right: float, within: float) -> bool:
+    """Whether what a file states is the right number."""
+    found = number(stated)
+    return found is not None and abs(found - right) <= within
+
+
+def require_unedited(summary: Mapping[str, Any], right: str, file: Path) -> None:
+    """Refuse a summary whose own checksum does not fit."""
+    if summary.get("summary_sha256") != right:
+        raise ResultError(
+            "it was edited: its own checksum does not fit",
+            file=file,
+            key="summary_sha256",
+            way_out="put the file back, or solve the scene again",
+        )
+
+
+@dataclass(frozen=True)
+class Type:
+    """What an entry of a JSON file may be: a name for it, and the test."""
+
+    name: str
+    fits: Callable[[object], bool]
+
+    @property
+    def or_nothing(self) -> Type:
+        """The same, or null, or missing."""
+        return Type(f"{self.name} or null", lambda value: value is None or self.fits(value))
+
+
+NUMBER = Type("a number", lambda value: number(value) is not None)
+TEXT = Type("a text that can be printed", lambda value: isinstance(value, str) and value.isprintable())
+TEXTS = Type(
+    "a list of texts that can be printed",
+    lambda value: isinstance(value, list) and all(map(TEXT.fits, value)),
+)
+TRUTH = Type("true or false", lambda value: isinstance(value, bool))
+COUNT = Type("a whole number", lambda value: type(value) is int and 0 <= value < 2**63)
+MAPPING = Type("a mapping", lambda value: isinstance(value, dict))
+
+
+def require_types(
+    entries: Mapping[str, Any],
+    types: Mapping[str, Type],
+    file: Path,
+    within: str = "",
+    others: Type | None = None,
+) -> None:
+    """Refuse entries of a JSON file that are not what they should be.
+
+    Parameters
+    ----------
+    within : what their keys begin with in messages
+    others : what further entries must be; anything unless given
+    """
+    further = {} if others is None else {key: others for key in entries if key not in types}
+    for key, wanted in {**types, **further}.items():
+        if not wanted.fits(entries.get(key)):
+            raise ResultError(
+                f"{shortened(repr(entries.get(key)))} is not {wanted.name}",
+                file=file,
+                key=f"{within}{key}",
+                way_out="put the file back, or solve the scene again",
+            )

@@ -1,0 +1,251 @@
+"""What a URDF must be beyond what Pinocchio asks: names, numbers and a tree that mean something."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import RobotError
+
+LIMITED = ("revolute", "prismatic")
+MOVING = (*LIMITED, "continuous")
+LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
+MAX_NAME = 200  # characters
+MAX_CHAIN = 1000  # joints one after the other: Pinocchio goes down by recursion
+MAX_JOINTS, MAX_BODIES = 1000, 1000  # that move; shapes, every two of which are compared
+FARTHEST = 1000.0  # m, of a frame from the one it stands in
+HEAVIEST = 1e6  # kg, and kg m^2
+ROUNDING, LEAST = (
+    1e-6,
+    1e-12,
+)  # share of the largest moment of inertia, and kg m^2, that may be missing from the least
+NOT_NEGATIVE = (
+    -1e-6
+)  # share of the largest moment of inertia, by which rounding may make the least one negative
+TAKEN = "universe"  # Pinocchio's own frame
+
+
+def require_sound(tree: ET.Element, prefix: str, path: Path) -> None:
+    """Refuse a model that means nothing, or is too large to be worked with.
+
+    Parameters
+    ----------
+    prefix : that its names will have
+    path : of its file, for messages
+
+    Raises
+    ------
+    RobotError
+        It says which link or joint, and the way out.
+    """
+    try:
+        joints = tree.findall("./joint")
+        for element in (*tree.findall("./link"), *joints):
+            _require_name(element, prefix)
+        for joint in joints:
+            name = prefix + joint.get("name", "")
+            _check_limits(joint, name)
+            _check_axis(joint, name)
+            _check_place(joint, f"the joint '{name}'")
+        _check_mimics(joints, prefix)
+        for link in tree.findall("./link"):
+            _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
+        _check_sizes(tree)
+        _check_tree(tree)
+    except RobotError as error:
+        error.file = path
+        raise
+
+
+def _require_name(element: ET.Element, prefix: str) -> None:
+    name = element.get("name")
+    if name is None:
+        return  # Pinocchio tells
+    if not name or len(name) > MAX_NAME or not name.isprintable() or prefix + name == TAKEN:
+        raise RobotError(
+            f"a {element.tag} has the name {short(ascii(name) if not name.isprintable() else repr(name))}",
+            way_out=f"give it another, of 1 to {MAX_NAME} characters that can be printed"
+            if name != TAKEN
+            else "give it another: that one is Pinocchio's own",
+        )
+
+
+def _check_limits(joint: ET.Element, name: str) -> None:
+    limit, wrong = joint.find("limit"), {}
+    for key in LIMITS:
+        text = None if limit is None else limit.get(key)
+        if text is None:
+            if joint.get("type") in LIMITED and key in REQUIRED:
+                wrong[key] = "is missing"
+        elif number(text) is None or (key in REQUIRED and float(text) < 0):
+            wrong[key] = f"is '{short(text)}'"
+    if wrong:
+        told = ", ".join(f"{key} {what}" for key, what in wrong.items())
+        given = ", ".join(f"{key}: NUMBER" for key in wrong)
+        raise RobotError(
+            f"of the limits of the joint '{name}', {told}",
+            way_out=f"correct it, or give it in the description: limits: {{{name}: {{{given}}}}}",
+        )
+
+
+def _check_axis(joint: ET.Element, name: str) -> None:
+    axis = joint.find("axis") if joint.get("type") in MOVING else None
+    if axis is None:
+        return
+    length = math.hypot(*(number(text) or 0.0 for text in axis.get("xyz", "1 0 0").split()))
+    if not 1e-6 < length < 1e6:
+        raise RobotError(f"the axis of the joint '{name}' has no direction", way_out="correct it")
+
+
+def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
+    """Each goes along, in the end, with one that goes along with none."""
+    follows = {joint.get("name"): mimic.get("joint") for joint in joints for mimic in joint.findall("mimic")}
+    for name, other in follows.items():
+        met = {name}
+        while other in follows:
+            if other in met:
+                raise RobotError(
+                    f"the joint '{prefix}{name}' goes along with itself", way_out="correct its <mimic>"
+                )
+            met.add(other)
+            other = follows[other]
+
+
+def _check_link(link: ET.Element, told: str) -> None:
+    for inertial in link.findall("inertial"):
+        _check_place(inertial, told)
+        _check_inertia(inertial, told)
+    for collision in link.findall("collision"):
+        _check_place(collision, told)
+        for shape in collision.findall("geometry/*"):
+            _check_shape(shape)
+
+
+def _check_place(element: ET.Element, told: str) -> None:
+    """Frames are where robots reach."""
+    origin = element.find("origin")
+    for text in "" if origin is None else origin.get("xyz", "").split():
+        if abs(number(text) or 0.0) > FARTHEST:
+            raise RobotError(
+                f"{told} has an origin at {short(origin.get('xyz', ''))}", way_out="write metres"
+            )
+    for text in "" if origin is None else origin.get("rpy", "").split():
+        if abs(number(text) or 0.0) > FARTHEST:
+            raise RobotError(f"{told} is turned by {short(origin.get('rpy', ''))}", way_out="write radians")
+
+
+def _check_inertia(inertial: ET.Element, told: str) -> None:
+    """A mass is what a robot has, and so are moments of inertia."""
+    mass = inertial.find("mass")
+    kilograms = None if mass is None else number(mass.get("value", ""))
+    if kilograms is not None and not 0 <= kilograms < HEAVIEST:
+        raise RobotError(f"{told} has the mass {kilograms:g} kg", way_out="correct its <inertial>")
+    moments = _moments(inertial)
+    if moments is not None and not (np.abs(moments) < HEAVIEST).all():
+        raise RobotError(
+            f"{told} has the moments of inertia {_listed(moments)}", way_out="correct its <inertial>"
+        )
+
+
+def _moments(inertial: ET.Element) -> NDArray[np.float64] | None:
+    """The principal moments of inertia [kg m^2], the least first; None where they are no numbers: Pinocchio tells."""
+    inertia = inertial.find("inertia")
+    if inertia is None:
+        return None
+    entries = [number(inertia.get(key, "")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    if None in entries:
+        return None
+    xx, xy, xz, yy, yz, zz = entries
+    with np.errstate(all="ignore"):
+        return np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def _listed(moments: NDArray[np.float64]) -> str:
+    return f"{', '.join(f'{moment:.3g}' for moment in moments)} kg m^2"
+
+
+def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
+    """What no robot has and known ones are written with."""
+    for link in tree.findall("./link"):
+        for inertial in link.findall("inertial"):
+            moments = _moments(inertial)
+            if moments is not None and moments[0] < -ROUNDING * moments[2] - LEAST:
+                yield (
+                    f"the link '{prefix}{link.get('name', '')}' has the moments of inertia {_listed(moments)}, "
+                    "and none can be negative: what it asks of its motors may be wrong"
+                )
+
+
+def _check_shape(shape: ET.Element) -> None:
+    """Sizes are positive numbers; a mesh may be mirrored."""
+    for key in ("size", "radius", "length", "scale"):
+        values = [number(text) for text in shape.get(key, "").split()]
+        if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
+            raise RobotError(
+                f"a <{shape.tag}> has the {key} '{short(shape.get(key, ''))}'",
+                way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
+            )
+
+
+def _check_sizes(tree: ET.Element) -> None:
+    moving = sum(joint.get("type") != "fixed" for joint in tree.findall("./joint"))
+    for n, most, what in (
+        (moving, MAX_JOINTS, "joints that move"),
+        (len(tree.findall("./link/collision")), MAX_BODIES, "collision bodies"),
+    ):
+        if n > most:
+            raise RobotError(f"it has {n} {what}, more than {most}", way_out="simplify it")
+
+
+def _check_tree(tree: ET.Element) -> None:
+    """Every link hangs on one joint, in a tree that is not too deep; Pinocchio tells of links that are not there."""
+    below: dict[str, list[str]] = {link.get("name", ""): [] for link in tree.findall("./link")}
+    hangs: dict[str, str] = {}
+    for joint in tree.findall("./joint"):
+        ends = [joint.find(tag) for tag in ("parent", "child")]
+        parent, child = ("" if end is None else end.get("link", "") for end in ends)
+        if parent not in below or child not in below:
+            return
+        if child in hangs:
+            raise RobotError(
+                f"the link '{child}' hangs on two joints, '{hangs[child]}' and '{joint.get('name')}'",
+                way_out="let it hang on one: a URDF is a tree",
+            )
+        hangs[child] = joint.get("name", "")
+        below[parent].append(child)
+    reached: set[str] = set()
+    for depth, links in enumerate(_levels([name for name in below if name not in hangs], below)):
+        if depth > MAX_CHAIN:
+            raise RobotError(
+                f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
+            )
+        reached.update(links)
+    if left := [name for name in below if name not in reached]:
+        raise RobotError(
+            f"the joints go round in a circle at the link '{left[0]}'", way_out="open it: a URDF is a tree"
+        )
+
+
+def _levels(links: list[str], below: dict[str, list[str]]) -> Iterator[list[str]]:
+    while links:
+        yield links
+        links = [child for link in links for child in below[link]]
+
+
+def number(text: str) -> float | None:
+    """A finite number, None where the text is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def short(text: str) -> str:
+    """A text as a message may show it."""
+    return text if len(text) <= 100 else f"{text[:97]}..."

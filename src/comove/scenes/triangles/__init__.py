@@ -1,0 +1,23 @@
+"""Triangles from files of meshes, read strictly: what is damaged or claims too much is refused, in one sentence."""
+
+from comove.scenes.triangles.checks import MeshError
+from comove.scenes.triangles.markup import elements_of
+from comove.scenes.triangles.reader import (
+    FORMATS,
+    MAX_BYTES,
+    as_stl,
+    read_bytes,
+    read_triangles,
+    triangles_of,
+)
+
+__all__ = [
+    "FORMATS",
+    "MAX_BYTES",
+    "MeshError",
+    "as_stl",
+    "elements_of",
+    "read_bytes",
+    "read_triangles",
+    "triangles_of",
+]

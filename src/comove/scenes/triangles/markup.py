@@ -1,0 +1,61 @@
+"""XML, read so that nothing in it can reach out or grow: no document type, no great depth, not too many elements."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+from comove.scenes.triangles.checks import MeshError
+
+MAX_DEPTH = 64  # levels of elements
+MAX_ELEMENTS = 300_000
+MAX_ATTRIBUTES = 64  # of one element
+
+
+def elements_of(data: bytes) -> ET.Element:
+    """The root of a document.
+
+    Raises
+    ------
+    MeshError
+        If it is not XML, or more than anybody writes.
+    """
+    parser = ET.XMLParser(target=_Builder())
+    try:
+        parser.feed(data)
+        return parser.close()
+    except ET.ParseError as error:
+        raise MeshError(f"it is not XML: {error}", way_out="correct it") from None
+    except (ValueError, LookupError) as error:  # an encoding that is not known
+        raise MeshError(f"it cannot be read: {error}", way_out="write it in UTF-8") from None
+
+
+class _Builder(ET.TreeBuilder):
+    """Builds a tree of limited size, and takes no document type, in which entities would be defined."""
+
+    depth = n_elements = 0
+
+    def start(self, tag: Any, attributes: Any) -> ET.Element:
+        """Open an element."""
+        self.depth += 1
+        self.n_elements += 1
+        if self.depth > MAX_DEPTH:
+            raise MeshError(f"the nesting is deeper than {MAX_DEPTH} levels", way_out="flatten it")
+        if self.n_elements > MAX_ELEMENTS:
+            raise MeshError(
+                f"it has more than {MAX_ELEMENTS} elements", way_out="leave out what is not needed"
+            )
+        if len(attributes) > MAX_ATTRIBUTES:
+            raise MeshError(
+                f"an element has {len(attributes)} attributes", way_out=f"write at most {MAX_ATTRIBUTES}"
+            )
+        return super().start(tag, attributes)
+
+    def end(self, tag: Any) -> ET.Element:
+        """Close it."""
+        self.depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse."""
+        raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")

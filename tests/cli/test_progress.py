@@ -1,0 +1,75 @@
+"""What is told while one waits: on a terminal with progress, elsewhere in one line; and what does not count."""
+
+import io
+import re
+
+import numba
+import pytest
+
+from comove.cli import progress
+from comove.cli.app import since_process_start
+from comove.cli.progress import ONCE, progress_bar, time_spent
+from comove.planning.solution import Progress
+
+
+def compile_something():
+    def kernel(x):
+        return x + 1.0
+
+    kernel.__module__ = "comove.planning.some_kernels"
+    numba.njit(kernel)(1.0)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def terminal(monkeypatch):
+    """Standard error as a terminal of 160 columns; not a fixture, as pytest replaces the stream before every test."""
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    for name, value in (("COLUMNS", "160"), ("TERM", "xterm"), ("NO_COLOR", "1")):
+        monkeypatch.setenv(name, value)
+    return screen
+
+
+def test_without_a_terminal_one_line_says_that_kernels_are_compiled(monkeypatch, capsys):
+    monkeypatch.setattr(progress._Line, "said", False)
+    for _ in range(2):
+        with progress_bar(30.0) as callback:
+            assert callback is None
+            compile_something()
+    assert capsys.readouterr().err.splitlines() == [f"{ONCE}: one to three minutes that do not count"]
+
+
+def test_without_a_terminal_nothing_else_is_told(capsys):
+    with progress_bar(30.0):
+        pass
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("budget", [30.0, None])
+def test_on_a_terminal_the_kernel_is_named_with_the_time(monkeypatch, budget):
+    screen = terminal(monkeypatch)
+    with progress_bar(budget, "executing"):
+        compile_something()
+    assert re.search(rf"{ONCE} · kernel 1, planning.some_kernels.kernel .*0:00:0\d", screen.getvalue())
+
+
+def test_on_a_terminal_the_search_is_shown_with_its_own_time(monkeypatch):
+    screen = terminal(monkeypatch)
+    with progress_bar(30.0) as callback:
+        compile_something()
+        after = len(screen.getvalue())
+        callback(Progress("polishing", 7, 1.5, 0.25, 1.25, None))
+    shown = screen.getvalue()[after:]
+    assert "polishing · generation 7 · cost 1.5000 · constraint 0.25 · best verified 1.2500" in shown
+    assert ONCE not in shown
+
+
+def test_compiling_does_not_count():
+    before = since_process_start() - time_spent()
+    with progress_bar(30.0):
+        compile_something()
+    assert since_process_start() - time_spent() > before

@@ -1,0 +1,57 @@
+"""A scene of any size is solved as the same scene a metre wide is."""
+
+import numpy as np
+import pytest
+
+import comove
+from comove.experiments.examples import example
+from comove.planning.solver import COMMON
+
+SCALES = (1e-3, 10.0, 1e3)
+
+
+@pytest.mark.parametrize("name", ["narrow", "window"])
+@pytest.mark.parametrize("scale", SCALES)
+def test_the_same_scene_is_solved_alike_at_any_scale(name, scale):
+    scene = example(name)
+    here, there = comove.solve(scene, seed=0), comove.solve(scene.scaled(scale), seed=0)
+    assert here.motion is not None
+    assert there.motion is not None
+    assert there.motion.motion.scene is there.scene
+    assert there.cost.total / scale**2 == pytest.approx(here.cost.total, rel=0.1)
+    assert there.motion.clearance_min / scale == pytest.approx(here.motion.clearance_min, rel=0.2)
+    assert there.report.end_error <= 1e-9
+
+
+def test_a_demonstration_grows_along():
+    """Resemblance to what was taught, on a scene a hundred times as large."""
+    scene, dmp = example("wide"), comove.DMP.fit(comove.Demonstration.from_lasa("Sine"))
+    weights = comove.CostWeights(resemblance=10.0)
+    here, there = (
+        comove.solve(s, demonstration=dmp, cost=weights, seed=0) for s in (scene, scene.scaled(100.0))
+    )
+    assert there.cost.resemblance / 1e4 == pytest.approx(here.cost.resemblance, rel=0.2)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_a_scaled_scene_has_all_its_lengths_scaled(scale):
+    scene = example("triangle")
+    other = scene.scaled(scale)
+    assert not COMMON[0] <= (other.upper - other.lower).max() <= COMMON[1]
+    assert other.start == pytest.approx(scale * scene.start)
+    assert other.nodes_at("goal") == pytest.approx(scale * scene.nodes_at("goal"))
+    assert other.body.radii == pytest.approx(scale * scene.body.radii)
+    assert other.speed_limit == pytest.approx(scale * scene.speed_limit)
+    assert [c.tolerance for c in other.distances] == pytest.approx(
+        [scale * c.tolerance for c in scene.distances]
+    )
+    point = scene.nodes_at("start")
+    assert other.clearance_at(scale * point)[0] == pytest.approx(scale * scene.clearance_at(point)[0])
+
+
+def test_a_motion_on_a_larger_scene_is_the_motion_made_larger():
+    scene = example("triangle")
+    motion = comove.CoordinatedMotion.straight(scene)
+    other = motion.on(scene.scaled(20.0))
+    s = np.linspace(0, 1, 11)
+    assert other.hands(s) == pytest.approx(20.0 * motion.hands(s))

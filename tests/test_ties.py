@@ -1,0 +1,29 @@
+"""Ties are decided by the order, not by rounding."""
+
+import numpy as np
+import pytest
+
+from comove.ties import first_largest, first_least
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16, 1e-13])
+def test_the_first_of_those_that_only_rounding_tells_apart(rounding):
+    values = np.array([0.1, 0.66, 0.66 + rounding, 0.3])
+    assert first_largest(values) == 1
+    assert first_least(-values) == 1
+    assert first_largest(values[::-1]) == 1
+
+
+def test_what_is_larger_is_larger():
+    assert first_largest([1.0, 1.0 + 1e-6]) == 1
+    assert first_least([1e-3, 0.0, 1e-3]) == 1
+    assert first_largest([[1.0, 2.0], [3.0, 0.0]]) == 2
+    assert first_largest([0.0, 0.0]) == 0
+
+
+def test_what_is_no_number_is_told_first():
+    assert first_largest([1.0, np.nan, 2.0]) == 1
+    assert first_least([1.0, np.nan, 0.0]) == 1
+    assert first_largest([1.0, np.inf, np.inf]) == 1
+    assert first_largest([-np.inf, -1.0, -1.0]) == 1
+    assert first_least([-np.inf, 1.0]) == 0
