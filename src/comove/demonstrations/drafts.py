@@ -104,9 +104,11 @@ def _stepped_aside(draft: Path, target: Path) -> bool:
             raise
         return False
     finally:
-        if old.exists() and not os.path.lexists(target):
-            os.rename(old, target)
-        shutil.rmtree(old, ignore_errors=True)
+        with contextlib.suppress(OSError):  # another writer's is there by now
+            if old.exists() and not os.path.lexists(target):
+                os.rename(old, target)
+        if os.path.lexists(target):
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def finish(target: Path) -> bool:

@@ -49,6 +49,7 @@ Array = NDArray[np.float64]
 LOOSE, TIGHT = 1e-4, 1e-7  # m, how far the bound may stay below the true clearance
 COMMON = (0.3, 10.0)  # m, sides of workspaces for which these are made; for others they grow and shrink along
 MAX_CELLS = 2_000_000  # a bound that needs more is given up as it stands: still sound, only lower
+MAX_HALVES = 300_000  # the same for solids and triangles, where each takes a search for a direction
 STACK = 256
 ROUNDING = 1e-12  # of the largest coordinate, and of a metre
 
@@ -160,7 +161,7 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
                 found = certified_surface(
                     nodes, bulge, hulls, radii, *way, scene.surfaces, mesh, need, lower, upper, k
                 )
-                nearest = int(obstacle) if found[1] < upper else nearest
+                nearest = int(obstacle) if found[1] < upper - need.rounding else nearest
                 lower, upper, k = found
     if body.filled or len(scene.surfaces.root):  # at the start what is inside need not touch a border
         at_start, _ = scene.clearance_at(nodes[0], float(time[0]))
@@ -170,7 +171,7 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upper, need):
-    """Certified lower bound, least clearance met, its knot, its obstacle.
+    """Certified lower bound, least clearance met, its knot, its obstacle: of those that are as near, the first.
 
     Parameters
     ----------
@@ -197,7 +198,9 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                 for axis in range(3):
                     border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
                     if border - swell < met:
-                        met, knot, nearest = border - swell, k, -1
+                        if border - swell < met - need.rounding:
+                            knot, nearest = k, -1
+                        met = border - swell
                     bound = min(bound, border - swell - worst)
     # A first look at every fourth knot gives a good upper bound, so that few cells need halving.
     for k in range(0, n_intervals + 1, 4):
@@ -218,7 +221,9 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                         - radii[e]
                     )
                     if distance < met:
-                        met, knot, nearest = distance, k, j
+                        if distance < met - need.rounding:
+                            knot, nearest = k, j
+                        met = distance
     stack, seen = np.empty((STACK, 4)), np.empty((4, 3))
     cells = 0
     for k in range(n_intervals):
@@ -251,7 +256,9 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                     x, y, z = _on_surface(a0, b0, a1, b1, t, s)
                     distance = point_distance(obstacles, j, x, y, z) - radii[e]
                     if distance < met:
-                        met, knot, nearest = distance, k, j
+                        if distance < met - need.rounding:
+                            knot, nearest = k, j
+                        met = distance
                     along = distance - 0.5 * (s1 - s0) * length
                     sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
                     enough = met - _slack(met, need)
@@ -260,8 +267,11 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
                         first = point_distance(obstacles, j, x, y, z) - radii[e]
                         x, y, z = _on_surface(a0, b0, a1, b1, t, s1)
                         last = point_distance(obstacles, j, x, y, z) - radii[e]
-                        if min(first, last) < met:
-                            met, knot, nearest = min(first, last), k, j
+                        at_end = min(first, last)
+                        if at_end < met:
+                            if at_end < met - need.rounding:
+                                knot, nearest = k, j
+                            met = at_end
                         along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
                     if along - sweep >= enough or top + 2 >= STACK or cells > MAX_CELLS:
                         bound = min(bound, along - sweep - swell)
@@ -297,14 +307,18 @@ def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need,
                 for axis in range(3):
                     border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
                     if border < met:
-                        met, knot, nearest = border, k, -1
+                        if border < met - need.rounding:
+                            knot, nearest = k, -1
+                        met = border
                     bound = min(bound, border - worst)
         for k in range(0, n_intervals + 1, 4):
             for j in range(n_obstacles):
                 _solid_seen_from(paths, k, j, nodes[k], corners, solid)
                 distance = solid_distance(obstacles, j, solid, met, normal)[1]
                 if distance < met:
-                    met, knot, nearest = distance, k, j
+                    if distance < met - need.rounding:
+                        knot, nearest = k, j
+                    met = distance
         for j in range(n_obstacles):
             _solid_seen_from(paths, 0, j, nodes[0], corners, end)
             solid_distance(obstacles, j, end, np.inf, normal)
@@ -329,7 +343,9 @@ def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need,
                         _between(begin, end, t, solid)
                         at_middle, distance = solid_distance(obstacles, j, solid, np.inf, other)
                         if distance < met:
-                            met, knot, nearest = distance, k, j
+                            if distance < met - need.rounding:
+                                knot, nearest = k, j
+                            met = distance
                             slack = _slack(met, need)
                         anew = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, other)
                         if anew > clear:
@@ -337,7 +353,7 @@ def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need,
                             normal[0], normal[1], normal[2] = other[0], other[1], other[2]
                         # Where they touch, or no direction does better at mid-time, halving gains nothing.
                         gains = at_middle > 0.0 and clear < min(met, at_middle) - slack
-                        if gains and top + 2 <= STACK and cells <= MAX_CELLS:
+                        if gains and top + 2 <= STACK and cells <= MAX_HALVES:
                             stack[top, 0], stack[top, 1] = t0, t
                             stack[top + 1, 0], stack[top + 1, 1] = t, t1
                             top += 2
@@ -367,7 +383,9 @@ def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, n
             _hull_seen_from(nodes[k], hulls[h], offset[k], begin)
             distance = surface_distance(surfaces, mesh, begin, met + radii[h]) - radii[h]
             if distance < met:
-                met, knot = distance, k
+                if distance < met - need.rounding:
+                    knot = k
+                met = distance
         _hull_seen_from(nodes[0], hulls[h], offset[0], end)
         for k in range(n_intervals):
             begin, end = end, begin
@@ -412,7 +430,9 @@ def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, n
                             if distance == 0.0:  # they cut each other: about how deep
                                 distance = at_middle
                             if distance - radii[h] < met:
-                                met, knot = distance - radii[h], k
+                                if distance - radii[h] < met - need.rounding:
+                                    knot = k
+                                met = distance - radii[h]
                                 slack = _slack(met, need)
                             anew = _hull_gap(triangle, begin, end, t0, t1, middle, other)
                             if anew > clear:
@@ -422,7 +442,7 @@ def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, n
                             gains = (
                                 at_middle > 0.0 and clear - radii[h] < min(met, at_middle - radii[h]) - slack
                             )
-                            if gains and n_parts + 2 <= STACK and cells <= MAX_CELLS:
+                            if gains and n_parts + 2 <= STACK and cells <= MAX_HALVES:
                                 parts[n_parts, 0], parts[n_parts, 1] = t0, t
                                 parts[n_parts + 1, 0], parts[n_parts + 1, 1] = t, t1
                                 n_parts += 2
