@@ -209,6 +209,22 @@ def test_writing_leaves_nothing_half_written(path, monkeypatch):
     assert os.listdir(path.parent) == []
 
 
+@pytest.mark.parametrize("name", ["orientation", "axes", "unit", "manipulators", "position", "time"])
+def test_a_name_damaged_at_either_place_is_told(path, name):
+    """An archive has the name of each array before it and in a table at its end; optional ones do not just vanish."""
+    demos = {
+        m: Demonstration(TIME, PAIR[:, 0], unit="rad", orientation=TURNS, axes=["a", "b"]) for m in NAMES
+    }
+    write_npz(path, demos)
+    content, word = path.read_bytes(), f"{name}.npy".encode()
+    places = [content.index(word), content.rindex(word)]
+    assert places[0] != places[1]
+    for place in places:
+        path.write_bytes(content[:place] + b"x" + content[place + 1 :])
+        with pytest.raises(DemonstrationError, match="File name in directory|missing"):
+            read_npz(path)
+
+
 @SHARED_FOLDER
 @given(st.integers(1, 64), st.integers(0, 3), st.integers(0, 2**32 - 1))
 def test_orientations_axes_and_units_are_read_bit_by_bit(path, n_dims, n_manipulators, seed):

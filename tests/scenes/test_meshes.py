@@ -1,5 +1,6 @@
 """Meshes in scenes: files that are refused or mended, and scenes whose load and obstacles are meshes."""
 
+import os
 import warnings
 
 import numpy as np
@@ -248,9 +249,13 @@ def test_a_file_that_holds_no_mesh_is_refused(folder, name, content, told):
         ("none.stl", ["obstacles[0].file", "there is no file 'none.stl'"]),
         ("../l.stl", ["outside the scene's folder"]),
         ("/etc/passwd", ["outside the scene's folder"]),
+        ("folder.stl", ["'folder.stl' is a folder"]),
+        ("pipe.stl", ["'pipe.stl' is not a regular file"]),
     ],
 )
 def test_files_are_in_the_scenes_folder(folder, file, told):
+    (folder / "folder.stl").mkdir()
+    os.mkfifo(folder / "pipe.stl")
     text = refused(folder, obstacles=[obstacle(file)])
     assert all(part in text for part in told), text
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 import warnings
@@ -94,6 +95,7 @@ def options(
 def main() -> None:
     """Entry point of the `comove` command: whatever happens ends in an exit code of the contract."""
     guard_streams()
+    _unwind_when_ended()
     try:
         try:
             from comove.cli import (  # noqa: F401  registers verbs
@@ -118,6 +120,18 @@ def main() -> None:
     except KeyboardInterrupt:
         code = INTERRUPTED
     sys.exit(code)
+
+
+def _unwind_when_ended() -> None:
+    """Let signals that end a process do so as an interruption does: what it was writing is taken away."""
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # `nohup` ignores one
+            signal.signal(number, leave)
 
 
 def _told(error: BaseException) -> int:

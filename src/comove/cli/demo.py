@@ -33,7 +33,6 @@ def demo(
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
     )
-    print("kernels are compiled on first use: up to half a minute, once after installation")
     solutions = {}
     for folder, name, cost in jobs:
         scene = example(name)

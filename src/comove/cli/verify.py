@@ -25,13 +25,15 @@ def verify(
     ] = None,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
+    from comove.cli.progress import progress_bar
     from comove.cli.show import FURTHER
     from comove.results import read_result, verify_result
     from comove.scenes import Scene
 
     loaded = Scene.load(scene)
-    verdict = verify_result(read_result(folder), loaded)
-    joints = _joints_verdict(folder, loaded, scene, robot)
+    with progress_bar():
+        verdict = verify_result(read_result(folder), loaded)
+        joints = _joints_verdict(folder, loaded, scene, robot)
     reasons = (*verdict.reasons, *(joints.reasons if joints is not None else ()))
     if reasons:
         print(f"{folder}: rejected", file=sys.stderr)

@@ -193,6 +193,8 @@ def read_arrays(
     try:
         with telling(path), zipfile.ZipFile(path) as archive:
             _check_unpacked_size(path, archive)
+            for member in archive.infolist():
+                archive.open(member).close()  # a name is there twice: where they differ, one was damaged
             found = [name.removesuffix(".npy") for name in archive.namelist()]
             for key in required:
                 if key not in found:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from comove.demonstrations import resampling
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import OptionError
+from comove.ties import first_largest, first_least
 
 _STILL_SHARE = 0.6
 """Share of the threshold of moving below which a movement has ended: between the two the state does not change."""
@@ -216,7 +217,7 @@ def _to_rest(speed: NDArray[np.float64], bounds: NDArray[np.int64], rest: float)
         if low == high:
             continue
         gap = speed[low:high]
-        slowest = int(gap.argmin())
+        slowest = first_least(gap)
         if index > 0:
             still = np.flatnonzero(gap <= lowest[index - 1])
             stops[index - 1] = low + 1 + (int(still[0]) if len(still) else slowest)
@@ -257,7 +258,7 @@ def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> 
             continue
         edges = np.concatenate(([0], minima, [len(speed)]))
         peaks = np.array(
-            [low + int(speed[low:high].argmax()) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+            [low + first_largest(speed[low:high]) for low, high in zip(edges[:-1], edges[1:], strict=True)]
         )
         slow = speed[minima] < _DEPTH * np.minimum(speed[peaks[:-1]], speed[peaks[1:]])
         before, after = path[minima] - path[peaks[:-1]], path[peaks[1:]] - path[minima]

@@ -44,6 +44,7 @@ from comove.results.entries import (
     require_unedited,
 )
 from comove.scenes.scene import Scene
+from comove.ties import first_largest
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, Verdict, verify
 
@@ -419,7 +420,7 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
             if list(found) != list(right):
                 reasons.append("the manipulators are not those of the scene")
         elif not np.abs(found - right).max() <= REBUILT:
-            at = np.unravel_index(np.nanargmax(np.abs(np.nan_to_num(found, nan=np.inf) - right)), right.shape)
+            at = np.unravel_index(first_largest(np.abs(found - right)), right.shape)
             where = ", ".join(str(int(i)) for i in at)
             reasons.append(
                 f"'{name}[{where}]' was edited: it is {float(found[at])!r}, the motion's is {float(right[at])!r}"

@@ -241,6 +241,9 @@ def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
         if not path.is_relative_to(folder.resolve()):
             return outside
         if not path.is_file() and not any((path / mark).is_file() for mark in DATA_SETS):
+            if path.exists():
+                what = "a folder" if path.is_dir() else "not a regular file"
+                return f"{show(name)} is {what}", "name a file in the scene's folder"
             way_out = near_files(folder, name, (Path(name).suffix.lower(),))
             return f"there is no file {show(name)} in the scene's folder", way_out
     except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links

@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.primitives.rotations import matrices, similarity
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
+
+ROUNDING = 1e-12  # of the numbers of a unit quaternion
 
 Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
@@ -165,11 +168,11 @@ def rotation_in_plane(angle: float) -> Array:
 
 
 def quaternion_of_rotation(rotation: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Shepperd, 1978)."""
+    """Unit quaternion (w, x, y, z) of a rotation matrix, its first number not 0 positive (Shepperd, 1978)."""
     m = rotation
     trace = np.trace(m)
     candidates = np.array([trace, m[0, 0], m[1, 1], m[2, 2]])
-    i = int(np.argmax(candidates))
+    i = first_largest(candidates)
     if i == 0:
         q = np.array([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
     else:
@@ -180,7 +183,8 @@ def quaternion_of_rotation(rotation: Array) -> Array:
         q[1 + b] = m[b, a] + m[a, b]
         q[1 + c] = m[c, a] + m[a, c]
     q /= np.linalg.norm(q)
-    return q if q[0] >= 0 else -q
+    first = q[np.argmax(np.abs(q) > ROUNDING)]  # of a half turn w is 0 but for rounding
+    return q if first > 0 else -q
 
 
 def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Array) -> Array:

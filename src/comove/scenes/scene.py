@@ -41,6 +41,7 @@ from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_g
 from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.surfaces import Placed, Surfaces, signed_distance, surfaces_of
 from comove.scenes.taught import read_demonstration, read_movement
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -636,7 +637,7 @@ _SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
 
 def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
     shift = np.linalg.norm(moved - given, axis=1)
-    worst = int(shift.argmax())
+    worst = first_largest(shift)
     if shift[worst] > TOLD_SHIFT:
         warnings.warn(
             f"the {end} was moved onto the constraints, '{names[worst]}' most, by {shift[worst]:.3g} m",
