@@ -461,7 +461,7 @@ ONE_WRONG = [
     (SOURCE, "{file: ../carry.csv}", "demonstration.file (line 15)", "'../carry.csv' lies outside", "move"),
     (SOURCE, "{file: a/../carry.csv}", "demonstration.file (line 15)", "lies outside", "move the file"),
     (SOURCE, "{file: /etc/passwd}", "demonstration.file (line 15)", "'/etc/passwd' lies outside", "move"),
-    (SOURCE, "{file: .}", "demonstration.file (line 15)", "no file '.'", "no such file"),
+    (SOURCE, "{file: .}", "demonstration.file (line 15)", "'.' is a folder", "name a file"),
     (SOURCE, '{file: "a\\0b"}', "demonstration.file (line 15)", "cannot name a file", "relative to"),
     (SOURCE, f"{{file: {'x' * 300}}}", "demonstration.file (line 15)", "cannot name a file", "relative to"),
 ]
