@@ -118,12 +118,12 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
             moved = max(moved, square)
         way[s] = way[s - 1] + sqrt(moved)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
-    contact, n = np.zeros(N_FIELDS), 0
+    contact, n, points = np.zeros(N_FIELDS), 0, np.empty((max(2, around.solids.shape[1]) + 2, 3))
     for part in range(n_rods + n_solids):
         for thing in range(n_rows + n_meshes):
             row, owner = _whose(around, thing)
             moves = _moves(offsets, row)
-            if not _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, contact):
+            if not _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
                 continue
             for s in range(n_samples):
                 least[owner] = min(least[owner], distance[s])
@@ -133,7 +133,8 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
                 nearest = distance[s] <= distance[s - 1] and distance[s] <= distance[s + 1]
                 if not _kept(s, distance[s], nearest):
                     continue
-                _look(around, part, thing, nodes, offsets, row, s, tau[s], cutoff, contact)
+                _look(around, part, thing, nodes, offsets, row, s, tau[s], cutoff, points)
+                _describe(around, part, thing, offsets, row, s, tau[s], distance[s], points, contact)
                 contact[OWNER] = owner
                 n = _written(contact, found, n)
                 if distance[s] < CLOSE and thing < n_rows:
@@ -180,7 +181,7 @@ def _moves(offsets, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, contact):
+def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
     """Write the distance of a part from a thing at every sample, and where it is nearest between two of them.
 
     Returns
@@ -201,7 +202,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
                 while s < n_samples and way[s] < limit:
                     s += 1
             continue
-        distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, contact)
+        distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
         any_near = any_near or distance[s] < cutoff
         s += 1
     if not any_near:
@@ -209,9 +210,9 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
     before = distance[0]
     for s in range(1, n_samples - 1):
         here = distance[s]
-        if here < CLOSE and here <= before and here <= distance[s + 1]:
+        if here < min(CLOSE, cutoff) and here <= before and here <= distance[s + 1]:
             for k in range(1 - BETWEEN, BETWEEN):
-                between = _look(around, part, thing, nodes, offsets, row, s, k / BETWEEN, cutoff, contact)
+                between = _look(around, part, thing, nodes, offsets, row, s, k / BETWEEN, cutoff, points)
                 if between < distance[s]:
                     distance[s], tau[s] = between, k / BETWEEN
         before = here
@@ -253,46 +254,53 @@ def _apart_at_least(around, part, thing, nodes, offsets, row, s):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, contact):
-    """Distance [m] of a part from a thing at or between samples; writes the contact without its owner."""
+def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
+    """Distance [m] of a part from a thing at or between samples, `cutoff` where it is more.
+
+    `points` has room for the corners of the part, as seen from the thing, then for the nearest point, and for the
+    way to it.
+    """
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
-    moved = np.zeros(3)
-    if offsets.shape[0] > 0:
-        for axis in range(3):
-            moved[axis] = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis]
     corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
-    points = np.empty((corners.shape[0], 3))
-    for i in range(corners.shape[0]):
-        for axis in range(3):
-            points[i, axis] = (1 - w) * nodes[s, corners[i], axis] + w * nodes[t, corners[i], axis] - moved[axis]
-    near, normal = np.empty(3), np.zeros(3)
+    n_corners = corners.shape[0]
+    for axis in range(3):
+        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
+        for i in range(n_corners):
+            points[i, axis] = (1 - w) * nodes[s, corners[i], axis] + w * nodes[t, corners[i], axis] - moved
+    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
     radius = around.radii[part] if part < n_rods else 0.0
     if thing >= n_rows:
         distance = near_on_surface(
-            around.surfaces, thing - n_rows, points, cutoff + radius, -np.inf, near, normal
+            around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, -np.inf, near, normal
         )
     elif part < n_rods:
         distance, share = near_on_edge(around.table, thing, points[0], points[1], cutoff + radius)
         for axis in range(3):
             near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
-        if distance < cutoff + radius:
-            _, normal[0], normal[1], normal[2] = distance_and_gradient(
-                around.table, thing, near[0], near[1], near[2]
-            )
     else:
-        distance = near_on_solid(around.table, thing, points, np.arange(corners.shape[0]), cutoff, near)
-        if distance < cutoff:
-            _, normal[0], normal[1], normal[2] = solid_gradient(
-                around.table, thing, near[0], near[1], near[2]
-            )
-    if distance >= cutoff + radius:
-        return cutoff
-    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, around.block[corners[0]], -1
+        distance = near_on_solid(around.table, thing, points, np.arange(n_corners), cutoff, near)
+    return min(distance - radius, cutoff)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _describe(around, part, thing, offsets, row, s, tau, distance, points, contact):
+    """Write the contact that `_look` has just found, all but its owner."""
+    t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
+    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
+    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
+    if thing < n_rows and part < n_rods:
+        _, normal[0], normal[1], normal[2] = distance_and_gradient(
+            around.table, thing, near[0], near[1], near[2]
+        )
+    elif thing < n_rows:
+        _, normal[0], normal[1], normal[2] = solid_gradient(around.table, thing, near[0], near[1], near[2])
+    first = around.edges[part, 0] if part < n_rods else around.solids[part - n_rods, 0]
+    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, around.block[first], -1
     for axis in range(3):
-        contact[POINT + axis], contact[NORMAL + axis] = near[axis] + moved[axis], normal[axis]
-    contact[DISTANCE] = distance - radius
-    return distance - radius
+        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
+        contact[POINT + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
+    contact[DISTANCE] = distance
 
 
 @numba.njit(cache=True, error_model="numpy")
