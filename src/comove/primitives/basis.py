@@ -142,7 +142,10 @@ def motion_basis(
     end = weights[:2, -1]  # E: position and velocity at the end caused by the weights
     wanted = np.array([[0.0, 0, 1, 0], [0, 0, 0, 1]]) - inputs[:2, -1]
     if smooth:
-        end, wanted = np.concatenate([end, weights[2, [0, -1]]]), np.concatenate([wanted, -inputs[2, [0, -1]]])
+        end, wanted = (
+            np.concatenate([end, weights[2, [0, -1]]]),
+            np.concatenate([wanted, -inputs[2, [0, -1]]]),
+        )
     null_space = np.linalg.svd(end)[2][len(end) :].T
     particular = np.linalg.pinv(end) @ wanted
     if fading_goal:  # the least forcing, so that the fading goal stays what moves

@@ -249,9 +249,7 @@ def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
     while top > 0:
         top -= 1
         box = stack[top]
-        far = max(
-            box_distance(surfaces, box, low, high), box_gap(surfaces, box, points, points, normal), 0.0
-        )
+        far = max(box_distance(surfaces, box, low, high), box_gap(surfaces, box, points, points, normal), 0.0)
         if least <= enough or far >= max(least, 1e-300):
             continue
         if surfaces.right[box] >= 0:  # the nearer half first

@@ -23,7 +23,10 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CLOSE = 0.03  # m, nearer than which a part is looked at closely: more samples, and the ends of a rod or corners too
-FINE, COARSE = 2, 4  # of how many samples one is kept when close, and up to three times as far; beyond one in 12
+FINE, COARSE = (
+    2,
+    4,
+)  # of how many samples one is kept when close, and up to three times as far; beyond one in 12
 BETWEEN = 8  # places between a nearest sample and each of its neighbours
 
 # Columns of a contact: sample, how far on towards a neighbouring sample (-1 to 1), block of the point, and of the
@@ -123,7 +126,9 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
         for thing in range(n_rows + n_meshes):
             row, owner = _whose(around, thing)
             moves = _moves(offsets, row)
-            if not _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
+            if not _look_along(
+                around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points
+            ):
                 continue
             for s in range(n_samples):
                 least[owner] = min(least[owner], distance[s])
@@ -305,7 +310,7 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
 
 @numba.njit(cache=True, error_model="numpy")
 def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
-    """Write contacts of the corners of a part besides its nearest point, by `contact`, where they are near as well."""
+    """Write contacts of the corners of a part besides its nearest point, that of `contact`, where they are near."""
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     n_rods = around.edges.shape[0]

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
+from comove.coordination.motion import CoordinatedMotion
 from comove.planning.convex.contacts import hand_slopes
+from comove.planning.objectives.least_jerk import LeastJerk
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-GAUGE, GAUGE_EVERY = 3.0, 4  # what holds directions and quaternions near unit length, and at every so many samples
+N_SAMPLES = 101
+GAUGE, GAUGE_EVERY = (
+    3.0,
+    4,
+)  # what holds directions and quaternions near unit length, and at every so many samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +34,14 @@ class JerkCost:
     scene, coordinates : what moves
     demonstration : array, shape (n_samples, n_hands, n_dims) [m], None without one
     pull : how strongly hands are drawn to it
-    shape : share of the demonstration's own jerk that is taken over, between 0 and 1
+    gauge : weight of what holds directions and quaternions near unit length, which no motion shows
     """
 
     scene: Scene
     coordinates: Coordinates
     demonstration: Array | None = None
     pull: float = 0.0
-    shape: float = 1.0
+    gauge: float = GAUGE
 
     @property
     def _way(self) -> float:
@@ -57,7 +63,7 @@ class JerkCost:
             taught = self.demonstration.reshape(n_samples, -1)
             own = third_differences(taught)
             own[:2] = own[-2:] = 0.0  # it need not rest at its ends
-            parts = [jerk - self.shape * own, self._pull_scale(n_samples) / scale * (hands - taught)]
+            parts = [jerk - own, self._pull_scale(n_samples) / scale * (hands - taught)]
         return np.concatenate([*(scale * part.ravel() for part in parts), self._gauge(q)])
 
     def _pull_scale(self, n_samples: int) -> float:
@@ -67,7 +73,7 @@ class JerkCost:
         return np.concatenate(
             [np.zeros(0)]
             + [
-                GAUGE * reach * (np.linalg.norm(q[::GAUGE_EVERY, turn], axis=1) - 1.0)
+                self.gauge * reach * (np.linalg.norm(q[::GAUGE_EVERY, turn], axis=1) - 1.0)
                 for turn, reach in self._normed()
             ]
         )
@@ -106,11 +112,34 @@ class JerkCost:
             p = q[::GAUGE_EVERY, turn]
             row = np.zeros((len(p), q.shape[1], n_basis))
             unit = p / np.linalg.norm(p, axis=1, keepdims=True)
-            row[:, turn] = GAUGE * reach * unit[:, :, None] * shape[::GAUGE_EVERY, None, :]
+            row[:, turn] = self.gauge * reach * unit[:, :, None] * shape[::GAUGE_EVERY, None, :]
             rows.append(row.reshape(len(p), -1))
         jacobian = np.concatenate(rows)
         residuals = self._residuals(hands, q)
         return float(residuals @ residuals), jacobian.T @ residuals, jacobian.T @ jacobian
+
+
+def squares(
+    scene: Scene, coordinates: Coordinates, objective: LeastJerk, demonstration: Array | None
+) -> JerkCost:
+    """The objective as a sum of squares at `N_SAMPLES` even samples.
+
+    Parameters
+    ----------
+    demonstration : array, shape (n_steps, n_manipulators, 3), what was taught transferred to every hand [m], where
+        n_steps - 1 is a multiple of `N_SAMPLES` - 1; None without one
+    """
+    pull = objective.pull(demonstration is not None)
+    if pull == 0:
+        return JerkCost(scene, coordinates)
+    step = (len(demonstration) - 1) // (N_SAMPLES - 1)
+    return JerkCost(scene, coordinates, demonstration[::step, :, : scene.n_dims], pull)
+
+
+def jerk_cost(motion: CoordinatedMotion, objective: LeastJerk, demonstration: Array | None) -> float:
+    """The value of the objective for a motion; `demonstration` as in `squares`."""
+    cost = replace(squares(motion.scene, motion.coordinates, objective, demonstration), gauge=0.0)
+    return cost.value(motion.at(np.linspace(0.0, 1.0, N_SAMPLES))[0])
 
 
 def third_differences(y: Array) -> Array:

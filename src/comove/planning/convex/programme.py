@@ -7,6 +7,7 @@ before the step is shortened. Steps end in a trust region, in configurations at 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -31,6 +32,9 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 FREE = 1e30  # what bounds nothing, as DAQP takes it
+UNIT = 1e-3  # m, of the slack in a programme
+SOUND = 1e-9  # m, by which margins may be missed
+MOST_SLACK_COST = 1e8  # of a metre
 
 
 class Cost(Protocol):
@@ -192,6 +196,12 @@ class Programme:
             return self.look(q, cutoff, need)
         return Seen(q, nodes, found[:n].copy(), need - least)
 
+    def missed(self, seen: Seen, settings: Settings) -> float:
+        """How far margins are missed beyond the tolerance, the worst of every owner summed [m]."""
+        zone = np.full(len(seen.depth), settings.margin)
+        zone[-2:] = settings.border_margin
+        return float(np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum())
+
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array]:
         """Rows A and bounds b of the linearised clearances, ``A dz >= b``."""
         rows, distance = np.empty((len(seen.contacts), self.n)), np.empty(len(seen.contacts))
@@ -201,15 +211,67 @@ class Programme:
 
 def _scale(coordinates: Coordinates) -> Array:
     """By how much columns may change where a centre may change by a metre; array, shape (n_columns,)."""
-    scale, reach = np.ones(coordinates.n_columns), float(np.linalg.norm(coordinates.blocks.point, axis=1).max())
+    scale, reach = (
+        np.ones(coordinates.n_columns),
+        float(np.linalg.norm(coordinates.blocks.point, axis=1).max()),
+    )
     for part in coordinates.parts:
         turn = np.arange(len(scale))[part.columns][coordinates.n_dims :]
         scale[turn] = min(1.0 / max(reach, 1e-3), 3.0) * (0.5 if part.kind == QUATERNION else 1.0)
     return scale
 
 
+class Stand(NamedTuple):
+    """Where a search stands.
+
+    Attributes
+    ----------
+    z : array, shape (n_columns * n_basis,)
+    value : of the cost
+    gradient, factor : its model in the variables ``L' dz`` in which its matrix is the identity: gradient and L
+    seen : the clearances that are linearised
+    off : array, shape (n_samples, n_columns), how far they are from those of `z`
+    missed : how far margins are missed beyond the tolerance, summed [m]; inf where nobody has looked
+    """
+
+    z: Array
+    value: float
+    gradient: Array
+    factor: Array
+    seen: Seen
+    off: Array
+    missed: float
+
+
+class Step(NamedTuple):
+    """What a step leads to.
+
+    Attributes
+    ----------
+    dz : array, shape (n_columns * n_basis,)
+    value, missed : of the cost and the margins after it
+    seen : clearances there
+    predicted : gain of the merit
+    slack : by how much its programme misses the margins [m]
+    programmes : quadratic programmes that were solved for it
+    """
+
+    dz: Array
+    value: float
+    missed: float
+    seen: Seen
+    predicted: float
+    slack: float
+    programmes: int
+
+
 def optimise(
-    programme: Programme, cost: Cost, z: Array, settings: Settings, reference: Array | None = None
+    programme: Programme,
+    cost: Cost,
+    z: Array,
+    settings: Settings,
+    reference: Array | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Improve shape weights until nothing is gained.
 
@@ -218,151 +280,139 @@ def optimise(
     z : array, shape (n_columns * n_basis,), where to begin
     reference : array, shape (n_fine, n_columns), a movement that touches nothing, about which the first clearances
         are linearised; that of `z` unless given
+    over : asked before every step whether it is time to end
     """
-    p, need = programme, programme.need(settings)
-    zone = settings.tolerance * np.append(np.full(p.around.n_owners, settings.margin), [settings.border_margin] * 2)
     radius, mu = settings.radius, settings.slack_cost
-
-    def cutoff() -> float:
-        return settings.margin + p.scene.clearance + 1.8 * radius + 0.005
-
-    def missed(seen: Seen) -> float:
-        return float(np.maximum(seen.depth - zone, 0.0).sum())
-
-    begun = reference is None
-    seen = p.look(p.fine.q(z) if begun else reference, cutoff(), need)
-    off = seen.q - p.fine.q(z)
-    violation = missed(seen) if begun else np.inf
-    outcome, best, stall = Outcome(z, np.inf, violation), np.inf, 0.0
-    value, gradient, factor = _model(p, cost, z)
+    here = _stand(programme, cost, z, settings, radius, reference)
+    outcome, stall = Outcome(z, np.inf, here.missed), 0.0
     for _ in range(settings.iterations):
+        if over():
+            break
+        step = _step(programme, cost, here, settings, radius, mu)
         outcome.iterations += 1
-        step = _step(p, cost, z, value, violation, gradient, factor, seen, off, need, radius, mu, settings, outcome, missed)
         if step is None:
             radius *= 0.3
             if radius < settings.least:
                 break
             continue
-        dz, after, then, there, predicted, slack = step
-        size = float(np.abs((p.moves @ dz - off[p.watched].ravel()) / p.scale).max())
-        actual = value - after + mu * (violation - then)
-        restoring = predicted <= 0 and then <= violation and after < 1.01 * value
-        first = not np.isfinite(violation)
-        if (
-            first
-            or actual > max(0.05 * predicted, 0.0)
-            or (abs(actual) < settings.gain * value and then <= violation)
-            or restoring
-        ):
-            if not first:
-                if actual > 0.5 * predicted and size > 0.9 * radius:
-                    radius = min(2 * radius, settings.most)
-                elif actual < 0.25 * predicted and not restoring:
-                    radius = max(0.5 * size, 2 * settings.least)
-            z, violation = z + dz, then
-            seen, off = p.look(there.q, cutoff(), need), np.zeros_like(off)
-            value, gradient, factor = _model(p, cost, z)
-            accepted = True
-        else:
+        outcome.programmes += step.programmes
+        ahead = programme.moves @ step.dz - here.off[programme.watched].ravel()
+        size = float(np.abs(ahead / programme.scale).max())
+        first = not np.isfinite(here.missed)
+        actual = here.value - step.value + mu * (here.missed - step.missed)
+        restoring = step.predicted <= 0 and step.missed <= here.missed and step.value < 1.01 * here.value
+        even = abs(actual) < settings.gain * here.value and step.missed <= here.missed
+        taken = first or actual > max(0.05 * step.predicted, 0.0) or even or restoring
+        if not taken:
             radius = 0.4 * min(radius, size)
-            accepted = False
-        gained = violation < 1e-9 and value < best * (1 - settings.gain)
-        if violation < 1e-9 and value < best:
-            best, outcome.z, outcome.value, outcome.missed = value, z, value, 0.0
-        if gained:
-            stall = 0.0
-        else:
-            stall += 1.0 if accepted and violation < 1e-9 else 0.4
+        elif not first and actual > 0.5 * step.predicted and size > 0.9 * radius:
+            radius = min(2 * radius, settings.most)
+        elif not first and actual < 0.25 * step.predicted and not restoring:
+            radius = max(0.5 * size, 2 * settings.least)
+        if taken:
+            here = _stand(programme, cost, here.z + step.dz, settings, radius)
+        gained = here.missed < SOUND and here.value < outcome.value * (1 - settings.gain)
+        if here.missed < SOUND and here.value < outcome.value:
+            outcome.z, outcome.value, outcome.missed = here.z, here.value, 0.0
+        stall = 0.0 if gained else stall + (1.0 if taken and here.missed < SOUND else 0.4)
         if stall >= settings.patience or radius < settings.least:
             break
-        if slack > 1e-6 and (seen.depth > need).any():
-            mu = min(5 * mu, 1e8)
+        if step.slack > 1e-6 and (here.seen.depth > programme.need(settings)).any():
+            mu = min(5 * mu, MOST_SLACK_COST)
     if not np.isfinite(outcome.value):
-        outcome.z, outcome.value, outcome.missed = z, value, violation
+        outcome.z, outcome.value, outcome.missed = here.z, here.value, here.missed
     return outcome
 
 
-def _model(p: Programme, cost: Cost, z: Array) -> tuple[float, Array, Array]:
-    """The cost, and its model in the variables ``L' dz`` in which its matrix is the identity: gradient and L."""
+def _stand(
+    p: Programme, cost: Cost, z: Array, settings: Settings, radius: float, reference: Array | None = None
+) -> Stand:
+    """Look around at weights `z`, or at a `reference` near to them."""
     value, gradient, square = cost.model(p.coarse.q(z), p.coarse.shape)
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
     factor = cholesky(square, lower=True, check_finite=False)
-    return value, solve_triangular(factor, gradient, lower=True, check_finite=False), factor
+    gradient = solve_triangular(factor, gradient, lower=True, check_finite=False)
+    own = p.fine.q(z)
+    cutoff = settings.margin + p.scene.clearance + 1.8 * radius + 0.005
+    seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
+    missed = p.missed(seen, settings) if reference is None else np.inf
+    return Stand(z, value, gradient, factor, seen, seen.q - own, missed)
 
 
-UNIT = 1e-3  # m, of the slack in the programme
-
-
-def _step(p, cost, z, value, violation, gradient, factor, seen, off, need, radius, mu, settings, outcome, missed):
-    """One step, corrected where its trial comes too near; None where a programme has no solution.
-
-    Returns
-    -------
-    dz, cost after it, what it misses, what was seen there, the predicted gain of merit, slack
-    """
+def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: float, mu: float) -> Step | None:
+    """One step, corrected where its trial comes too near; None where a programme has no solution."""
 
     def whitened(rows: Array) -> Array:
-        return solve_triangular(factor, rows.T, lower=True, check_finite=False).T
+        return solve_triangular(here.factor, rows.T, lower=True, check_finite=False).T
 
-    rows, bound = p.linear(seen, off, need)
-    rows, moves, center = whitened(rows), whitened(p.moves), off[p.watched].ravel()
-    known, lenient = np.isfinite(violation), False
-    deepest = float(seen.depth.max())
-    correction = 0
+    need, center = p.need(settings), here.off[p.watched].ravel()
+    rows, bound = p.linear(here.seen, here.off, need)
+    rows, moves = whitened(rows), whitened(p.moves)
+    known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
-        found = _solve(rows, bound, moves, center - radius * p.scale, center + radius * p.scale, gradient, mu)
-        outcome.programmes += 1
+        found = _solve(rows, bound, moves, center, radius * p.scale, here.gradient, mu)
+        programmes += 1
         if found is None:
             return None
         w, slack = found
-        dz = solve_triangular(factor, w, lower=True, trans="T", check_finite=False)
-        gain = float(-(2 * gradient @ w + w @ w))
-        trial = z + dz
-        after = cost.value(p.coarse.q(trial))
-        there = p.look(p.fine.q(trial), settings.margin + p.scene.clearance + 1e-3, need)
-        then, deepest = missed(there), float(there.depth.max())
-        near_enough = deepest < settings.tolerance * settings.margin
-        predicted = gain + mu * (violation - min(violation, slack)) if known else np.inf
+        dz = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
+        gain = -float(2 * here.gradient @ w + w @ w)
+        value = cost.value(p.coarse.q(here.z + dz))
+        there = p.look(p.fine.q(here.z + dz), settings.margin + p.scene.clearance + 1e-3, need)
+        missed, near_enough = (
+            p.missed(there, settings),
+            there.depth.max() < settings.tolerance * settings.margin,
+        )
+        predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
+        step = Step(dz, value, missed, there, predicted, slack, programmes)
         if known:
             if (
-                correction == 0
+                corrections == 0
                 and not lenient
-                and predicted < -settings.gain * value
-                and violation < 1e-9
+                and predicted < -settings.gain * here.value
+                and here.missed < SOUND
             ):
-                lenient, bound = True, np.minimum(bound, 0.0)
+                lenient, bound = (
+                    True,
+                    np.minimum(bound, 0.0),
+                )  # what is too near may stay so, but not come nearer
                 continue
-            actual = value - after + mu * (violation - then)
+            actual = here.value - value + mu * (here.missed - missed)
             if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
-                break
-            if near_enough and value - after < 0.5 * abs(gain):
-                break  # the cost's model is what fails
-            if correction and slack > settings.margin:
-                break
-        if correction == settings.corrections or near_enough:
-            break
-        correction += 1
-        more, least = p.linear(there, np.zeros_like(off), need)
-        rows = np.concatenate([rows, whitened(more)])
-        bound = np.concatenate([bound, least + more @ dz])
-    return dz, after, then, there, predicted, slack
+                return step
+            if near_enough and here.value - value < 0.5 * abs(gain):
+                return step  # the cost's model is what fails
+            if corrections and slack > settings.margin:
+                return step
+        if corrections == settings.corrections or near_enough:
+            return step
+        corrections += 1
+        more, least = p.linear(there, np.zeros_like(here.off), need)
+        rows, bound = np.concatenate([rows, whitened(more)]), np.concatenate([bound, least + more @ dz])
 
 
-def _solve(rows, bound, moves, lower, upper, gradient, mu):
-    """Minimise ``|w|^2 / 2 + gradient w`` and the cost of the slack; None where that fails.
+def _solve(
+    rows: Array, bound: Array, moves: Array, center: Array, radius: Array, gradient: Array, mu: float
+) -> tuple[Array, float] | None:
+    """Minimise ``|w|^2 / 2 + gradient w`` and the cost `mu` of the slack; None where that fails.
+
+    Parameters
+    ----------
+    rows, bound : clearances, ``rows w >= bound``
+    moves, center, radius : trust region, ``|moves w - center| <= radius``
 
     Returns
     -------
     w : array, shape (n,)
-    slack : by which ``rows w >= bound`` is missed at most [m]
+    slack : by how much clearances are missed at most [m]
     """
     n, k = len(gradient), len(rows)
     matrix = np.zeros((k + len(moves), n + 1))
     matrix[:k, :n], matrix[k:, :n], matrix[:k, n] = rows, moves, UNIT
     square = np.eye(n + 1)
     square[n, n] = 1e-3
-    above = np.concatenate([np.full(n + 1 + k, FREE), upper])
-    below = np.concatenate([np.full(n, -FREE), [0.0], bound, lower])
+    above = np.concatenate([np.full(n + 1 + k, FREE), center + radius])
+    below = np.concatenate([np.full(n, -FREE), [0.0], bound, center - radius])
     w, _, flag, _ = daqp.solve(
         square,
         np.append(gradient, 0.5 * mu * UNIT),
