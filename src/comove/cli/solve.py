@@ -49,7 +49,9 @@ def solve(
     ] = ObstacleMode.constraint,
     objective: Annotated[
         str,
-        typer.Option(help="What the motion shall be best in: 'paper' is equation (4), 'least-jerk' is smooth."),
+        typer.Option(
+            help="What the motion shall be best in: 'paper' is equation (4), 'least-jerk' is smooth."
+        ),
     ] = "paper",
     resemblance: Annotated[
         float | None,
@@ -150,7 +152,9 @@ def objective_named(name: str, resemblance: float | None):
 
     objectives = {"paper": PaperCost, "least-jerk": LeastJerk}
     if name not in objectives:
-        raise OptionError(f"unknown objective '{name}'", key="--objective", way_out=near_name(name, objectives))
+        raise OptionError(
+            f"unknown objective '{name}'", key="--objective", way_out=near_name(name, objectives)
+        )
     try:
         return objectives[name]() if resemblance is None else objectives[name](resemblance=resemblance)
     except OptionError as error:

@@ -65,7 +65,7 @@ def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
 def _verified(search: Search, programme: Programme, z: Array, reference: Array | None) -> bool:
     """Optimise, judge, and again with more margin where that is rejected."""
     scene, settings = search.scene, SETTINGS
-    cost = squares(scene, programme.coordinates, search.smoothness, search.objective.demonstration)
+    cost = squares(scene, search.smoothness, search.objective.demonstration)
     for attempt in range(ATTEMPTS):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, reference, search.over)

@@ -16,15 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from comove.coordination.coordinates import QUATERNION, Coordinates
+from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.convex.contacts import (
     N_FIELDS,
     OWNER,
     find_contacts,
+    hand_slopes,
     linearised,
     surroundings_of,
 )
+from comove.planning.convex.limits import Limits
 from comove.primitives.basis import MotionBasis
 from comove.primitives.forcing import N_INTERVALS
 from comove.scenes.scene import Scene
@@ -32,19 +34,22 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 FREE = 1e30  # what bounds nothing, as DAQP takes it
+GAUGE_EVERY = 4  # samples, at which lengths are looked at
+LIMIT = 0.1  # m, that missing a limit by its whole self counts as
+LIMIT_TOLERANCE = 1e-3  # of a limit
 UNIT = 1e-3  # m, of the slack in a programme
 SOUND = 1e-9  # m, by which margins may be missed
 MOST_SLACK_COST = 1e8  # of a metre
 
 
 class Cost(Protocol):
-    """A sum of squares over even samples of a motion."""
+    """A sum of squares of the hands at even samples of a motion."""
 
-    def value(self, q: Array) -> float:
-        """The sum; q has the shape (n_samples, n_columns)."""
+    def residuals(self, hands: Array) -> Array:
+        """What is squared and summed, of hands of shape (n_samples, n_hands * n_dims)."""
 
-    def model(self, q: Array, shape: Array) -> tuple[float, Array, Array]:
-        """The sum, half its gradient, and half its Gauss-Newton matrix, by the shape weights."""
+    def slopes(self, moves: Array) -> Array:
+        """How the residuals change, of how hands change with n variables, (n_samples, n_hands * n_dims, n)."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,9 @@ class Settings:
     patience : steps without gain after which the search ends
     corrections : times that a step is improved before it is shortened
     slack_cost : of a metre that the linearised distances miss
+    wish : clearance that is wished for besides, where it costs little [m]
+    worth : share of the cost that an obstacle which is touched adds to it, less the square of what is kept of the wish
+    gauge : weight of what holds directions and quaternions near unit length, which no motion shows
     """
 
     margin: float = 1.5e-3
@@ -76,6 +84,9 @@ class Settings:
     patience: float = 2.0
     corrections: int = 3
     slack_cost: float = 1e6
+    wish: float = 0.01
+    worth: float = 0.6
+    gauge: float = 3.0
 
 
 class Grid(NamedTuple):
@@ -124,7 +135,7 @@ class Outcome:
     Attributes
     ----------
     z : array, shape (n_columns * n_basis,)
-    value : of the cost
+    value : of the cost, more where obstacles are nearer than wished for
     missed : how far margins are missed beyond the tolerance, summed [m]
     iterations, programmes : steps tried, and quadratic programmes solved
     """
@@ -158,6 +169,18 @@ class Programme:
         self.around = surroundings_of(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
         self.offsets = scene.offsets_along(n_fine)
+        duration = scene.duration
+        self.limits = Limits(
+            scene.n_dims, (scene.speed_limit * duration, scene.acceleration_limit * duration**2)
+        )
+        self.normed = [
+            (
+                np.arange(coordinates.n_columns)[part.columns][scene.n_dims :],
+                np.linalg.norm(part.points, axis=1).max(),
+            )
+            for part in coordinates.parts
+            if part.kind in (DIRECTION, QUATERNION)
+        ]
         self.n = self.fine.base.shape[1] * basis.n_basis
         at = np.linspace(0, n_fine - 1, max(24, int(1.2 * basis.n_basis)) + 2).astype(int)[1:-1]
         self.watched = at
@@ -196,17 +219,55 @@ class Programme:
             return self.look(q, cutoff, need)
         return Seen(q, nodes, found[:n].copy(), need - least)
 
-    def missed(self, seen: Seen, settings: Settings) -> float:
-        """How far margins are missed beyond the tolerance, the worst of every owner summed [m]."""
+    def hands(self, q: Array) -> tuple[Array, Array]:
+        """All nodes along configurations (n_samples, n_columns), and the hands, (n_samples, n_hands * n_dims) [m]."""
+        nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
+        return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
+
+    def moves_of_hands(self, q: Array, nodes: Array) -> Array:
+        """How hands at the coarse samples change with the shape weights; (n_samples, n_hands * n_dims, n)."""
+        n_hands = len(self.scene.manipulators)
+        slopes = hand_slopes(self.coordinates.blocks, self.around.block, nodes, q, n_hands)
+        slopes = slopes.reshape(len(q), -1, q.shape[1])
+        return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
+
+    def gauge(self, q: Array, weight: float) -> Array:
+        """By how much directions and quaternions differ from unit length at some samples."""
+        lengths = [
+            weight * reach * (np.linalg.norm(q[::GAUGE_EVERY, turn], axis=1) - 1.0)
+            for turn, reach in self.normed
+        ]
+        return np.concatenate([np.zeros(0), *lengths])
+
+    def moves_of_gauge(self, q: Array, weight: float) -> Array:
+        """How that changes with the shape weights; array, shape (n, n_columns * n_basis)."""
+        rows = [np.zeros((0, self.n))]
+        for turn, reach in self.normed:
+            p = q[::GAUGE_EVERY, turn]
+            unit, row = (
+                p / np.linalg.norm(p, axis=1, keepdims=True),
+                np.zeros((len(p), q.shape[1], self.basis.n_basis)),
+            )
+            row[:, turn] = weight * reach * unit[:, :, None] * self.coarse.shape[::GAUGE_EVERY, None, :]
+            rows.append(row.reshape(len(p), -1))
+        return np.concatenate(rows)
+
+    def missed(self, seen: Seen, hands: Array, settings: Settings) -> float:
+        """How far margins and limits are missed beyond the tolerance, the worst of every owner summed [m].
+
+        A limit that is exceeded by a tenth counts as a centimetre.
+        """
         zone = np.full(len(seen.depth), settings.margin)
         zone[-2:] = settings.border_margin
-        return float(np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum())
+        missed = np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum()
+        return float(missed) + LIMIT * max(self.limits.excess(hands) - LIMIT_TOLERANCE, 0.0)
 
-    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array]:
-        """Rows A and bounds b of the linearised clearances, ``A dz >= b``."""
+    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Rows A and bounds b of the linearised clearances, ``A dz >= b``, and whom they keep away from."""
         rows, distance = np.empty((len(seen.contacts), self.n)), np.empty(len(seen.contacts))
         linearised(self.coordinates.blocks, seen.contacts, seen.q, off, self.fine.shape, rows, distance)
-        return rows, need[seen.contacts[:, OWNER].astype(int)] - distance
+        owner = seen.contacts[:, OWNER].astype(np.int64)
+        return rows, need[owner] - distance, owner
 
 
 def _scale(coordinates: Coordinates) -> Array:
@@ -228,18 +289,22 @@ class Stand(NamedTuple):
     ----------
     z : array, shape (n_columns * n_basis,)
     value : of the cost
+    wish : how much of the wish for clearance is not met
     gradient, factor : its model in the variables ``L' dz`` in which its matrix is the identity: gradient and L
     seen : the clearances that are linearised
     off : array, shape (n_samples, n_columns), how far they are from those of `z`
+    limits : rows and bounds of the linearised limits of the hands
     missed : how far margins are missed beyond the tolerance, summed [m]; inf where nobody has looked
     """
 
     z: Array
     value: float
+    wish: float
     gradient: Array
     factor: Array
     seen: Seen
     off: Array
+    limits: tuple[Array, Array]
     missed: float
 
 
@@ -249,7 +314,7 @@ class Step(NamedTuple):
     Attributes
     ----------
     dz : array, shape (n_columns * n_basis,)
-    value, missed : of the cost and the margins after it
+    value, missed : of the cost after it, with what it gains of the wish, and of the margins
     seen : clearances there
     predicted : gain of the merit
     slack : by how much its programme misses the margins [m]
@@ -311,9 +376,10 @@ def optimise(
             radius = max(0.5 * size, 2 * settings.least)
         if taken:
             here = _stand(programme, cost, here.z + step.dz, settings, radius)
-        gained = here.missed < SOUND and here.value < outcome.value * (1 - settings.gain)
-        if here.missed < SOUND and here.value < outcome.value:
-            outcome.z, outcome.value, outcome.missed = here.z, here.value, 0.0
+        worth = here.value * (1 + settings.worth * here.wish)
+        gained = here.missed < SOUND and worth < outcome.value * (1 - settings.gain)
+        if here.missed < SOUND and worth < outcome.value:
+            outcome.z, outcome.value, outcome.missed = here.z, worth, 0.0
         stall = 0.0 if gained else stall + (1.0 if taken and here.missed < SOUND else 0.4)
         if stall >= settings.patience or radius < settings.least:
             break
@@ -324,19 +390,41 @@ def optimise(
     return outcome
 
 
+def _value(p: Programme, cost: Cost, z: Array, settings: Settings) -> tuple[float, Array]:
+    """The cost at weights `z` with the gauge, and the hands at the coarse samples."""
+    q = p.coarse.q(z)
+    _, hands = p.hands(q)
+    residuals, gauge = cost.residuals(hands), p.gauge(q, settings.gauge)
+    return float(residuals @ residuals + gauge @ gauge), hands
+
+
 def _stand(
     p: Programme, cost: Cost, z: Array, settings: Settings, radius: float, reference: Array | None = None
 ) -> Stand:
     """Look around at weights `z`, or at a `reference` near to them."""
-    value, gradient, square = cost.model(p.coarse.q(z), p.coarse.shape)
+    q = p.coarse.q(z)
+    nodes, hands = p.hands(q)
+    moves = p.moves_of_hands(q, nodes)
+    residuals = np.concatenate([cost.residuals(hands), p.gauge(q, settings.gauge)])
+    slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
+    square = slopes.T @ slopes
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
     factor = cholesky(square, lower=True, check_finite=False)
-    gradient = solve_triangular(factor, gradient, lower=True, check_finite=False)
+    gradient = solve_triangular(factor, slopes.T @ residuals, lower=True, check_finite=False)
     own = p.fine.q(z)
-    cutoff = settings.margin + p.scene.clearance + 1.8 * radius + 0.005
+    cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
     seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
-    missed = p.missed(seen, settings) if reference is None else np.inf
-    return Stand(z, value, gradient, factor, seen, seen.q - own, missed)
+    missed = p.missed(seen, hands, settings) if reference is None else np.inf
+    value = float(residuals @ residuals)
+    wish = _wish(p, seen, settings)
+    return Stand(z, value, wish, gradient, factor, seen, seen.q - own, p.limits.linear(hands, moves), missed)
+
+
+def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
+    """How much of the wish for clearance is not met: the squared share of every obstacle, summed."""
+    n = p.around.n_owners
+    least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
+    return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
 
 
 def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: float, mu: float) -> Step | None:
@@ -346,25 +434,37 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
         return solve_triangular(here.factor, rows.T, lower=True, check_finite=False).T
 
     need, center = p.need(settings), here.off[p.watched].ravel()
-    rows, bound = p.linear(here.seen, here.off, need)
-    rows, moves = whitened(rows), whitened(p.moves)
+    rows, bound, owner = p.linear(here.seen, here.off, need)
+    rows, moves, limits = whitened(rows), whitened(p.moves), (whitened(here.limits[0]), here.limits[1])
+    wishes = settings.worth * here.value / settings.wish**2
+    further = np.where(owner < p.around.n_owners, settings.wish - settings.margin, -np.inf)
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
-        found = _solve(rows, bound, moves, center, radius * p.scale, here.gradient, mu)
+        found = _solve(
+            Rows(rows, bound, owner, further),
+            limits,
+            moves,
+            center,
+            radius * p.scale,
+            here.gradient,
+            mu,
+            wishes,
+        )
         programmes += 1
         if found is None:
             return None
-        w, slack = found
+        w, slack, short = found
         dz = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
-        gain = -float(2 * here.gradient @ w + w @ w)
-        value = cost.value(p.coarse.q(here.z + dz))
-        there = p.look(p.fine.q(here.z + dz), settings.margin + p.scene.clearance + 1e-3, need)
-        missed, near_enough = (
-            p.missed(there, settings),
-            there.depth.max() < settings.tolerance * settings.margin,
-        )
+        worth = settings.worth * here.value
+        gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / settings.wish**2)
+        value, hands = _value(p, cost, here.z + dz, settings)
+        near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
+        there = p.look(p.fine.q(here.z + dz), near, need)
+        wish = _wish(p, there, settings)
+        missed = p.missed(there, hands, settings)
+        near_enough = missed == 0.0
         predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
-        step = Step(dz, value, missed, there, predicted, slack, programmes)
+        step = Step(dz, value + worth * (wish - here.wish), missed, there, predicted, slack, programmes)
         if known:
             if (
                 corrections == 0
@@ -377,45 +477,91 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
                     np.minimum(bound, 0.0),
                 )  # what is too near may stay so, but not come nearer
                 continue
-            actual = here.value - value + mu * (here.missed - missed)
+            actual = here.value - step.value + mu * (here.missed - missed)
             if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
                 return step
-            if near_enough and here.value - value < 0.5 * abs(gain):
+            if near_enough and here.value - step.value < 0.5 * abs(gain):
                 return step  # the cost's model is what fails
             if corrections and slack > settings.margin:
                 return step
         if corrections == settings.corrections or near_enough:
             return step
         corrections += 1
-        more, least = p.linear(there, np.zeros_like(here.off), need)
+        more, least, whose = p.linear(there, np.zeros_like(here.off), need)
         rows, bound = np.concatenate([rows, whitened(more)]), np.concatenate([bound, least + more @ dz])
+        owner = np.concatenate([owner, whose])
+        further = np.append(
+            further, np.where(whose < p.around.n_owners, settings.wish - settings.margin, -np.inf)
+        )
+
+
+class Rows(NamedTuple):
+    """Linearised clearances of a programme.
+
+    Attributes
+    ----------
+    rows, bound : ``rows w >= bound`` [m]
+    owner : array of int, shape (n,), whom they keep away from
+    further : array, shape (n,), by how much more is wished for [m]; -inf where nothing is
+    """
+
+    rows: Array
+    bound: Array
+    owner: NDArray[np.int64]
+    further: Array
 
 
 def _solve(
-    rows: Array, bound: Array, moves: Array, center: Array, radius: Array, gradient: Array, mu: float
-) -> tuple[Array, float] | None:
-    """Minimise ``|w|^2 / 2 + gradient w`` and the cost `mu` of the slack; None where that fails.
+    clearances: Rows,
+    limits: tuple[Array, Array],
+    moves: Array,
+    center: Array,
+    radius: Array,
+    gradient: Array,
+    mu: float,
+    wishes: float,
+) -> tuple[Array, float, float] | None:
+    """Minimise ``|w|^2 / 2 + gradient w``, the cost `mu` of the slack and `wishes`; None where that fails.
 
     Parameters
     ----------
-    rows, bound : clearances, ``rows w >= bound``
+    limits : rows and bounds of further limits, without slack
     moves, center, radius : trust region, ``|moves w - center| <= radius``
+    wishes : cost of the squared distance by which an owner is nearer than wished for
 
     Returns
     -------
     w : array, shape (n,)
     slack : by how much clearances are missed at most [m]
+    short : squared distances by which owners are nearer than wished for, summed [m^2]
     """
-    n, k = len(gradient), len(rows)
-    matrix = np.zeros((k + len(moves), n + 1))
-    matrix[:k, :n], matrix[k:, :n], matrix[:k, n] = rows, moves, UNIT
-    square = np.eye(n + 1)
-    square[n, n] = 1e-3
-    above = np.concatenate([np.full(n + 1 + k, FREE), center + radius])
-    below = np.concatenate([np.full(n, -FREE), [0.0], bound, center - radius])
+    n = len(gradient)
+    rows, bound, owner, further = clearances
+    wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
+    owners, mine = np.unique(owner[wished], return_inverse=True)
+    k, m, more = len(rows), len(wished), len(owners)
+    matrix = np.zeros((k + m + len(limits[0]) + len(moves), n + 1 + more))
+    matrix[:k, :n], matrix[:k, n] = rows, UNIT
+    matrix[k : k + m, :n], matrix[k + np.arange(m), n + 1 + mine] = rows[wished], UNIT
+    matrix[k + m : k + m + len(limits[0]), :n] = limits[0]
+    matrix[len(matrix) - len(moves) :, :n] = moves
+    square = np.ones(n + 1 + more)
+    square[n], square[n + 1 :] = 1e-3, max(wishes * UNIT**2, 1e-6)
+    above = np.full(len(square) + len(matrix), FREE)
+    above[len(above) - len(moves) :] = center + radius
+    below = np.concatenate(
+        [
+            np.full(n, -FREE),
+            np.zeros(1 + more),
+            bound,
+            bound[wished] + further[wished],
+            limits[1],
+            center - radius,
+        ]
+    )
     w, _, flag, _ = daqp.solve(
-        square,
-        np.append(gradient, 0.5 * mu * UNIT),
+        np.diag(square),
+        np.concatenate([gradient, [0.5 * mu * UNIT], np.zeros(more)]),
         matrix,
         above,
         below,
@@ -423,4 +569,6 @@ def _solve(
         primal_tol=1e-7,
         iter_limit=2000,
     )
-    return (w[:n], w[n] * UNIT) if flag >= 1 else None
+    if flag < 1:
+        return None
+    return w[:n], w[n] * UNIT, float(((w[n + 1 :] * UNIT) ** 2).sum())
