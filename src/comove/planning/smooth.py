@@ -21,7 +21,7 @@ N_BASIS = (24, 40)  # shape weights a column: few, and where these cannot follow
 RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the fit that a search begins with, from smooth to near
 NEAR = 0.05  # m, within which a fit follows the way about which clearances are linearised
 SETTINGS = Settings()
-AGAIN = replace(SETTINGS, radius=0.03)
+AGAIN = 0.03  # m, trust region after a rejection
 ATTEMPTS = 4  # until a motion is verified, each with more margin
 MORE, MORE_BORDER = 1e-3, 2e-4  # m
 
@@ -64,7 +64,7 @@ def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
 
 def _verified(search: Search, programme: Programme, z: Array, reference: Array | None) -> bool:
     """Optimise, judge, and again with more margin where that is rejected."""
-    scene, settings = search.scene, SETTINGS
+    scene, settings = search.scene, replace(SETTINGS, wish=search.smoothness.room)
     cost = squares(scene, search.smoothness, search.objective.demonstration)
     for attempt in range(ATTEMPTS):
         search.check_time()
@@ -76,7 +76,8 @@ def _verified(search: Search, programme: Programme, z: Array, reference: Array |
             return True
         more = attempt + 1
         settings = replace(
-            AGAIN,
+            settings,
+            radius=AGAIN,
             margin=SETTINGS.margin + more * MORE,
             border_margin=SETTINGS.border_margin + more * MORE_BORDER,
         )

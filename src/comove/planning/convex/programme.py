@@ -68,8 +68,8 @@ class Settings:
     patience : steps without gain after which the search ends
     corrections : times that a step is improved before it is shortened
     slack_cost : of a metre that the linearised distances miss
-    wish : clearance that is wished for besides, where it costs little [m]
-    worth : share of the cost that an obstacle which is touched adds to it, less the square of what is kept of the wish
+    wish : clearance that is wished for besides, where it costs little [m]; 0 for none
+    worth : share of the cost by which an obstacle that is touched makes it dearer; less, the nearer to the wish
     gauge : weight of what holds directions and quaternions near unit length, which no motion shows
     """
 
@@ -85,7 +85,7 @@ class Settings:
     corrections: int = 3
     slack_cost: float = 1e6
     wish: float = 0.01
-    worth: float = 0.6
+    worth: float = 0.15
     gauge: float = 3.0
 
 
@@ -391,7 +391,7 @@ def optimise(
 
 
 def _value(p: Programme, cost: Cost, z: Array, settings: Settings) -> tuple[float, Array]:
-    """The cost at weights `z` with the gauge, and the hands at the coarse samples."""
+    """Return the cost at weights `z`, with the gauge, and the hands at the coarse samples."""
     q = p.coarse.q(z)
     _, hands = p.hands(q)
     residuals, gauge = cost.residuals(hands), p.gauge(q, settings.gauge)
@@ -422,9 +422,17 @@ def _stand(
 
 def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
     """How much of the wish for clearance is not met: the squared share of every obstacle, summed."""
+    if settings.wish <= 0:
+        return 0.0
     n = p.around.n_owners
     least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
     return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
+
+
+def _further(p: Programme, owner: NDArray[np.int64], settings: Settings) -> Array:
+    """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`."""
+    wished = (owner < p.around.n_owners) & (settings.wish > settings.margin)
+    return np.where(wished, settings.wish - settings.margin, -np.inf)
 
 
 def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: float, mu: float) -> Step | None:
@@ -436,8 +444,8 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
     need, center = p.need(settings), here.off[p.watched].ravel()
     rows, bound, owner = p.linear(here.seen, here.off, need)
     rows, moves, limits = whitened(rows), whitened(p.moves), (whitened(here.limits[0]), here.limits[1])
-    wishes = settings.worth * here.value / settings.wish**2
-    further = np.where(owner < p.around.n_owners, settings.wish - settings.margin, -np.inf)
+    worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
+    further = _further(p, owner, settings)
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
         found = _solve(
@@ -448,15 +456,14 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
             radius * p.scale,
             here.gradient,
             mu,
-            wishes,
+            worth / wished,
         )
         programmes += 1
         if found is None:
             return None
         w, slack, short = found
         dz = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
-        worth = settings.worth * here.value
-        gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / settings.wish**2)
+        gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
         value, hands = _value(p, cost, here.z + dz, settings)
         near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
         there = p.look(p.fine.q(here.z + dz), near, need)
@@ -490,9 +497,7 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
         more, least, whose = p.linear(there, np.zeros_like(here.off), need)
         rows, bound = np.concatenate([rows, whitened(more)]), np.concatenate([bound, least + more @ dz])
         owner = np.concatenate([owner, whose])
-        further = np.append(
-            further, np.where(whose < p.around.n_owners, settings.wish - settings.margin, -np.inf)
-        )
+        further = np.append(further, _further(p, whose, settings))
 
 
 class Rows(NamedTuple):

@@ -27,9 +27,12 @@ class LeastJerk:
     ----------
     resemblance : between 0 and 1: how near to the demonstration; 0 leaves it unused, 1 is as near as what is in the
         way allows. 0.7 where there is a demonstration, unless given
+    room : clearance that is wished for where it costs little, beyond what the scene asks for [m]: a motion that
+        touches an obstacle counts for a seventh more than one that keeps it, and for less in between
     """
 
     resemblance: float | None = None
+    room: float = 0.01
 
     def __post_init__(self) -> None:
         value = self.resemblance
@@ -39,6 +42,11 @@ class LeastJerk:
                 f"the resemblance {value!r} is not between 0 and 1",
                 key="resemblance",
                 way_out="give 0 for a motion that needs no demonstration, 1 for one as near to it as possible",
+            )
+
+        if not (isinstance(self.room, (int, float, np.number)) and 0 <= self.room < np.inf):
+            raise OptionError(
+                f"the wish for room {self.room!r}", key="room", way_out="give a number of metres, 0 for none"
             )
 
     def pull(self, taught: bool) -> float:
