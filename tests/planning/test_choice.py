@@ -76,7 +76,9 @@ def test_every_way_to_give_movements(tmp_path):
         by_number[n] for n in names
     ]
     weights = PaperCost(goal=0.0, velocity=1.0)
-    assert best_movement(library, scene, objective=weights).best.cost != best_movement(library, scene).best.cost
+    assert (
+        best_movement(library, scene, objective=weights).best.cost != best_movement(library, scene).best.cost
+    )
 
 
 def test_what_cannot_be_carried_is_left_out():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, PaperCost, Demonstration, Projection
+from comove import DMP, Comove, Demonstration, PaperCost, Projection
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
 from comove.planning.objective import N_STEPS
@@ -261,7 +261,9 @@ def test_obstacles_as_a_cost():
     dear = comove.solve(example("wide"), obstacles="cost", objective=PaperCost(obstacle=100.0))
     assert_verified(dear)
     assert dear.cost.obstacle == 0.0
-    cheap = comove.solve(example("narrow"), obstacles="cost", objective=PaperCost(obstacle=1e-6), planner=False)
+    cheap = comove.solve(
+        example("narrow"), obstacles="cost", objective=PaperCost(obstacle=1e-6), planner=False
+    )
     assert not cheap.verified
     assert any("obstacles[" in reason for reason in cheap.reasons)
     assert cheap.cost.total < solved("narrow").cost.total
@@ -438,7 +440,8 @@ def away_from(solution, dmp):
 def test_resemblance_keeps_the_taught_shape(name):
     dmp, scene = taught(example(name).n_dims), example(name)
     solutions = [
-        comove.solve(scene, demonstration=dmp, objective=PaperCost(resemblance=weight)) for weight in (0.0, 10.0)
+        comove.solve(scene, demonstration=dmp, objective=PaperCost(resemblance=weight))
+        for weight in (0.0, 10.0)
     ]
     for solution in solutions:
         assert_verified(solution)

@@ -31,7 +31,6 @@ from comove.primitives.phase import LinearPhase, Phase
 from comove.primitives.splines import splines
 
 N_END_CONDITIONS = 2  # position and velocity
-N_SMOOTH_CONDITIONS = 4  # and the accelerations of both ends
 
 Metric = Literal["velocity", "acceleration", "jerk"]
 Array = NDArray[np.float64]
@@ -128,7 +127,7 @@ def motion_basis(
     smooth, phase = metric == "jerk", phase or LinearPhase()
     if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
         raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
-    psi = splines(n_basis + N_SMOOTH_CONDITIONS) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
+    psi = splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
     knots = np.linspace(0.0, 1.0, N_INTERVALS + 1)
     weights, inputs = from_rest(psi), np.zeros((3, N_INTERVALS + 1, 4))
     inputs[:, :, :2] = released(knots)
@@ -142,10 +141,13 @@ def motion_basis(
     end = weights[:2, -1]  # E: position and velocity at the end caused by the weights
     wanted = np.array([[0.0, 0, 1, 0], [0, 0, 0, 1]]) - inputs[:2, -1]
     if smooth:
-        end, wanted = (
-            np.concatenate([end, weights[2, [0, -1]]]),
-            np.concatenate([wanted, -inputs[2, [0, -1]]]),
-        )
+        # No acceleration at the end; and of the quintics of the start those that turn what is left to itself there
+        # into a spline.
+        start = np.zeros((3, psi.shape[1]))
+        start[:, n_basis : n_basis + 3] = np.eye(3)
+        end = np.concatenate([end, weights[2, -1:], start])
+        of_start = np.array([[1.0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 0]])
+        wanted = np.concatenate([wanted, -inputs[2, -1:], of_start])
     null_space = np.linalg.svd(end)[2][len(end) :].T
     particular = np.linalg.pinv(end) @ wanted
     if fading_goal:  # the least forcing, so that the fading goal stays what moves
