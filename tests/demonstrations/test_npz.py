@@ -221,7 +221,7 @@ def test_a_name_damaged_at_either_place_is_told(path, name):
     assert places[0] != places[1]
     for place in places:
         path.write_bytes(content[:place] + b"x" + content[place + 1 :])
-        with pytest.raises(DemonstrationError, match="File name in directory|missing"):
+        with pytest.raises(DemonstrationError, match=r"File name in directory|missing"):
             read_npz(path)
 
 

@@ -7,7 +7,7 @@ from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.experiments.examples import example
-from comove.planning import CostWeights, best_movement, carried_demonstration, choice
+from comove.planning import PaperCost, best_movement, carried_demonstration, choice
 from comove.planning.choice import N_BASIS
 from comove.planning.objective import N_STEPS, Objective
 from comove.primitives import DMP, Library, Primitive, learn, motion_basis
@@ -75,8 +75,10 @@ def test_every_way_to_give_movements(tmp_path):
     assert [c.name for c in best_movement([p.dmp for p in library], scene).ranking] == [
         by_number[n] for n in names
     ]
-    weights = CostWeights(goal=0.0, velocity=1.0)
-    assert best_movement(library, scene, cost=weights).best.cost != best_movement(library, scene).best.cost
+    weights = PaperCost(goal=0.0, velocity=1.0)
+    assert (
+        best_movement(library, scene, objective=weights).best.cost != best_movement(library, scene).best.cost
+    )
 
 
 def test_what_cannot_be_carried_is_left_out():

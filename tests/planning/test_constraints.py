@@ -185,7 +185,7 @@ def test_a_demonstration_is_followed_where_the_constraints_allow(name):
     taught = comove.DMP.fit(comove.Demonstration.from_lasa("Sine"))
     scene = SCENES[name]()
     near, far = (
-        comove.solve(scene, demonstration=taught, cost=comove.CostWeights(resemblance=weight))
+        comove.solve(scene, demonstration=taught, objective=comove.PaperCost(resemblance=weight))
         for weight in (20.0, 0.0)
     )
     assert_kept(near)

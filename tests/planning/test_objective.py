@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
-from comove.planning import CostWeights
+from comove.planning import PaperCost
 from comove.planning.objective import N_STEPS, Objective, Penalty
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
@@ -25,7 +25,7 @@ S = np.linspace(0.0, 1.0, N_STEPS)
 def evaluated(motion, penalty=None, weights=None, demonstration=None, size=1.0):
     """The evaluation of one motion."""
     objective = Objective(
-        motion.scene, motion.coordinates, weights or CostWeights(), penalty or Penalty(), demonstration
+        motion.scene, motion.coordinates, weights or PaperCost(), penalty or Penalty(), demonstration
     )
     return objective.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS), size)
 
@@ -73,7 +73,7 @@ def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
     y = motion.hands(S)[0]
     taught = np.zeros((N_STEPS, y.shape[1], 3))
     taught[..., : y.shape[2]] = rng.uniform(0, 1, y.shape)
-    weights = CostWeights(goal=c_goal, velocity=c_vel, obstacle=7.0, resemblance=c_res)
+    weights = PaperCost(goal=c_goal, velocity=c_vel, obstacle=7.0, resemblance=c_res)
     cost = Objective(motion.scene, motion.coordinates, weights, Penalty(), taught).cost(motion)
     n = N_STEPS
     assert cost.goal == pytest.approx(c_goal * ((y - y[-1]) ** 2).sum() / n, rel=1e-9)
@@ -90,7 +90,7 @@ def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
 def test_the_indicator_counts_obstacles_that_are_touched(seed):
     motion = near_contact(np.random.default_rng(seed))
     distance = sampled_distances(motion)
-    weights = CostWeights(obstacle=7.0)
+    weights = PaperCost(obstacle=7.0)
     value = Objective(motion.scene, motion.coordinates, weights).cost(motion).obstacle / 7.0 * N_STEPS
     assert value == pytest.approx(round(value), abs=1e-9)
     assert (distance < -TOLERANCE).sum() <= round(value) <= (distance < TOLERANCE).sum()
@@ -108,7 +108,7 @@ def test_the_goal_term_of_a_verified_motion_is_that_of_its_scene():
 def test_no_demonstration_no_resemblance():
     motion = solved("narrow").attempt
     assert (
-        Objective(motion.scene, motion.coordinates, CostWeights(resemblance=5.0)).cost(motion).resemblance
+        Objective(motion.scene, motion.coordinates, PaperCost(resemblance=5.0)).cost(motion).resemblance
         == 0.0
     )
     taught = np.zeros((N_STEPS, 2, 3))
@@ -119,7 +119,7 @@ def test_a_motion_like_the_demonstration_has_no_resemblance_cost():
     motion = solved("narrow").attempt
     taught = np.zeros((N_STEPS, 2, 3))
     taught[..., :2] = motion.hands(S)[0]
-    weights = CostWeights(resemblance=5.0)
+    weights = PaperCost(resemblance=5.0)
     cost = Objective(motion.scene, motion.coordinates, weights, Penalty(), taught).cost(motion)
     assert cost.resemblance == pytest.approx(0.0, abs=1e-20)
 

@@ -26,9 +26,9 @@ def test_the_same_scene_is_solved_alike_at_any_scale(name, scale):
 def test_a_demonstration_grows_along():
     """Resemblance to what was taught, on a scene a hundred times as large."""
     scene, dmp = example("wide"), comove.DMP.fit(comove.Demonstration.from_lasa("Sine"))
-    weights = comove.CostWeights(resemblance=10.0)
+    weights = comove.PaperCost(resemblance=10.0)
     here, there = (
-        comove.solve(s, demonstration=dmp, cost=weights, seed=0) for s in (scene, scene.scaled(100.0))
+        comove.solve(s, demonstration=dmp, objective=weights, seed=0) for s in (scene, scene.scaled(100.0))
     )
     assert there.cost.resemblance / 1e4 == pytest.approx(here.cost.resemblance, rel=0.2)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, CostWeights, Demonstration, Projection
+from comove import DMP, Comove, Demonstration, PaperCost, Projection
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
 from comove.planning.objective import N_STEPS
@@ -258,10 +258,12 @@ def test_projection_says_what_it_cannot_do():
 
 def test_obstacles_as_a_cost():
     """The motion of the least cost is handed out: dear obstacles are avoided, cheap ones are not."""
-    dear = comove.solve(example("wide"), obstacles="cost", cost=CostWeights(obstacle=100.0))
+    dear = comove.solve(example("wide"), obstacles="cost", objective=PaperCost(obstacle=100.0))
     assert_verified(dear)
     assert dear.cost.obstacle == 0.0
-    cheap = comove.solve(example("narrow"), obstacles="cost", cost=CostWeights(obstacle=1e-6), planner=False)
+    cheap = comove.solve(
+        example("narrow"), obstacles="cost", objective=PaperCost(obstacle=1e-6), planner=False
+    )
     assert not cheap.verified
     assert any("obstacles[" in reason for reason in cheap.reasons)
     assert cheap.cost.total < solved("narrow").cost.total
@@ -438,7 +440,8 @@ def away_from(solution, dmp):
 def test_resemblance_keeps_the_taught_shape(name):
     dmp, scene = taught(example(name).n_dims), example(name)
     solutions = [
-        comove.solve(scene, demonstration=dmp, cost=CostWeights(resemblance=weight)) for weight in (0.0, 10.0)
+        comove.solve(scene, demonstration=dmp, objective=PaperCost(resemblance=weight))
+        for weight in (0.0, 10.0)
     ]
     for solution in solutions:
         assert_verified(solution)
@@ -452,7 +455,7 @@ def test_resemblance_keeps_the_taught_shape(name):
 def test_resemblance_without_planner():
     dmp = taught()
     alike = comove.solve(
-        example("wide"), demonstration=dmp, cost=CostWeights(resemblance=10.0), planner=False
+        example("wide"), demonstration=dmp, objective=PaperCost(resemblance=10.0), planner=False
     )
     assert_verified(alike)
     assert away_from(alike, dmp) < 0.5 * away_from(solved("wide", planner=False), dmp)
@@ -488,7 +491,7 @@ def test_arguments_out_of_range(arguments, words):
 
 def test_cost_weights_out_of_range():
     with pytest.raises(OptionError, match="goal"):
-        CostWeights(goal=float("nan"))
+        PaperCost(goal=float("nan"))
 
 
 def test_without_the_planner_nothing_is_planned(monkeypatch):

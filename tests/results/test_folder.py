@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import comove
-from comove import CostWeights, Projection
+from comove import PaperCost, Projection
 from comove.cli.show import summary_text
 from comove.errors import ResultError
 from comove.results import check_target, read_result, verify_result, whole_folder, write_solution
@@ -340,8 +340,8 @@ def test_every_term_of_the_cost_is_recomputed(folder, name, factor):
 
 
 def test_other_weights_of_the_cost_are_kept_and_shown(tmp_path):
-    weights = CostWeights(goal=2.0, velocity=0.0)
-    solution = comove.solve(example("wide"), seed=0, cost=weights, budget=5.0)
+    weights = PaperCost(goal=2.0, velocity=0.0)
+    solution = comove.solve(example("wide"), seed=0, objective=weights, budget=5.0)
     folder = written(tmp_path / "result", solution)
     summary = json.loads((folder / "solution.json").read_text())
     assert summary["cost_weights"] == {"goal": pytest.approx(2.0), "velocity": 0.0, "obstacle": 10.0}

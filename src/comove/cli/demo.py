@@ -20,12 +20,12 @@ def demo(
     from comove.cli.solve import write_result
     from comove.experiments.examples import EXAMPLES, copy_examples, example
     from comove.experiments.figures import draw_figures
-    from comove.planning import CostWeights, solve
+    from comove.planning import PaperCost, solve
     from comove.primitives import DMP
     from comove.results import check_target, whole_folder
 
-    jobs = [(name, name, CostWeights()) for name in EXAMPLES]
-    jobs.append(("narrow-taught", "narrow", CostWeights(resemblance=10.0)))
+    jobs = [(name, name, PaperCost()) for name in EXAMPLES]
+    jobs.append(("narrow-taught", "narrow", PaperCost(resemblance=10.0)))
     for folder, _, _ in jobs:
         check_target(out / folder)
     recording = example("narrow").demonstration
@@ -34,11 +34,11 @@ def demo(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
     )
     solutions = {}
-    for folder, name, cost in jobs:
+    for folder, name, objective in jobs:
         scene = example(name)
         taught = dmp if scene.n_dims == recording.n_dims else None
         with progress_bar(30.0) as progress:
-            solution = solve(scene, demonstration=taught, seed=seed, cost=cost, progress=progress)
+            solution = solve(scene, demonstration=taught, seed=seed, objective=objective, progress=progress)
         with whole_folder(out / folder) as draft:
             summary = write_result(solution, draft, dmp if folder == "narrow-taught" else None)
         solutions[folder] = solution

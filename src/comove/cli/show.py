@@ -74,9 +74,9 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
 
 def _weighted(summary: dict[str, Any], name: str) -> str:
     """By what a term of the cost was weighted, where that is not the usual weight."""
-    from comove.planning import CostWeights
+    from comove.planning import PaperCost
 
-    usual = vars(CostWeights()).get(name)
+    usual = vars(PaperCost()).get(name)
     weight = (summary.get("cost_weights") or {}).get(name, usual)
     return "" if weight == usual else f" (weight {_number(weight)})"
 

@@ -47,9 +47,19 @@ def solve(
     obstacles: Annotated[
         ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")
     ] = ObstacleMode.constraint,
+    objective: Annotated[
+        str,
+        typer.Option(
+            help="What the motion shall be best in: 'paper' is equation (4), 'least-jerk' is smooth."
+        ),
+    ] = "paper",
     resemblance: Annotated[
-        float, typer.Option(min=0.0, help="How much the demonstration's shape counts in the cost.")
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            help="How near to the demonstration: between 0 and 1 for 'least-jerk' (0.7 unless given), its weight in "
+            "the cost for 'paper' (0 unless given)."
+        ),
+    ] = None,
     library: Annotated[
         Path | None,
         typer.Option(
@@ -61,7 +71,7 @@ def solve(
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.planning import CostWeights, best_movement, load_kernels, solve
+    from comove.planning import best_movement, load_kernels, solve
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
@@ -70,8 +80,7 @@ def solve(
 
     chosen = method_named(method)
     check_budget(budget)
-    if not resemblance < float("inf"):
-        raise OptionError(f"resemblance = {resemblance}", key="--resemblance", way_out="give a finite number")
+    wanted = objective_named(objective, resemblance)
     check_target(out)
     with progress_bar(budget) as progress:
         loaded = Scene.load(scene)
@@ -83,7 +92,7 @@ def solve(
             plane = None if source is None else source.plane
             chosen_movement = best_movement(Library(library), loaded, plane=plane, budget=0.25 * budget).best
         dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
-        if resemblance > 0 and dmp is None:
+        if resemblance and dmp is None:
             raise OptionError(
                 "the scene has no demonstration to resemble",
                 file=scene,
@@ -98,7 +107,7 @@ def solve(
             method=chosen,
             planner=not no_planner,
             budget=budget_left(budget, SAVING, loaded),
-            cost=CostWeights(resemblance=resemblance),
+            objective=wanted,
             obstacles=obstacles.value,
             progress=progress,
         )
@@ -135,6 +144,21 @@ def check_budget(budget: float) -> None:
     """Refuse a budget that is no time."""
     if not 0 < budget < float("inf"):
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
+
+
+def objective_named(name: str, resemblance: float | None):
+    """The objective of a name, with a resemblance to the demonstration where one was given."""
+    from comove.planning import LeastJerk, PaperCost
+
+    objectives = {"paper": PaperCost, "least-jerk": LeastJerk}
+    if name not in objectives:
+        raise OptionError(
+            f"unknown objective '{name}'", key="--objective", way_out=near_name(name, objectives)
+        )
+    try:
+        return objectives[name]() if resemblance is None else objectives[name](resemblance=resemblance)
+    except OptionError as error:
+        raise OptionError(error.message, key="--resemblance", way_out=error.way_out) from None
 
 
 def method_named(name: str):

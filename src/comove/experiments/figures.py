@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from comove.experiments.examples import example
-from comove.planning import CostWeights, Solution, carried_demonstration, solve
+from comove.planning import PaperCost, Solution, carried_demonstration, solve
 from comove.primitives import DMP
 from comove.scenes import Scene
 from comove.views import draw_progress, draw_side_by_side, save
@@ -20,7 +20,7 @@ def draw_figures(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict
     dmp : the demonstrated movement
     """
     alone = single(example("wide"))
-    initial = solve(alone, demonstration=dmp, cost=CostWeights(resemblance=10.0))
+    initial = solve(alone, demonstration=dmp, objective=PaperCost(resemblance=10.0))
     save(
         draw_side_by_side(
             [initial.attempt],

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
-from comove.planning.objective import CostWeights
+from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
@@ -26,7 +26,7 @@ from comove.verification.record import RecordReport, Samples, judge
 Array = NDArray[np.float64]
 
 N_SAMPLES = 8001  # of an offer, even in time
-WEIGHTS = CostWeights()
+WEIGHTS = PaperCost()
 FIRST_LOOK = 0.3  # s
 
 

@@ -4,7 +4,8 @@ from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.combination import Combination, combine
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove, Projection
-from comove.planning.objective import Cost, CostWeights
+from comove.planning.objective import Cost
+from comove.planning.objectives import LeastJerk, PaperCost
 from comove.planning.paper import Paper
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import carried_demonstration, solve
@@ -15,8 +16,9 @@ __all__ = [
     "Combination",
     "Comove",
     "Cost",
-    "CostWeights",
+    "LeastJerk",
     "Paper",
+    "PaperCost",
     "Progress",
     "Projection",
     "Solution",

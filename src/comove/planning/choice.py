@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.errors import OptionError
-from comove.planning.objective import N_STEPS, CostWeights, Evaluation, Objective
+from comove.planning.objective import N_STEPS, Evaluation, Objective
+from comove.planning.objectives.paper import PaperCost
 from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
 from comove.primitives.operations import in_space
 from comove.primitives.poses import PoseDMP
@@ -69,7 +70,7 @@ def best_movement(
     movements: Movements,
     scene: Scene,
     *,
-    cost: CostWeights | None = None,
+    objective: PaperCost | None = None,
     plane: str | None = None,
     budget: float = np.inf,
 ) -> Choice:
@@ -80,7 +81,7 @@ def best_movement(
     movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
         and rhythmic ones, are left out
     scene : to whose hands each is carried, as `solve` does
-    cost : weights of the objective
+    objective : weights of equation (4)
     plane : "xy", "xz" or "yz", in which planar movements are laid in a spatial scene
     budget : seconds after which movements that have not been looked at are left out
 
@@ -92,7 +93,7 @@ def best_movement(
     begun = time.perf_counter()
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
-    objective = Objective(scene, coordinates, cost or CostWeights())
+    objective = Objective(scene, coordinates, objective or PaperCost())
     names, values = list(suited), []
     for first in range(0, len(names), PIECE):
         dmps = [suited[name] for name in names[first : first + PIECE]]

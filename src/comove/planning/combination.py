@@ -26,7 +26,8 @@ from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.compiling import compiling
 from comove.planning.kernels import load_kernels
-from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
+from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objectives.paper import PaperCost
 from comove.planning.search import OutOfTime, Search, stricter
 from comove.planning.solution import ProgressCallback
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
@@ -88,7 +89,7 @@ def combine(
     *,
     seed: int = 0,
     budget: float = 30.0,
-    cost: CostWeights | None = None,
+    objective: PaperCost | None = None,
     plane: str | None = None,
     checks: Sequence[Check] = (),
     progress: ProgressCallback | None = None,
@@ -101,7 +102,7 @@ def combine(
     scene : of one hand or several; several hands all make the same movement, each between its own ends
     seed : of all random numbers; the same inputs, seed and version give the same combination unless time runs short
     budget : seconds after which the best attempt is returned
-    cost : weights of the objective
+    objective : weights of equation (4)
     checks : further checks that the motion must pass
     progress : called once a generation
 
@@ -119,7 +120,7 @@ def combine(
     started = time.perf_counter()
     coordinates = load_coordinates(scene)
     search = Search(
-        objective=Objective(scene, coordinates, cost or CostWeights(), Penalty(along_path=True)),
+        objective=Objective(scene, coordinates, objective or PaperCost(), Penalty(along_path=True)),
         taught=None,
         hard=True,
         rng=np.random.default_rng(seed),
@@ -243,7 +244,7 @@ class Attempts:
 
     def __init__(self, search: Search, movements: dict[str, DMP]):
         self.search, self.span = search, _Span.of(movements, search.scene, search.objective.coordinates)
-        best = best_movement(movements, search.scene, cost=search.objective.weights).best.name
+        best = best_movement(movements, search.scene, objective=search.objective.weights).best.name
         self.first = list(movements).index(best)
         self.best: Array | None = None
         self.least = np.inf

@@ -18,6 +18,7 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
+from comove.planning.smooth import smooth_demonstration, smooth_way
 from comove.planning.spacetime import (
     MARGINS,
     SHARES,
@@ -40,6 +41,8 @@ MOST_DOUBTED = (
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
+STEADIEST = 0  # of the profiles under which a way is run, that of least jerk
+WORTH_ANOTHER = 0.01  # of the value, that another way must gain
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -65,6 +68,7 @@ class Comove(Method):
     n_restarts : of these, how many before the next may have twice as many nodes
     n_unfit : plans that nothing could carry, before one is mended
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
+    n_ways, n_idle : ways that are made smooth at most, and that may bring nothing before it is enough
     polishing : how long and how widely a verified motion is improved
     """
 
@@ -78,6 +82,8 @@ class Comove(Method):
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
+    n_ways: int = 6
+    n_idle: int = 2
     polishing: Schedule = POLISHING
     before: ClassVar[Array | None] = None
 
@@ -102,6 +108,8 @@ class Comove(Method):
         targets_of = (
             _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
+        if search.smoothness is not None:
+            return self._smooth(search, targets_of, ends)
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
         while len(starts) < self.n_plans and failures < self.n_failures:
@@ -123,6 +131,29 @@ class Comove(Method):
         if starts:
             self._polish(search, min(starts, key=lambda start: start[0])[1])
         return bool(starts)
+
+    def _smooth(self, search: Search, targets_of: Targets, ends: Array) -> bool:
+        """Smooth motions along several ways, and along the demonstration; False where none could be verified."""
+        failures = idle = ways = 0
+        while ways < self.n_ways and idle < self.n_idle and failures < self.n_failures:
+            search.check_time()
+            search.stage = "planning"
+            found, before = targets_of(failures, self._nodes(failures)), search.best_cost
+            if found is None:
+                failures += 1
+                continue
+            if search.best is None:  # something to hand out at once
+                self._certified_fit(search, *found, mend=False)
+            if ways == 0 and search.smoothness.pull(search.taught is not None) > 0:
+                search.stage = "smoothing the demonstration"
+                smooth_demonstration(search)
+            search.stage = "smoothing"
+            targets, goal = found
+            way = targets[0] if search.scene.moving.any() or ends[1].any() else targets[STEADIEST]
+            ways += 1
+            failures += not smooth_way(search, way, np.stack([ends[0], ends[1], goal, ends[3]]))
+            idle = 0 if search.best_cost < (1 - WORTH_ANOTHER) * before else idle + 1
+        return search.best is not None
 
     def _will_do(self, search: Search) -> bool:
         """Whether what is not verified is good enough."""

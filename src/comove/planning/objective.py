@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
-from comove.errors import OptionError
+from comove.planning.objectives.paper import PaperCost
 from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
 from comove.scenes.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
@@ -35,27 +35,6 @@ N_STEPS = 201
 SUB_STEP, MAX_SUB_STEPS = 0.01, 6  # m between poses looked at, and how many between two samples
 TOLERANCE = 1e-4  # m, of the distance along a load's edge while searching
 NEAR_LIMIT = 0.99  # of a speed limit, kept by the search
-
-
-@dataclass(frozen=True)
-class CostWeights:
-    """Relative importance of the terms of equation (4), and of what was taught.
-
-    Attributes
-    ----------
-    goal, velocity, obstacle : c_goal, c_vel, c_obst
-    resemblance : how much the shape of the demonstration counts; 0 where it is only a start
-    """
-
-    goal: float = 1.0
-    velocity: float = 0.01
-    obstacle: float = 10.0
-    resemblance: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 <= value < np.inf:
-                raise OptionError(f"the cost weight {name} = {value!r}", way_out="give a number, 0 or more")
 
 
 @dataclass(frozen=True)
@@ -136,7 +115,7 @@ class Objective:
 
     scene: Scene
     coordinates: Coordinates
-    weights: CostWeights = CostWeights()
+    weights: PaperCost = PaperCost()  # noqa: RUF009  it is frozen
     penalty: Penalty = Penalty()
     demonstration: Array | None = None
 

@@ -19,7 +19,9 @@ from comove.optimisers.covariance import DiagonalCovariance
 from comove.optimisers.parameters import Parameters
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
+from comove.planning.convex.jerk import jerk_cost
 from comove.planning.objective import N_STEPS, Evaluation, Objective
+from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
@@ -108,6 +110,7 @@ class Search:
     Attributes
     ----------
     objective : equation (4) on the scene
+    smoothness : the objective of least jerk, None where equation (4) decides which motion is best
     taught : the demonstrated movement, None without one
     hard : obstacles are constraints, not only costs
     rng : source of all random numbers
@@ -149,6 +152,7 @@ class Search:
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
     log: dict[str, float | list[float]] = field(default_factory=dict)
+    smoothness: LeastJerk | None = None
 
     @property
     def scene(self) -> Scene:
@@ -203,11 +207,17 @@ class Search:
         elif self.first_verified is None:
             self.first_verified = self.elapsed()
         if verdict.verified is not None or not self.hard:
-            cost = self.objective.cost(motion).total
+            cost = self.worth(motion)
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
                 self._report(cost, 0.0)
         return verdict
+
+    def worth(self, motion: CoordinatedMotion) -> float:
+        """The value of the objective, the less the better."""
+        if self.smoothness is None:
+            return self.objective.cost(motion).total
+        return jerk_cost(motion, self.smoothness, self.objective.demonstration)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         """A motion as it is handed out, on the scene that was asked for."""

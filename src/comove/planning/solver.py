@@ -17,7 +17,8 @@ from comove.planning.compiling import compiling
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove
-from comove.planning.objective import N_STEPS, CostWeights, Objective, Penalty
+from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objectives import LeastJerk, PaperCost
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
@@ -39,7 +40,7 @@ def solve(
     method: Method | None = None,
     planner: bool = True,
     budget: float = 30.0,
-    cost: CostWeights | None = None,
+    objective: LeastJerk | PaperCost | None = None,
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     carrier: Carrier | None = None,
@@ -53,7 +54,7 @@ def solve(
         What to solve.
     demonstration
         A movement of a single manipulator, of the scene's dimension: a start for the search, and what
-        the result shall resemble where `cost.resemblance` is positive.
+        the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it.
     seed
         Of all random numbers: the same inputs, seed and version give the same motion unless time runs
         short, which makes the planner modest before it ends the search.
@@ -63,8 +64,9 @@ def solve(
         Start from a path planned in the load's own configuration space.
     budget
         Seconds after which the best so far is returned.
-    cost
-        Weights of the objective.
+    objective
+        What the motion shall be best in: `PaperCost()`, equation (4), unless given; `LeastJerk()` is smooth and
+        follows the demonstration.
     obstacles
         Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
         cost is handed out, verified or not.
@@ -81,12 +83,13 @@ def solve(
     OptionError
         If an argument is out of range.
     """
-    _check_options(scene, demonstration, seed, method, budget, obstacles, checks)
+    _check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
-    weights, asked = cost or CostWeights(), scene
+    objective, asked = objective or PaperCost(), scene
+    weights = objective if isinstance(objective, PaperCost) else PaperCost()
     if carrier is None:  # arms are as long as they are
         scene, demonstration = of_common_size(scene, demonstration)
     taught = None if demonstration is None else carried_demonstration(demonstration, scene)
@@ -102,6 +105,7 @@ def solve(
         checks=checks,
         carrier=carrier,
         progress=progress,
+        smoothness=objective if isinstance(objective, LeastJerk) else None,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
     if (
@@ -116,13 +120,13 @@ def solve(
         verdict = (
             None if checks else search.attempt_verdict
         )  # checks are not asked about what the scene rejects
-    motion, objective, log = search.handed(motion), search.objective, search.log
+    motion, evaluated, log = search.handed(motion), search.objective, search.log
     if verdict is None or search.asked is not None:
         verdict = verify(motion, checks)
     if search.asked is not None:
-        ratio, taught = _side(asked) / _side(scene), objective.demonstration
+        ratio, taught = _side(asked) / _side(scene), evaluated.demonstration
         taught = None if taught is None else ratio * taught
-        objective = replace(objective, scene=asked, coordinates=motion.coordinates, demonstration=taught)
+        evaluated = replace(evaluated, scene=asked, coordinates=motion.coordinates, demonstration=taught)
         log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
     return Solution(
         scene=asked,
@@ -130,7 +134,7 @@ def solve(
         attempt=motion,
         report=verdict.report,
         reasons=verdict.reasons,
-        cost=objective.cost(motion),
+        cost=evaluated.cost(motion),
         method=method.name,
         seed=seed,
         evaluations=search.evaluations,
@@ -169,6 +173,7 @@ def _check_options(
     seed: object,
     method: object,
     budget: object,
+    objective: object,
     obstacles: str,
     checks: object,
 ) -> None:
@@ -190,6 +195,14 @@ def _check_options(
         raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
     if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    if objective is not None and not isinstance(objective, (LeastJerk, PaperCost)):
+        raise OptionError(f"objective = {objective!r}", way_out="give LeastJerk() or PaperCost()")
+    if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
+        raise OptionError(
+            f"a resemblance of {objective.resemblance:g} without a demonstration",
+            key="objective",
+            way_out="give a demonstration, or LeastJerk() without a resemblance",
+        )
     if obstacles not in OBSTACLES:
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
 

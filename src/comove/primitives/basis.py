@@ -10,9 +10,10 @@ and in the weights. The forcing basis psi of equation (2) is held first order (l
 here is exact and so is every value between the knots.
 
 Both ends are met by every weight vector: the weights are ``w = W_b b + Z z`` where ``b`` holds the boundary values
-(start, start velocity, goal, goal velocity), Z spans the null space of the two end conditions and W_b is the
+(start, start velocity, goal, goal velocity), Z spans the null space of the end conditions and W_b is the
 least-acceleration solution of them (with a fading goal, that of the least forcing). Hence ``y = B(s) b + Phi(s)
-z``.
+z``. In the metric of jerk the forcing functions are splines, motions have no acceleration at either end, W_b is the
+solution of least jerk, and the squared jerk of ``z`` is proportional to ``|z|^2``.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.primitives.flow import OMEGA, from_rest, values_at
-from comove.primitives.forcing import N_INTERVALS, Kernels, gaussians
+from comove.primitives.forcing import INTERVAL, N_INTERVALS, Kernels, gaussians
 from comove.primitives.phase import LinearPhase, Phase
+from comove.primitives.splines import splines
 
 N_END_CONDITIONS = 2  # position and velocity
 
-Metric = Literal["velocity", "acceleration"]
+Metric = Literal["velocity", "acceleration", "jerk"]
 Array = NDArray[np.float64]
 
 
@@ -105,12 +107,12 @@ def motion_basis(
         Free shape weights; two more functions hold the ends.
     metric
         In which the shape weights are orthonormal: a unit step in weight space then changes the
-        velocity (good for polishing) or the acceleration (good for a search from nothing) equally much
-        in every direction. Without this the weight space has a condition number of 1e6 to 1e9.
+        velocity (good for polishing), the acceleration (good for a search from nothing) or the jerk (smooth
+        motions) equally much in every direction. Without this the weight space has a condition number of 1e6 to 1e9.
     phase
-        Canonical system; linear unless given.
+        Canonical system; linear unless given. The metric of jerk has no other.
     kernels
-        The forcing functions.
+        The forcing functions; not of the metric of jerk, whose functions are splines.
     fading_goal
         Add ``-alpha_y beta_y (g - y0) x`` to the system: the goal's pull then begins at nothing and grows as the
         phase decays (Hoffmann et al., 2009).
@@ -122,8 +124,10 @@ def motion_basis(
     """
     if not 1 <= n_basis <= 200:
         raise ValueError(f"n_basis = {n_basis}: give 1 to 200 shape weights")
-    phase = phase or LinearPhase()
-    psi = kernels(n_basis + N_END_CONDITIONS, phase)
+    smooth, phase = metric == "jerk", phase or LinearPhase()
+    if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
+        raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
+    psi = splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
     knots = np.linspace(0.0, 1.0, N_INTERVALS + 1)
     weights, inputs = from_rest(psi), np.zeros((3, N_INTERVALS + 1, 4))
     inputs[:, :, :2] = released(knots)
@@ -136,17 +140,30 @@ def motion_basis(
 
     end = weights[:2, -1]  # E: position and velocity at the end caused by the weights
     wanted = np.array([[0.0, 0, 1, 0], [0, 0, 0, 1]]) - inputs[:2, -1]
-    null_space = np.linalg.svd(end)[2][N_END_CONDITIONS:].T
+    if smooth:
+        # No acceleration at the end; and of the quintics of the start those that turn what is left to itself there
+        # into a spline.
+        start = np.zeros((3, psi.shape[1]))
+        start[:, n_basis : n_basis + 3] = np.eye(3)
+        end = np.concatenate([end, weights[2, -1:], start])
+        of_start = np.array([[1.0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 0]])
+        wanted = np.concatenate([wanted, -inputs[2, -1:], of_start])
+    null_space = np.linalg.svd(end)[2][len(end) :].T
     particular = np.linalg.pinv(end) @ wanted
     if fading_goal:  # the least forcing, so that the fading goal stays what moves
         effort, coast = psi, psi @ particular
+    elif smooth:
+        effort = _jerk(weights, psi)
+        coast = _jerk(inputs, coasting) + effort @ particular
     else:  # the least acceleration
         effort, coast = weights[2], inputs[2] + weights[2] @ particular
     of_boundary = particular - null_space @ np.linalg.lstsq(effort @ null_space, coast, rcond=None)[0]
 
-    order = 1 if metric == "velocity" else 2
-    _, singular, right = np.linalg.svd(weights[order] @ null_space, full_matrices=False)
+    whole = effort if smooth else weights[1 if metric == "velocity" else 2]
+    _, singular, right = np.linalg.svd(whole @ null_space, full_matrices=False)
     of_shape = null_space @ (right.T / singular)
+    if smooth:  # in the order of what a unit of jerk moves
+        of_shape = of_shape @ np.linalg.svd(weights[0] @ of_shape, full_matrices=False)[2].T
     of_shape /= np.linalg.norm(weights[0, N_INTERVALS // 2] @ of_shape)  # unit z: the middle moves by 1
     # The decomposition leaves the signs open: they are made alike on every machine.
     of_shape *= np.where(np.exp(-3.0 * knots) @ weights[0] @ of_shape < 0.0, -1.0, 1.0)
@@ -181,6 +198,22 @@ def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int =
 def _sampled(basis: MotionBasis, n_steps: int) -> Array:
     boundary, shape = basis.at(np.linspace(0.0, 1.0, n_steps))
     return np.ascontiguousarray(np.concatenate([shape[0], boundary[0]], axis=1).T)
+
+
+def _jerk(knots: Array, force: Array) -> Array:
+    """Third derivatives in the middle of every interval, ``f' - 2 omega y'' - omega^2 y'``.
+
+    Parameters
+    ----------
+    knots : array, shape (3, n_knots, n_functions)
+    force : array, shape (n_knots, n_functions)
+
+    Returns
+    -------
+    array, shape (n_knots - 1, n_functions)
+    """
+    middle = 0.5 * (knots[:, 1:] + knots[:, :-1])
+    return np.diff(force, axis=0) / INTERVAL - 2 * OMEGA * middle[2] - OMEGA**2 * middle[1]
 
 
 def released(s: Array) -> Array:

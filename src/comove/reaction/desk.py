@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.reaction.nearness import N_PARTS, LoadPoints
+from comove.reaction.nearness import LoadPoints
+from comove.scenes.closest_points import N_PARTS
 
 Array = NDArray[np.float64]
 

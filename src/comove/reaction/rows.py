@@ -26,16 +26,16 @@ import numpy as np
 
 from comove.reaction.desk import BORDER, HANDS
 from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
-from comove.reaction.nearness import (
+from comove.reaction.nearness import moved_obstacles
+from comove.reaction.twists import place, step, turn_into
+from comove.scenes.closest_points import (
     N_PARTS,
     distance_and_gradient,
-    moved_obstacles,
     near_on_edge,
     near_on_part,
     near_on_solid,
     solid_gradient,
 )
-from comove.reaction.twists import place, step, turn_into
 from comove.scenes.distances import CENTER, REACH, TINY, point_distance
 
 BEND = 0.05  # of a distance, that a step may take beyond its rate: what bends to second order

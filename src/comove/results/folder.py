@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,10 @@ from comove.demonstrations import drafts
 from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
-from comove.planning.objective import CostWeights, Objective
+from comove.planning.objective import Objective
+from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Solution
-from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.results.entries import (
     COUNT,
@@ -66,7 +67,7 @@ FILES |= {
 ROOM = 2_000_000  # bytes that a result may take, pictures and all
 TERMS = ("goal", "velocity", "obstacle", "resemblance")
 RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
-USUAL = CostWeights()
+USUAL = PaperCost()
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
@@ -277,7 +278,7 @@ def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[s
 
 def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
     """The terms of J that follow from the motion alone, each of weight 1."""
-    cost = Objective(motion.scene, motion.coordinates, CostWeights(1.0, 1.0, 1.0)).cost(motion)
+    cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
     return {name: getattr(cost, name) for name in RECOMPUTED}
 
 
@@ -501,7 +502,7 @@ _TYPES = (
 def _basis(arrays: Mapping[str, NDArray]) -> MotionBasis:
     try:
         count, metric = int(arrays["basis_functions"]), str(arrays["basis_metric"])
-        if metric not in ("velocity", "acceleration"):
+        if metric not in get_args(Metric):
             raise ValueError(f"unknown metric '{metric}'")
         return motion_basis(count, metric, _phase(str(arrays["basis_phase"])))
     except (TypeError, ValueError) as error:

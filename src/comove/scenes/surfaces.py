@@ -230,6 +230,16 @@ def holds(surfaces, mesh, x, y, z):
 @numba.njit(cache=True, error_model="numpy")
 def surface_distance(surfaces, mesh, points, cutoff):
     """Distance [m] of the hull of points (n, 3) from the triangles of a mesh at 0 s; `cutoff` where it is more."""
+    return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
+    """The same, with the nearest point of the hull in `near` and the unit vector from the mesh to it in `way`.
+
+    Where the hull cuts a triangle the distance is negative: about how far it would have to be moved. Where nothing
+    is nearer than `cutoff`, both are as they were. A distance of `enough` is low enough: no lower one is sought.
+    """
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
         low[axis], high[axis] = points[:, axis].min(), points[:, axis].max()
@@ -239,10 +249,8 @@ def surface_distance(surfaces, mesh, points, cutoff):
     while top > 0:
         top -= 1
         box = stack[top]
-        if (
-            box_distance(surfaces, box, low, high) >= least
-            or box_gap(surfaces, box, points, points, normal) >= least
-        ):
+        far = max(box_distance(surfaces, box, low, high), box_gap(surfaces, box, points, points, normal), 0.0)
+        if least <= enough or far >= max(least, 1e-300):
             continue
         if surfaces.right[box] >= 0:  # the nearer half first
             left, right = box + 1, surfaces.right[box]
@@ -253,7 +261,13 @@ def surface_distance(surfaces, mesh, points, cutoff):
             continue
         for i in range(surfaces.first[box], surfaces.first[box] + surfaces.count[box]):
             if triangle_gap(surfaces.triangles[i], points, normal) < least:
-                least = min(least, nearest(surfaces.triangles[i], points, normal, scratch)[1])
+                gap, distance = nearest(surfaces.triangles[i], points, normal, scratch)
+                if distance == 0.0:
+                    distance = gap
+                if distance < least:
+                    least = distance
+                    for axis in range(3):
+                        near[axis], way[axis] = scratch[2, 0, axis], -normal[axis]
     return least
 
 
@@ -297,14 +311,16 @@ def triangle_gap(triangle, points, normal):
 def nearest(triangle, points, normal, scratch):
     """Widest gap found [m] and distance [m] of the hull of points (n, 3) and a triangle.
 
-    The direction of the gap is written in `normal`, which holds the one that is tried first. Where the two cut each
-    other the distance is 0 and the gap negative: about how far the body would have to be moved.
+    The direction of the gap is written in `normal`, which holds the one that is tried first, and the nearest point of
+    the hull, or its deepest corner, in the first row of ``scratch[2]``. Where the two cut each other the distance is
+    0 and the gap negative: about how far the body would have to be moved.
 
     Parameters
     ----------
     scratch : array, shape (3, 4, 3)
     """
-    corners, weights = scratch[0], scratch[1, 0]
+    corners, near = scratch[0], scratch[2]
+    weights, shares = scratch[1].reshape(12)[:4], scratch[1].reshape(12)[4:8]
     wide = triangle_gap(triangle, points, normal)
     x, y, z, n, square = normal[0], normal[1], normal[2], 0, np.inf
     for _ in range(MAX_STEPS):
@@ -325,6 +341,7 @@ def nearest(triangle, points, normal, scratch):
             break
         for axis in range(3):
             corners[n, axis] = triangle[other, axis] - points[own, axis]
+            near[n, axis] = points[own, axis]
         twice = False
         for i in range(n):
             twice |= (
@@ -347,12 +364,21 @@ def nearest(triangle, points, normal, scratch):
                     z + weights[i] * corners[i, 2],
                 )
                 for axis in range(3):
-                    corners[kept, axis] = corners[i, axis]
+                    corners[kept, axis], near[kept, axis] = corners[i, axis], near[i, axis]
+                shares[kept] = weights[i]
                 kept += 1
         n, length = kept, sqrt(x * x + y * y + z * z)
         if n == 4 or length == 0.0:
-            return _deepest(triangle, points, wide, normal), 0.0
+            wide, deepest = _deepest(triangle, points, wide, normal), 0
+            for i in range(1, points.shape[0]):
+                if np.dot(normal, points[i]) > np.dot(normal, points[deepest]):
+                    deepest = i
+            near[0] = points[deepest]
+            return wide, 0.0
         x, y, z = x / length, y / length, z / length
+    near[0] *= shares[0]
+    for i in range(1, n):
+        near[0] += shares[i] * near[i]
     return wide, sqrt(square)
 
 

@@ -25,7 +25,7 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
 N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
-C_VEL = 0.01  # weight of velocities in the objective (4), as `planning.CostWeights` has it
+C_VEL = 0.01  # weight of velocities in the objective (4), as `planning.PaperCost` has it
 VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
-from comove.planning import Comove, CostWeights, Paper, Projection, load_kernels, solve
+from comove.planning import Comove, Paper, PaperCost, Projection, load_kernels, solve
 from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.method import Method
 from comove.primitives import DMP
@@ -115,7 +115,7 @@ def run(job: Job) -> Outcome:
         method=contender.method,
         planner=contender.planner,
         budget=job.budget,
-        cost=CostWeights(velocity=job.velocity, resemblance=job.resemblance),
+        objective=PaperCost(velocity=job.velocity, resemblance=job.resemblance),
         obstacles=job.obstacles,
     )
     spent = time.process_time() - begun

@@ -104,7 +104,7 @@ class Single(Method):
             ]
             suited = suited | {f"{name} in {PLANES[1]}": across[name] for name in planar}
         left = 0.25 * search.time_left()
-        ranking = best_movement(suited, scene, cost=search.objective.weights, budget=left).ranking
+        ranking = best_movement(suited, scene, objective=search.objective.weights, budget=left).ranking
         chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
         return chosen if search.taught is None else {TAUGHT: search.taught, **chosen}
 

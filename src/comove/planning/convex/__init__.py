@@ -1,0 +1,1 @@
+"""Convex optimisation of motions: a sequence of quadratic programmes with linearised clearances."""

@@ -1,0 +1,501 @@
+"""Where along a movement the load is near to something, in numba kernels.
+
+A movement is looked at in even samples, and between them where it is nearest. Every contact is a point of the load,
+the direction in which it would get away, and the distance: what a linearised clearance needs.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates
+from comove.scenes.closest_points import distance_and_gradient, near_on_edge, near_on_solid, solid_gradient
+from comove.scenes.distances import CENTER, REACH, point_distance
+from comove.scenes.scene import Scene
+from comove.scenes.surfaces import Surfaces, near_on_surface
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+CLOSE = 0.03  # m, nearer than which a part is looked at closely: more samples, and the ends of a rod or corners too
+FINE, COARSE = (
+    2,
+    4,
+)  # of how many samples one is kept when close, and up to three times as far; beyond one in 12
+BETWEEN = 8  # places between a nearest sample and each of its neighbours
+
+# Columns of a contact: sample, how far on towards a neighbouring sample (-1 to 1), block of the point, and of the
+# other hand where two are to be kept apart (else -1), point, direction, the other hand, distance [m], its owner.
+SAMPLE, TAU, BLOCK, OTHER, POINT, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15
+
+
+class Surroundings(NamedTuple):
+    """A load and what it must not touch.
+
+    Attributes
+    ----------
+    edges, radii : rods of the load, arrays of shape (n_edges, 2), of nodes, and (n_edges,) [m]
+    solids : array of int, shape (n_solids, n), nodes
+    block : array of int, shape (n_nodes,), which block of the coordinates moves a node
+    thickness : array, shape (n_nodes,), of the thickest rod that ends there [m]; -1 where none does
+    table : array, shape (n_rows, n_columns), convex obstacles
+    rows, owner : arrays of int, shape (n_rows,), their places in the scene's table, and whose they are
+    surfaces : meshes
+    lower, upper : arrays, shape (3,), the workspace [m]
+    pairs, separations : hands to be kept apart, arrays of shape (n_pairs, 2) and (n_pairs,) [m]
+    n_owners : obstacles; then the border and the separations count as owners too
+    """
+
+    edges: Integers
+    radii: Array
+    solids: Integers
+    block: Integers
+    thickness: Array
+    table: Array
+    rows: Integers
+    owner: Integers
+    surfaces: Surfaces
+    lower: Array
+    upper: Array
+    pairs: Integers
+    separations: Array
+    n_owners: int
+
+
+def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
+    """The load of a scene, as its coordinates move it, and what is around it."""
+    body, blocks = scene.body, coordinates.blocks
+    block = np.zeros(len(blocks.node), dtype=np.int64)
+    for b in range(len(blocks.kind)):
+        block[blocks.node[blocks.first[b] : blocks.first[b + 1]]] = b
+    thickness = np.full(len(block), -1.0)
+    for ends, radius in zip(body.edges, body.radii, strict=True):
+        thickness[ends] = np.maximum(thickness[ends], radius)
+    thickness[body.solids.ravel()] = np.maximum(thickness[body.solids.ravel()], 0.0)
+    rows = np.flatnonzero(scene.convex_rows)
+    return Surroundings(
+        body.edges,
+        body.radii,
+        body.solids,
+        block,
+        thickness,
+        scene.obstacles[rows],
+        rows,
+        np.asarray(scene.owners)[rows],
+        scene.surfaces,
+        *scene.workspace,
+        *scene.kept_apart,
+        len(scene.file.obstacles),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def find_contacts(around, nodes, offsets, cutoff, found, least):
+    """Write contacts nearer than `cutoff` in `found` and return how many there are.
+
+    Parameters
+    ----------
+    around : Surroundings
+    nodes : array, shape (n_samples, n_nodes, 3) [m]
+    offsets : array, shape (n_samples, n_rows, 3), how far obstacles have moved, by row of the scene's table [m];
+        without samples where all stand
+    found : array, shape (n_most, N_FIELDS); without rows where only `least` is asked
+    least : array, shape (n_owners + 2,), in which the least distance from each obstacle, then from the border, and
+        by which hands are farther apart than they must be, is written [m]; `cutoff` where it is more
+    """
+    least[:] = cutoff
+    n_samples, n_rods, n_solids = nodes.shape[0], around.edges.shape[0], around.solids.shape[0]
+    n_rows, n_meshes = around.table.shape[0], around.surfaces.root.shape[0]
+    way = np.zeros(n_samples)  # the farthest that any node has come since the first sample
+    for s in range(1, n_samples):
+        moved = 0.0
+        for i in range(nodes.shape[1]):
+            square = 0.0
+            for axis in range(3):
+                square += (nodes[s, i, axis] - nodes[s - 1, i, axis]) ** 2
+            moved = max(moved, square)
+        way[s] = way[s - 1] + sqrt(moved)
+    distance, tau = np.empty(n_samples), np.zeros(n_samples)
+    contact, n, points = np.zeros(N_FIELDS), 0, np.empty((max(2, around.solids.shape[1]) + 2, 3))
+    for part in range(n_rods + n_solids):
+        for thing in range(n_rows + n_meshes):
+            row, owner = _whose(around, thing)
+            moves = _moves(offsets, row)
+            if not _look_along(
+                around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points
+            ):
+                continue
+            for s in range(n_samples):
+                least[owner] = min(least[owner], distance[s])
+            for s in range(1, n_samples - 1):
+                if found.shape[0] == 0 or distance[s] >= cutoff:
+                    continue
+                nearest = distance[s] <= distance[s - 1] and distance[s] <= distance[s + 1]
+                if not _kept(s, distance[s], nearest):
+                    continue
+                _look(around, part, thing, nodes, offsets, row, s, tau[s], cutoff, points)
+                _describe(around, part, thing, offsets, row, s, tau[s], distance[s], points, contact)
+                contact[OWNER] = owner
+                n = _written(contact, found, n)
+                if distance[s] < CLOSE and thing < n_rows:
+                    n = _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n)
+    n = _border(around, nodes, cutoff, found, least, n)
+    return _apart(around, nodes, cutoff, found, least, n)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _kept(s, distance, nearest):
+    """Whether a sample becomes a contact."""
+    if distance < CLOSE:
+        return nearest or s % FINE == 0
+    if distance < 3 * CLOSE:
+        return s % COARSE == 0
+    return s % (3 * COARSE) == 0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _written(contact, found, n):
+    if n < found.shape[0]:
+        found[n] = contact
+        n += 1
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _whose(around, thing):
+    """The row in the scene's table and the owner of a convex obstacle, or of a mesh after them."""
+    n_rows = around.table.shape[0]
+    if thing < n_rows:
+        return around.rows[thing], around.owner[thing]
+    mesh = thing - n_rows
+    return around.surfaces.row[mesh], around.surfaces.owner[mesh]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _moves(offsets, row):
+    """Whether an obstacle ever leaves its place."""
+    for s in range(offsets.shape[0]):
+        if offsets[s, row, 0] != 0.0 or offsets[s, row, 1] != 0.0 or offsets[s, row, 2] != 0.0:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
+    """Write the distance of a part from a thing at every sample, and where it is nearest between two of them.
+
+    Returns
+    -------
+    bool, whether any is below `cutoff`
+    """
+    n_samples, any_near = nodes.shape[0], False
+    distance[:], tau[:] = cutoff, 0.0
+    s = 0
+    while s < n_samples:
+        spare = _apart_at_least(around, part, thing, nodes, offsets, row, s) - cutoff
+        if spare > 0.0:
+            if moves:
+                s += 1
+            else:  # it does not come near before it has come that far
+                limit = way[s] + spare
+                s += 1
+                while s < n_samples and way[s] < limit:
+                    s += 1
+            continue
+        distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
+        any_near = any_near or distance[s] < cutoff
+        s += 1
+    if not any_near:
+        return False
+    before = distance[0]
+    for s in range(1, n_samples - 1):
+        here = distance[s]
+        if here < min(CLOSE, cutoff) and here <= before and here <= distance[s + 1]:
+            for k in range(1 - BETWEEN, BETWEEN):
+                between = _look(around, part, thing, nodes, offsets, row, s, k / BETWEEN, cutoff, points)
+                if between < distance[s]:
+                    distance[s], tau[s] = between, k / BETWEEN
+        before = here
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _apart_at_least(around, part, thing, nodes, offsets, row, s):
+    """A lower bound [m] of the distance of a part from a thing, by balls about them."""
+    n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
+    middle, reach = np.zeros(3), 0.0
+    if part < n_rods:
+        p, q = nodes[s, around.edges[part, 0]], nodes[s, around.edges[part, 1]]
+        for axis in range(3):
+            middle[axis] = 0.5 * (p[axis] + q[axis])
+            reach += (0.5 * (p[axis] - q[axis])) ** 2
+        reach = sqrt(reach) + around.radii[part]
+    else:
+        corners = around.solids[part - n_rods]
+        for i in corners:
+            middle += nodes[s, i] / corners.shape[0]
+        for i in corners:
+            square = 0.0
+            for axis in range(3):
+                square += (nodes[s, i, axis] - middle[axis]) ** 2
+            reach = max(reach, square)
+        reach = sqrt(reach)
+    square = 0.0
+    if thing < n_rows:
+        for axis in range(3):
+            moved = offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
+            square += (middle[axis] - moved - around.table[thing, CENTER + axis]) ** 2
+        return sqrt(square) - reach - around.table[thing, REACH]
+    root = around.surfaces.root[thing - n_rows]
+    for axis in range(3):
+        x = middle[axis] - (offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0)
+        square += max(around.surfaces.lower[root, axis] - x, x - around.surfaces.upper[root, axis], 0.0) ** 2
+    return sqrt(square) - reach
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
+    """Distance [m] of a part from a thing at or between samples, `cutoff` where it is more.
+
+    `points` has room for the corners of the part, as seen from the thing, then for the nearest point, and for the
+    way to it.
+    """
+    t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
+    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
+    corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
+    n_corners = corners.shape[0]
+    for axis in range(3):
+        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
+        for i in range(n_corners):
+            points[i, axis] = (1 - w) * nodes[s, corners[i], axis] + w * nodes[t, corners[i], axis] - moved
+    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
+    radius = around.radii[part] if part < n_rods else 0.0
+    if thing >= n_rows:
+        distance = near_on_surface(
+            around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, -np.inf, near, normal
+        )
+    elif part < n_rods:
+        distance, share = near_on_edge(around.table, thing, points[0], points[1], cutoff + radius)
+        for axis in range(3):
+            near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
+    else:
+        distance = near_on_solid(around.table, thing, points, np.arange(n_corners), cutoff, near)
+    return min(distance - radius, cutoff)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _describe(around, part, thing, offsets, row, s, tau, distance, points, contact):
+    """Write the contact that `_look` has just found, all but its owner."""
+    t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
+    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
+    near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
+    if thing < n_rows and part < n_rods:
+        _, normal[0], normal[1], normal[2] = distance_and_gradient(
+            around.table, thing, near[0], near[1], near[2]
+        )
+    elif thing < n_rows:
+        _, normal[0], normal[1], normal[2] = solid_gradient(around.table, thing, near[0], near[1], near[2])
+    first = around.edges[part, 0] if part < n_rods else around.solids[part - n_rods, 0]
+    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, around.block[first], -1
+    for axis in range(3):
+        moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
+        contact[POINT + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
+    contact[DISTANCE] = distance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
+    """Write contacts of the corners of a part besides its nearest point, that of `contact`, where they are near."""
+    s, tau = int(contact[SAMPLE]), contact[TAU]
+    t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
+    n_rods = around.edges.shape[0]
+    corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
+    radius = around.radii[part] if part < n_rods else 0.0
+    x, apart = np.empty(3), np.empty(3)
+    near = contact[POINT : POINT + 3].copy()
+    for i in corners:
+        square = 0.0
+        for axis in range(3):
+            x[axis] = (1 - w) * nodes[s, i, axis] + w * nodes[t, i, axis]
+            square += (x[axis] - near[axis]) ** 2
+        if square < 1e-12:
+            continue
+        for axis in range(3):
+            moved = 0.0
+            if offsets.shape[0] > 0:
+                moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis]
+            apart[axis] = x[axis] - moved
+        distance = point_distance(around.table, thing, apart[0], apart[1], apart[2]) - radius
+        if distance >= cutoff:
+            continue
+        _, gx, gy, gz = distance_and_gradient(around.table, thing, apart[0], apart[1], apart[2])
+        contact[POINT], contact[POINT + 1], contact[POINT + 2] = x[0], x[1], x[2]
+        contact[NORMAL], contact[NORMAL + 1], contact[NORMAL + 2] = gx, gy, gz
+        contact[DISTANCE] = distance
+        n = _written(contact, found, n)
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _border(around, nodes, cutoff, found, least, n):
+    """Contacts with the border of the workspace."""
+    contact = np.zeros(N_FIELDS)
+    contact[OTHER], contact[OWNER] = -1, around.n_owners
+    for s in range(1, nodes.shape[0] - 1):
+        for i in range(nodes.shape[1]):
+            if around.thickness[i] < 0.0:
+                continue
+            for axis in range(3):
+                for side in (1.0, -1.0):
+                    border = around.lower[axis] if side > 0.0 else around.upper[axis]
+                    distance = side * (nodes[s, i, axis] - border) - around.thickness[i]
+                    least[around.n_owners] = min(least[around.n_owners], distance)
+                    if distance >= cutoff or s % COARSE != 0 or found.shape[0] == 0:
+                        continue
+                    contact[SAMPLE], contact[BLOCK], contact[DISTANCE] = s, around.block[i], distance
+                    for k in range(3):
+                        contact[POINT + k] = nodes[s, i, k]
+                        contact[NORMAL + k] = side if k == axis else 0.0
+                    n = _written(contact, found, n)
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _apart(around, nodes, cutoff, found, least, n):
+    """Contacts of hands that must stay apart."""
+    contact = np.zeros(N_FIELDS)
+    contact[OWNER] = around.n_owners + 1
+    for k in range(around.separations.shape[0]):
+        i, j = around.pairs[k, 0], around.pairs[k, 1]
+        contact[BLOCK], contact[OTHER] = around.block[i], around.block[j]
+        for s in range(1, nodes.shape[0] - 1):
+            length = 0.0
+            for axis in range(3):
+                contact[NORMAL + axis] = nodes[s, i, axis] - nodes[s, j, axis]
+                length += contact[NORMAL + axis] ** 2
+            length = max(sqrt(length), 1e-12)
+            distance = length - around.separations[k]
+            least[around.n_owners + 1] = min(least[around.n_owners + 1], distance)
+            if distance >= cutoff or s % FINE != 0 or found.shape[0] == 0:
+                continue
+            contact[SAMPLE], contact[DISTANCE] = s, distance
+            for axis in range(3):
+                contact[NORMAL + axis] /= length
+                contact[POINT + axis], contact[MATE + axis] = nodes[s, i, axis], nodes[s, j, axis]
+            n = _written(contact, found, n)
+    return n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def spins(blocks, b, q, turns):
+    """Write the angular velocities in space that unit rates of a block's orientation columns cause.
+
+    Parameters
+    ----------
+    q : array, shape (n_columns,)
+    turns : array, shape (4, 3), of which the first rows are written
+
+    Returns
+    -------
+    int, how many columns the orientation has
+    """
+    kind, o = blocks.kind[b], blocks.turn[b]
+    turns[:] = 0.0
+    if kind == 0:
+        return 0
+    if kind == 1:
+        turns[0, 2] = 1.0
+        return 1
+    if kind == 2 and blocks.n_dims == 2:
+        square = q[o] ** 2 + q[o + 1] ** 2
+        turns[0, 2], turns[1, 2] = -q[o + 1] / square, q[o] / square
+        return 2
+    if kind == 2:  # across the direction; about it nothing is to be seen
+        x, y, z = q[o], q[o + 1], q[o + 2]
+        square = x * x + y * y + z * z
+        turns[0, 1], turns[0, 2] = z / square, -y / square
+        turns[1, 0], turns[1, 2] = -z / square, x / square
+        turns[2, 0], turns[2, 1] = y / square, -x / square
+        return 3
+    w, x, y, z = q[o], q[o + 1], q[o + 2], q[o + 3]
+    f = 2.0 / (w * w + x * x + y * y + z * z)
+    turns[0, 0], turns[0, 1], turns[0, 2] = -f * x, -f * y, -f * z
+    turns[1, 0], turns[1, 1], turns[1, 2] = f * w, f * z, -f * y
+    turns[2, 0], turns[2, 1], turns[2, 2] = -f * z, f * w, f * x
+    turns[3, 0], turns[3, 1], turns[3, 2] = f * y, -f * x, f * w
+    return 4
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slope(blocks, b, q, point, normal, sign, slope, turns):
+    """Add to `slope` (n_columns,) how the point of a block moves along `normal` with each column."""
+    width = spins(blocks, b, q, turns)
+    x, y, z = point[0] - q[blocks.center[b, 0]], point[1] - q[blocks.center[b, 1]], point[2]
+    if blocks.n_dims == 3:
+        z -= q[blocks.center[b, 2]]
+    for axis in range(blocks.n_dims):
+        slope[blocks.center[b, axis]] += sign * normal[axis]
+    mx, my, mz = y * normal[2] - z * normal[1], z * normal[0] - x * normal[2], x * normal[1] - y * normal[0]
+    for k in range(width):
+        slope[blocks.turn[b] + k] += sign * (turns[k, 0] * mx + turns[k, 1] * my + turns[k, 2] * mz)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def linearised(blocks, contacts, q, off, shape, rows, distance):
+    """Write distances as linear functions ``distance + rows dz`` of a change of the shape weights.
+
+    Parameters
+    ----------
+    contacts : array, shape (n, N_FIELDS)
+    q : array, shape (n_samples, n_columns), where they were found
+    off : array, the same shape: how far that is from the movement whose weights are changed
+    shape : array, shape (n_samples, n_basis), of the basis
+    rows : array, shape (n, n_columns * n_basis)
+    distance : array, shape (n,)
+    """
+    n_columns, n_basis = q.shape[1], shape.shape[1]
+    here, slope, turns, b = np.empty(n_columns), np.empty(n_columns), np.empty((4, 3)), np.empty(n_basis)
+    for r in range(contacts.shape[0]):
+        contact = contacts[r]
+        s, w = int(contact[SAMPLE]), abs(contact[TAU])
+        t = s + (1 if contact[TAU] > 0.0 else -1 if contact[TAU] < 0.0 else 0)
+        for c in range(n_columns):
+            here[c], slope[c] = (1 - w) * q[s, c] + w * q[t, c], 0.0
+        for k in range(n_basis):
+            b[k] = (1 - w) * shape[s, k] + w * shape[t, k]
+        normal = contact[NORMAL : NORMAL + 3]
+        _slope(blocks, int(contact[BLOCK]), here, contact[POINT : POINT + 3], normal, 1.0, slope, turns)
+        if contact[OTHER] >= 0:
+            _slope(blocks, int(contact[OTHER]), here, contact[MATE : MATE + 3], normal, -1.0, slope, turns)
+        distance[r] = contact[DISTANCE]
+        for c in range(n_columns):
+            distance[r] -= slope[c] * ((1 - w) * off[s, c] + w * off[t, c])
+            for k in range(n_basis):
+                rows[r, c * n_basis + k] = slope[c] * b[k]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hand_slopes(blocks, block, nodes, q, n_hands):
+    """How hands move with each column; array, shape (n_samples, n_hands, n_dims, n_columns).
+
+    Parameters
+    ----------
+    block : array of int, shape (n_nodes,), which block moves a node
+    nodes : array, shape (n_samples, n_nodes, 3) [m]
+    q : array, shape (n_samples, n_columns)
+    """
+    n_samples, n_columns = q.shape
+    slopes = np.zeros((n_samples, n_hands, blocks.n_dims, n_columns))
+    normal, turns = np.zeros(3), np.empty((4, 3))
+    for s in range(n_samples):
+        for i in range(n_hands):
+            for axis in range(blocks.n_dims):
+                normal[:] = 0.0
+                normal[axis] = 1.0
+                _slope(blocks, block[i], q[s], nodes[s, i], normal, 1.0, slopes[s, i, axis], turns)
+    return slopes

@@ -1,0 +1,30 @@
+"""The objective of the paper, equation (4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from comove.errors import OptionError
+
+
+@dataclass(frozen=True)
+class PaperCost:
+    """Relative importance of the terms of equation (4), and of what was taught.
+
+    Attributes
+    ----------
+    goal, velocity, obstacle : c_goal, c_vel, c_obst
+    resemblance : how much the shape of the demonstration counts; 0 where it is only a start
+    """
+
+    goal: float = 1.0
+    velocity: float = 0.01
+    obstacle: float = 10.0
+    resemblance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < np.inf:
+                raise OptionError(f"the cost weight {name} = {value!r}", way_out="give a number, 0 or more")
