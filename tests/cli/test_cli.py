@@ -165,14 +165,21 @@ def test_options(scene, tmp_path, options):
 def test_a_taught_motion(tmp_path):
     (tmp_path / "carry.csv").write_text(SWING)
     (tmp_path / "test.yaml").write_text(SCENE + "demonstration: {file: carry.csv}\n")
-    outcomes = [
-        invoke("solve", tmp_path / "test.yaml", "--out", tmp_path / "out", "--json", "--resemblance", weight)
-        for weight in (0, 10)
-    ]
-    plain, alike = (json.loads(outcome.stdout) for outcome in outcomes)
+
+    def solved(*options):
+        outcome = invoke("solve", tmp_path / "test.yaml", "--out", tmp_path / "out", "--json", *options)
+        assert outcome.exit_code == 0, outcome.stderr
+        return json.loads(outcome.stdout)
+
+    usual, loose, close = solved(), solved("--resemblance", 0), solved("--resemblance", 1)
+    assert usual["objective"] == {"type": "least_jerk", "resemblance": None, "room": 0.01}
+    assert loose["demonstration_distance_m"] is None
+    assert usual["demonstration_distance_m"] > close["demonstration_distance_m"] > 0
+    plain, alike = (solved("--objective", "paper", "--resemblance", weight) for weight in (0, 10))
+    assert plain["objective"]["type"] == "paper"
     assert plain["cost_terms"]["resemblance"] == 0.0
     assert alike["cost_terms"]["resemblance"] > 0.0
-    assert alike["verified"]
+    assert "what was taught" in invoke("show", tmp_path / "out").stdout
 
 
 def test_numbers_as_people_write_them(tmp_path):
@@ -477,6 +484,12 @@ def test_a_folder_or_nothing_for_a_scene(tmp_path):
         (["--resemblance", "1"], ["--resemblance", "demonstration"]),
         (["--resemblance", "-1"], ["--resemblance", "0"]),
         (["--resemblance", "nan"], ["--resemblance"]),
+        (["--resemblance", "1.1"], ["--resemblance", "not between 0 and 1"]),
+        (["--resemblance", "0.5"], ["--resemblance", "add a demonstration"]),
+        (["--objective", "least-jerks"], ["--objective", "did you mean 'least-jerk'", "paper"]),
+        (["--objective", "least-jerk", "--no-planner"], ["objective", "a planner", "PaperCost()"]),
+        (["--objective", "least-jerk", "--method", "paper"], ["objective", "comove's own method"]),
+        (["--objective", "paper", "--resemblance", "-2"], ["--resemblance", "0 or more"]),
         (["--sede", "1"], ["--sede"]),
     ],
 )

@@ -56,7 +56,7 @@ def command(verb):
 def ended_while_writing(folder, verb, number):
     """Start a command and end it by a signal once it writes; its exit code."""
     process = subprocess.Popen(command(verb), cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
-    while process.poll() is None and not drafts(folder):
+    while process.poll() is None and not any(name.startswith(".out.") for name in drafts(folder)):
         time.sleep(0.002)
     assert process.poll() is None
     process.send_signal(number)

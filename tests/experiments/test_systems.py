@@ -9,6 +9,7 @@ import comove
 from comove.experiments.examples import example
 from comove.experiments.systems import N_SAMPLES, Own, Problem, System, cost_of, measured, report_of
 from comove.planning import Comove
+from comove.planning.objectives import PaperCost
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def test_comove_offers_what_it_hands_out(narrow):
     """The last offer is the solution: same ends, same cost to what 8001 samples tell."""
     budget = 20.0
     outcome = measured(Own("comove", Comove()), Problem(narrow, seed=3, budget=budget))
-    solution = comove.solve(narrow, seed=3, budget=budget)
+    solution = comove.solve(narrow, seed=3, budget=budget, objective=PaperCost())
     assert outcome.verified and solution.verified
     hands = solution.attempt.hands(Problem(narrow).instants)[0]
     assert outcome.cost == pytest.approx(cost_of(narrow, hands), rel=1e-9)

@@ -9,6 +9,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning import Comove, solve
 from comove.planning.configurations import configuration_space
 from comove.planning.methods import UNPOLISHED
+from comove.planning.objectives import PaperCost
 from comove.planning.planner import along
 from comove.planning.seeds import fit, profiles, steady, targets_along
 from comove.primitives.basis import motion_basis
@@ -104,5 +105,7 @@ def test_a_plan_that_needs_more_weights_gets_them():
             "limits": {"speed": 2.0},
         }
     )
-    solution = solve(scene, method=Comove(n_plans=1, polishing=UNPOLISHED), budget=30.0)
+    solution = solve(
+        scene, method=Comove(n_plans=1, polishing=UNPOLISHED), budget=30.0, objective=PaperCost()
+    )
     assert solution.verified and solution.attempt.basis.n_basis == Comove().n_basis_fine

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import comove
-from comove import LeastJerk
+from comove import LeastJerk, PaperCost
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
 from comove.planning.convex.jerk import jerk_cost
@@ -40,7 +40,7 @@ def test_jerk_is_near_the_least_known(name):
 )
 def test_what_is_handed_out_is_verified_and_gentle(scene):
     """At rest at both ends, without a jump of acceleration, and without the lunge of the paper's objective."""
-    smooth, paper = (comove.solve(scene, objective=objective) for objective in (LeastJerk(), None))
+    smooth, paper = (comove.solve(scene, objective=objective) for objective in (LeastJerk(), PaperCost()))
     assert smooth.verified
     assert smooth.report.clearance_min >= scene.clearance
     hands = smooth.attempt.hands(np.array([0.0, 1.0]))

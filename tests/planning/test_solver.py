@@ -186,7 +186,7 @@ def test_an_interruption_keeps_the_best(planner, after):
         if len(seen) == after:
             raise KeyboardInterrupt
 
-    solution = comove.solve(example("narrow"), seed=0, planner=planner, progress=stop)
+    solution = comove.solve(example("narrow"), seed=0, planner=planner, objective=PaperCost(), progress=stop)
     assert solution.interrupted
     assert len(seen) == after
     assert solution.generations == len({p.generation for p in seen} - {0})

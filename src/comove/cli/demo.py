@@ -20,12 +20,12 @@ def demo(
     from comove.cli.solve import write_result
     from comove.experiments.examples import EXAMPLES, copy_examples, example
     from comove.experiments.figures import draw_figures
-    from comove.planning import PaperCost, solve
+    from comove.planning import LeastJerk, solve
     from comove.primitives import DMP
     from comove.results import check_target, whole_folder
 
-    jobs = [(name, name, PaperCost()) for name in EXAMPLES]
-    jobs.append(("narrow-taught", "narrow", PaperCost(resemblance=10.0)))
+    jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
+    jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
     for folder, _, _ in jobs:
         check_target(out / folder)
     recording = example("narrow").demonstration
@@ -40,13 +40,17 @@ def demo(
         with progress_bar(30.0) as progress:
             solution = solve(scene, demonstration=taught, seed=seed, objective=objective, progress=progress)
         with whole_folder(out / folder) as draft:
-            summary = write_result(solution, draft, dmp if folder == "narrow-taught" else None)
+            summary = write_result(solution, draft, None if solution.followed is None else dmp)
         solutions[folder] = solution
         verdict = "verified" if solution.verified else "NOT VERIFIED"
         first = summary["time_to_first_verified_s"]
         timing = f", first motion after {1e3 * first:.0f} ms" if first is not None else ""
         clearance = 1e3 * (summary["clearance_min"] or 0.0)
-        print(f"{folder:14s} {verdict}: cost {summary['cost']:.3f}, clearance >= {clearance:.1f} mm{timing}")
+        near = f", {100 * solution.followed:.1f} cm from what was taught" if solution.followed else ""
+        peak = summary["acceleration_max"]
+        print(
+            f"{folder:12s} {verdict}: {peak:.3f} m/s^2 at most, clearance >= {clearance:.1f} mm{near}{timing}"
+        )
         if solution.interrupted:
             return INTERRUPTED
     print(

@@ -64,6 +64,13 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         ),
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
+        *(
+            [
+                f"  what was taught         {_number(summary['demonstration_distance_m'], 100)} cm away in the mean"
+            ]
+            if summary.get("demonstration_distance_m") is not None
+            else []
+        ),
         f"  noted, not proven       by {summary.get('method')}, seed {summary.get('seed')}, first verified motion "
         f"after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, all of it "
         f"{_number(summary.get('wall_time_s'))} s",

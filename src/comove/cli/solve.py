@@ -48,11 +48,12 @@ def solve(
         ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")
     ] = ObstacleMode.constraint,
     objective: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="What the motion shall be best in: 'paper' is equation (4), 'least-jerk' is smooth."
+            help="What the motion shall be best in: 'least-jerk' is smooth, 'paper' is equation (4). The former "
+            "unless given; the latter for other methods, with --no-planner and --obstacles cost."
         ),
-    ] = "paper",
+    ] = None,
     resemblance: Annotated[
         float | None,
         typer.Option(
@@ -80,7 +81,8 @@ def solve(
 
     chosen = method_named(method)
     check_budget(budget)
-    wanted = objective_named(objective, resemblance)
+    smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
+    wanted = objective_named(objective or ("least-jerk" if smooth else "paper"), resemblance)
     check_target(out)
     with progress_bar(budget) as progress:
         loaded = Scene.load(scene)
@@ -112,7 +114,7 @@ def solve(
             progress=progress,
         )
     with whole_folder(out) as draft:
-        summary = write_result(solution, draft, dmp)
+        summary = write_result(solution, draft, None if smooth and solution.followed is None else dmp)
         if solution.scene is not loaded:  # what was judged, so that `comove verify` can judge it again
             (draft / "scene.json").write_bytes(canonical(solution.scene.file) + b"\n")
     if json:

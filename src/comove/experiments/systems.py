@@ -128,6 +128,7 @@ class Own(System):
             method=self.method,
             planner=self.planner,
             budget=problem.budget,
+            objective=WEIGHTS,
             progress=note,
         )
         if not found or found[-1][1] is not solution.attempt:

@@ -59,6 +59,7 @@ class Comove(Method):
 
     Attributes
     ----------
+    smooths : whether it finds motions of least jerk
     coordinates : in which the search moves
     n_basis : shape weights a column when polishing
     n_basis_fine : where a plan needs more of them
@@ -73,6 +74,7 @@ class Comove(Method):
     """
 
     name: ClassVar[str] = "comove"
+    smooths: ClassVar[bool] = True
     coordinates: Callable[[Scene], Coordinates] = load_coordinates
     n_basis: int = 30
     n_basis_fine: int = 100
@@ -260,6 +262,7 @@ class Quick(Comove):
     """Plans only, of which the cheapest that is verified is taken as it is: for those who cannot wait."""
 
     name: ClassVar[str] = "quick"
+    smooths: ClassVar[bool] = False
     n_plans: int = 2
     n_failures: int = 5
     polishing: Schedule = UNPOLISHED
@@ -334,6 +337,7 @@ class Projection(Comove):
     """Free hands, every rollout projected onto the constraints; otherwise as the default."""
 
     name: ClassVar[str] = "projection"
+    smooths: ClassVar[bool] = False
     coordinates: Callable[[Scene], Coordinates] = projected_coordinates
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objective import Cost
+from comove.planning.objectives import LeastJerk, PaperCost
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, VerifiedMotion
@@ -55,6 +56,8 @@ class Solution:
     solve_time_s : time spent in `solve` [s]
     interrupted : stopped by the user
     log : what the method tells of its run, numbers or lists of them by name
+    objective : what it is best in
+    followed : mean distance of the hands from the demonstration over time [m], None where none was followed
     """
 
     scene: Scene
@@ -71,6 +74,8 @@ class Solution:
     solve_time_s: float
     interrupted: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
+    objective: LeastJerk | PaperCost = field(default_factory=PaperCost)
+    followed: float | None = None
 
     @property
     def verified(self) -> bool:

@@ -65,8 +65,9 @@ def solve(
     budget
         Seconds after which the best so far is returned.
     objective
-        What the motion shall be best in: `PaperCost()`, equation (4), unless given; `LeastJerk()` is smooth and
-        follows the demonstration.
+        What the motion shall be best in. `LeastJerk()`, smooth and near to the demonstration, unless given; where the
+        method is not comove's own, the planner off, obstacles a cost or a `carrier` given, `PaperCost()`: these
+        minimise equation (4).
     obstacles
         Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
         cost is handed out, verified or not.
@@ -88,7 +89,22 @@ def solve(
     scene = method.scene_of(scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
-    objective, asked = objective or PaperCost(), scene
+    smooth = (
+        isinstance(method, Comove)
+        and method.smooths
+        and planner
+        and obstacles == "constraint"
+        and not carrier
+    )
+    if objective is None:
+        objective = LeastJerk() if smooth else PaperCost()
+    if isinstance(objective, LeastJerk) and not smooth:
+        raise OptionError(
+            "least jerk is found by comove's own method, with a planner, and obstacles that are constraints",
+            key="objective",
+            way_out="give PaperCost(), equation (4), for what is asked for besides",
+        )
+    asked = scene
     weights = objective if isinstance(objective, PaperCost) else PaperCost()
     if carrier is None:  # arms are as long as they are
         scene, demonstration = of_common_size(scene, demonstration)
@@ -143,7 +159,20 @@ def solve(
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
+        objective=objective,
+        followed=_followed(motion, objective, evaluated.demonstration),
     )
+
+
+def _followed(
+    motion: CoordinatedMotion, objective: LeastJerk | PaperCost, demonstration: Array | None
+) -> float | None:
+    """Mean distance of the hands from the demonstration [m], None where it is not followed."""
+    strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
+    if demonstration is None or strength == 0:
+        return None
+    hands = motion.hands(np.linspace(0.0, 1.0, len(demonstration)))[0]
+    return float(np.linalg.norm(hands - demonstration[..., : hands.shape[2]], axis=2).mean())
 
 
 def of_common_size(scene: Scene, demonstration: DMP | None) -> tuple[Scene, DMP | None]:

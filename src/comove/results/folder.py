@@ -28,7 +28,7 @@ from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
 from comove.planning.objective import Objective
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives import LeastJerk, PaperCost
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
@@ -68,6 +68,7 @@ ROOM = 2_000_000  # bytes that a result may take, pictures and all
 TERMS = ("goal", "velocity", "obstacle", "resemblance")
 RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
 USUAL = PaperCost()
+OBJECTIVES = {LeastJerk: "least_jerk", PaperCost: "paper"}
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
@@ -256,6 +257,8 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "cost_terms": terms,
         "cost_weights": _weights_of(terms, solution.attempt),
         **{name: _finite(value) for name, value in report.asdict().items()},
+        "objective": {"type": OBJECTIVES[type(solution.objective)], **vars(solution.objective)},
+        "demonstration_distance_m": solution.followed,
         "evaluations": solution.evaluations,
         "generations": solution.generations,
         **({"log": dict(solution.log)} if solution.log else {}),
@@ -493,6 +496,7 @@ _TYPES = (
     dict.fromkeys(("scene", "method", "version", "scene_sha256"), TEXT)
     | dict.fromkeys(("seed", "evaluations", "generations"), COUNT)
     | {"verified": TRUTH, "interrupted": TRUTH, "reasons": TEXTS, "cost": NUMBER}
+    | {"objective": MAPPING.or_nothing, "demonstration_distance_m": NUMBER.or_nothing}
     | {"cost_terms": MAPPING, "cost_weights": MAPPING.or_nothing}
     | {field.name: NUMBER.or_nothing for field in fields(Report)}
     | dict.fromkeys(("time_to_first_verified_s", "wall_time_s"), NUMBER.or_nothing)

@@ -40,9 +40,11 @@ def test_least_distances_are_those_of_brute_force(seed):
     points = a[:, :, None] + shares * (b - a)[:, :, None]
     for i, obstacle in enumerate(programme.scene.file.obstacles):
         truth = min(FAR, (brute_force.obstacle_distance(obstacle, points) - radii[:, None]).min())
-        # Between samples it may be nearer than at any, by what a point moves from one to the next.
+        # Between samples it may be nearer than at any, by what a point moves from one to the next; what is far away
+        # is looked at in every fourth.
         step = np.linalg.norm(np.diff(seen.nodes, axis=0), axis=2).max()
-        assert truth - step - 1e-3 <= -seen.depth[i] <= truth + 1e-6
+        more = 1e-6 if truth < c.CLOSE - 2 * step else c.COARSE * step
+        assert truth - step - 1e-3 <= -seen.depth[i] <= truth + more
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -26,6 +26,7 @@ from comove.experiments.statistics import Interval, slope_interval
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
+from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
 from comove.results.folder import Contents, whole_folder
@@ -246,7 +247,7 @@ def generation_times(case: Case, repeats: int) -> list[float]:
 def _solved(case: Case, seed: int) -> tuple[float, bool]:
     method = replace(Comove(), n_basis=case.n_basis)
     begun = time.process_time()
-    solution = solve(case.scene, seed=seed, method=method, budget=BUDGET)
+    solution = solve(case.scene, seed=seed, method=method, budget=BUDGET, objective=PaperCost())
     return time.process_time() - begun, solution.verified
 
 

@@ -129,8 +129,8 @@ of the distance is {1e3 * BAND:g} mm wide to either side. The paper says none of
 
 A person's handwriting; the one DMP that was learned from it; the same DMP modulated to the ends of both hands, on
 one phase, before it knows of the wall; and what the optimiser makes of it when its shape still counts
-(`--resemblance {RESEMBLANCE:g}`): {verdict(first)}, J = {first.cost:.3f}. About the same by hand: `comove solve
-narrow.yaml --out near --resemblance {RESEMBLANCE:g}`.
+(`--objective paper --resemblance {RESEMBLANCE:g}`): {verdict(first)}, J = {first.cost:.3f}. About the same by hand:
+`comove solve narrow.yaml --out near --objective paper --resemblance {RESEMBLANCE:g}`.
 
 ### Figure 2: a moving obstacle
 
@@ -225,9 +225,10 @@ def _movements(runs: Runs) -> str:
 ## Several movements
 
 A straight line of minimum jerk, a smooth synthetic curve, and recorded handwriting (LASA), on the same scenes:
-verified runs and the median of J over them. `comove` keeps the movement's shape where it can (`--resemblance
-{RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the paper's method, the
-movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the wall. {_stopped(runs)}
+verified runs and the median of J over them. `comove` keeps the movement's shape where it can (`--objective
+paper --resemblance {RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the
+paper's method, the movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the
+wall. {_stopped(runs)}
 
 {tables.movements_table(runs)}
 """

@@ -22,7 +22,7 @@ from comove.scenes.surfaces import Surfaces, near_on_surface
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-CLOSE = 0.03  # m, nearer than which a part is looked at closely: more samples, and the ends of a rod or corners too
+CLOSE = 0.03  # m, nearer than which a part is looked at closely: in all samples, and at the ends of rods and corners
 FINE, COARSE = (
     2,
     4,
@@ -195,21 +195,22 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
     """
     n_samples, any_near = nodes.shape[0], False
     distance[:], tau[:] = cutoff, 0.0
-    s = 0
-    while s < n_samples:
-        spare = _apart_at_least(around, part, thing, nodes, offsets, row, s) - cutoff
-        if spare > 0.0:
-            if moves:
-                s += 1
-            else:  # it does not come near before it has come that far
-                limit = way[s] + spare
-                s += 1
-                while s < n_samples and way[s] < limit:
-                    s += 1
+    for s in range(0, n_samples, COARSE):
+        if _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
+            distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
+            any_near = any_near or distance[s] < cutoff
+    for first in range(0, n_samples - 1, COARSE):
+        last = min(first + COARSE, n_samples - 1)
+        between = min(distance[first], distance[last])
+        # Nearer than at both samples by what it moves in between, at most: not worth a look where that is far.
+        if not moves and between - 0.5 * (way[last] - way[first]) > min(CLOSE, cutoff):
+            for s in range(first + 1, last):
+                distance[s] = between
             continue
-        distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
-        any_near = any_near or distance[s] < cutoff
-        s += 1
+        for s in range(first + 1, last):
+            if _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
+                distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
+                any_near = any_near or distance[s] < cutoff
     if not any_near:
         return False
     before = distance[0]

@@ -1,0 +1,120 @@
+"""Motions of least jerk on scenes drawn afresh: how many are verified, how smooth, and how soon.
+
+    python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71]
+
+Half of the draws are easy, half hard; no scene was looked at before with this seed. Every scene is solved twice by
+``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with ten times the ways, from
+other random numbers too, whose best counts as the best known; with the default wish for room; and for the paper's
+objective. Columns: verified; first verified motion and whole search, medians and 95 % [ms]; squared jerk over the
+best known, median and 95 %; largest acceleration over that of minimum jerk along the straight way, median; clearance,
+median [mm].
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from dataclasses import replace
+
+import numpy as np
+from timing import on_one_thread, print_table
+
+import comove
+from comove import LeastJerk, PaperCost
+from comove.experiments.bench.sets import draw_scene
+from comove.planning import Comove
+from comove.planning.convex.jerk import jerk_cost
+
+WAYS = replace(Comove(), n_ways=40, n_idle=20)
+STRAIGHT = 10 / np.sqrt(3)  # peak acceleration of minimum jerk over one metre in one second [m/s^2]
+BUDGET = 60.0  # s
+
+
+def main() -> None:
+    """Draw, solve and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--planar", type=int, default=100)
+    parser.add_argument("--spatial", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=71)
+    asked = parser.parse_args()
+    on_one_thread()
+    warnings.simplefilter("ignore")
+    rows = []
+    for kind, count in (("planar", asked.planar), ("spatial", asked.spatial)):
+        for set_name in ("easy", "hard"):
+            found: dict[str, list[tuple[float, ...]]] = {}
+            for i in range(count // 2):
+                scene = comove.Scene.from_dict(
+                    draw_scene(set_name, 2 * i + (kind == "spatial"), asked.seed)[0]
+                )
+                for name, figures in measured(scene).items():
+                    found.setdefault(name, []).append(figures)
+            rows += [row(f"{kind} {set_name}", name, np.array(figures)) for name, figures in found.items()]
+            print_table(HEADER, rows[-len(found) :])
+    print("\nall:")
+    print_table(HEADER, rows)
+
+
+HEADER = (
+    "scenes",
+    "objective",
+    "verified",
+    "first ms",
+    "95 %",
+    "all ms",
+    "95 %",
+    "jerk / best",
+    "95 %",
+    "acceleration / straight",
+    "clearance mm",
+)
+
+
+def measured(scene: comove.Scene) -> dict[str, tuple[float, ...]]:
+    """Figures of one scene by objective: verified, seconds, squared jerk over the best, acceleration, clearance."""
+    tried = {"least jerk": LeastJerk(room=0.0), "with room": LeastJerk(), "paper": PaperCost()}
+    solutions = {}
+    for name, objective in tried.items():
+        for _ in range(2):
+            solutions[name] = comove.solve(scene, objective=objective, budget=BUDGET)
+    many = [
+        comove.solve(scene, objective=tried["least jerk"], method=WAYS, budget=BUDGET, seed=seed)
+        for seed in (0, 1)
+    ]
+    best = min((jerk(s) for s in (*many, *solutions.values()) if s.verified), default=float("nan"))
+    straight = STRAIGHT * np.linalg.norm(scene.goal - scene.start, axis=1).max() / scene.duration**2
+    return {
+        name: (
+            s.verified,
+            1e3 * (s.time_to_first_verified_s or np.nan),
+            1e3 * s.solve_time_s,
+            jerk(s) / best if s.verified else np.nan,
+            s.report.acceleration_max / straight,
+            1e3 * s.report.clearance_min,
+        )
+        for name, s in solutions.items()
+    }
+
+
+def jerk(solution: comove.Solution) -> float:
+    """Integrated squared jerk over that of straight motions."""
+    return jerk_cost(solution.attempt, LeastJerk(), None)
+
+
+def row(scenes: str, name: str, figures: np.ndarray) -> list[str]:
+    """A row of the table."""
+    verified, first, whole, ratio, acceleration, clearance = figures.T
+    middle, high = (lambda x: np.nanmedian(x)), (lambda x: np.nanquantile(x, 0.95))
+    return [
+        scenes,
+        name,
+        f"{int(verified.sum())} of {len(verified)}",
+        *(f"{f(x):.0f}" for x in (first, whole) for f in (middle, high)),
+        *(f"{f(ratio):.4g}" for f in (middle, high)),
+        f"{middle(acceleration):.3g}",
+        f"{middle(clearance):.1f}",
+    ]
+
+
+if __name__ == "__main__":
+    main()
