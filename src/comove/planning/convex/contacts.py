@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
-from comove.scenes.closest_points import distance_and_gradient, near_on_edge, near_on_solid, solid_gradient
-from comove.scenes.distances import CENTER, REACH, point_distance
+from comove.scenes.closest_points import distance_and_gradient, near_on_solid, solid_gradient
+from comove.scenes.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
 from comove.scenes.scene import Scene
 from comove.scenes.surfaces import Surfaces, near_on_surface
 
@@ -27,7 +27,8 @@ FINE, COARSE = (
     2,
     4,
 )  # of how many samples one is kept when close, and up to three times as far; beyond one in 12
-BETWEEN = 8  # places between a nearest sample and each of its neighbours
+TOLERANCE = 1e-6  # m, of the distance of a rod
+HALVINGS = 3  # of the step in which a nearest place between samples is looked for
 
 # Columns of a contact: sample, how far on towards a neighbouring sample (-1 to 1), block of the point, and of the
 # other hand where two are to be kept apart (else -1), point, direction, the other hand, distance [m], its owner.
@@ -193,34 +194,38 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
     -------
     bool, whether any is below `cutoff`
     """
-    n_samples, any_near = nodes.shape[0], False
-    distance[:], tau[:] = cutoff, 0.0
+    n_samples, any_near, far = nodes.shape[0], False, cutoff + CLOSE
+    distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
-        if _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
-            distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
-            any_near = any_near or distance[s] < cutoff
+        if _apart_at_least(around, part, thing, nodes, offsets, row, s) < far:
+            distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, far, points)
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
         between = min(distance[first], distance[last])
         # Nearer than at both samples by what it moves in between, at most: not worth a look where that is far.
-        if not moves and between - 0.5 * (way[last] - way[first]) > min(CLOSE, cutoff):
-            for s in range(first + 1, last):
-                distance[s] = between
-            continue
+        worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
-            if _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
+            distance[s] = between
+            if worth and _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
                 distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
-                any_near = any_near or distance[s] < cutoff
+    for s in range(n_samples):
+        distance[s] = min(distance[s], cutoff)
+        any_near = any_near or distance[s] < cutoff
     if not any_near:
         return False
     before = distance[0]
     for s in range(1, n_samples - 1):
         here = distance[s]
         if here < min(CLOSE, cutoff) and here <= before and here <= distance[s + 1]:
-            for k in range(1 - BETWEEN, BETWEEN):
-                between = _look(around, part, thing, nodes, offsets, row, s, k / BETWEEN, cutoff, points)
-                if between < distance[s]:
-                    distance[s], tau[s] = between, k / BETWEEN
+            step = 0.5
+            for _ in range(HALVINGS):
+                middle = tau[s]
+                for sign in (-1.0, 1.0):
+                    place = middle + sign * step
+                    between = _look(around, part, thing, nodes, offsets, row, s, place, cutoff, points)
+                    if between < distance[s]:
+                        distance[s], tau[s] = between, place
+                step *= 0.5
         before = here
     return True
 
@@ -281,7 +286,12 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
             around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, -np.inf, near, normal
         )
     elif part < n_rods:
-        distance, share = near_on_edge(around.table, thing, points[0], points[1], cutoff + radius)
+        p, q = points[0], points[1]
+        distance, share, high, falls, rises = nearest_on_segment(
+            around.table, thing, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, TOLERANCE
+        )
+        if high > share:  # where the slopes, taken to change evenly, vanish
+            share += (high - share) * min(max(-falls / max(rises - falls, TINY), 0.0), 1.0)
         for axis in range(3):
             near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
     else:
