@@ -687,3 +687,15 @@ def test_a_motion_without_the_constraint_is_not_taken_for_one_with_it(tmp_path):
         other = Scene.from_dict(data | {"constraints": [constraint]})
         edit_summary(target, signed=True, scene_sha256=other.sha256)
         assert any("cannot be rebuilt" in reason for reason in reasons(target, other))
+
+
+def test_edited_measures_of_smoothness_are_rejected(folder):
+    stated = json.loads((folder / "solution.json").read_text())["smoothness"]
+    for name, value in stated.items():
+        for wrong in (value * 1.01 + 1e-3, None, "0.1", True):
+            edit_summary(folder, signed=True, smoothness=stated | {name: wrong})
+            assert any("smoothness" in reason for reason in reasons(folder)), (name, wrong)
+    edit_summary(folder, signed=True, smoothness={})
+    assert any("smoothness" in reason for reason in reasons(folder))
+    edit_summary(folder, signed=True, smoothness=None)  # as of earlier versions
+    assert not reasons(folder)

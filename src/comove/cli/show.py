@@ -64,6 +64,7 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         ),
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
+        *_smoothness(summary.get("smoothness")),
         *(
             [
                 f"  what was taught         {_number(summary['demonstration_distance_m'], 100)} cm away in the mean"
@@ -77,6 +78,18 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         f"  pictures                {', '.join(str(folder / name) for name in PICTURES)}",
     ]
     return "\n".join(lines)
+
+
+def _smoothness(measures: dict[str, Any] | None) -> list[str]:
+    """How smooth the motion is, in words; nothing where the result does not say."""
+    if not measures:
+        return []
+    return [
+        f"  jerk                    {_number(measures.get('jerk_max'))} m/s^3 at most; its square "
+        f"{_number(measures.get('jerk_ratio'))} times that of straight motions",
+        f"  half, 95 % of the way   after {_number(measures.get('halfway'), 100)} and "
+        f"{_number(measures.get('nearly_there'), 100)} % of the time",
+    ]
 
 
 def _weighted(summary: dict[str, Any], name: str) -> str:

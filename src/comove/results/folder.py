@@ -47,6 +47,7 @@ from comove.results.entries import (
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
+from comove.verification.smoothness import smoothness
 from comove.verification.verify import Report, Verdict, verify
 
 Array = NDArray[np.float64]
@@ -74,6 +75,7 @@ SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
+SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,6 +261,7 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         **{name: _finite(value) for name, value in report.asdict().items()},
         "objective": {"type": OBJECTIVES[type(solution.objective)], **vars(solution.objective)},
         "demonstration_distance_m": solution.followed,
+        "smoothness": {name: _finite(value) for name, value in vars(smoothness(solution.attempt)).items()},
         "evaluations": solution.evaluations,
         "generations": solution.generations,
         **({"log": dict(solution.log)} if solution.log else {}),
@@ -406,6 +409,7 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
     if verdict.verified is not None and stored.summary.get("verified") is True:
         reasons += _edited_summary(stored.summary, verdict.report)
         reasons += _edited_cost(stored.summary, motion)
+        reasons += _edited_smoothness(stored.summary, motion)
         if stored.summary.get("scene") != scene.name:
             reasons.append(f"{SUMMARY} names another scene: {shortened(str(stored.summary.get('scene')))}")
     elif stored.summary.get("verified") is not True:
@@ -440,6 +444,21 @@ def _edited_summary(summary: Mapping[str, Any], report: Report) -> list[str]:
         if not agrees(stated, right, SAME * max(1e-3, abs(right))):
             reasons.append(f"{SUMMARY} says {name} = {shortened(str(stated))}, the motion's is {right:.9g}")
     return reasons
+
+
+def _edited_smoothness(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[str]:
+    """Which measures of smoothness are not those of the motion; results of earlier versions state none."""
+    stated = summary.get("smoothness")
+    if stated is None:
+        return []
+    right = vars(smoothness(motion))
+    if not isinstance(stated, dict) or stated.keys() != right.keys():
+        return [f"{SUMMARY} does not say how smooth the motion is: smoothness needs {', '.join(right)}"]
+    return [
+        f"{SUMMARY} says smoothness.{name} = {shortened(str(stated[name]))}, the motion's is {value:.9g}"
+        for name, value in right.items()
+        if not agrees(stated[name], value, SMOOTH * max(1e-3, abs(value)))
+    ]
 
 
 def _edited_cost(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[str]:
@@ -490,13 +509,18 @@ def _require_entries(summary: Mapping[str, Any], file: Path) -> None:
     require_types(summary, _TYPES, file)
     require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
+    require_types(summary.get("smoothness") or {}, {}, file, "smoothness.", others=NUMBER.or_nothing)
 
 
 _TYPES = (
     dict.fromkeys(("scene", "method", "version", "scene_sha256"), TEXT)
     | dict.fromkeys(("seed", "evaluations", "generations"), COUNT)
     | {"verified": TRUTH, "interrupted": TRUTH, "reasons": TEXTS, "cost": NUMBER}
-    | {"objective": MAPPING.or_nothing, "demonstration_distance_m": NUMBER.or_nothing}
+    | {
+        "objective": MAPPING.or_nothing,
+        "smoothness": MAPPING.or_nothing,
+        "demonstration_distance_m": NUMBER.or_nothing,
+    }
     | {"cost_terms": MAPPING, "cost_weights": MAPPING.or_nothing}
     | {field.name: NUMBER.or_nothing for field in fields(Report)}
     | dict.fromkeys(("time_to_first_verified_s", "wall_time_s"), NUMBER.or_nothing)

@@ -1,0 +1,78 @@
+"""How smooth a motion is: figures for people who are to judge whether it may be executed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+
+Array = NDArray[np.float64]
+
+N_STEPS = 801
+HIGHEST, QUIET = (
+    10.0,
+    0.05,
+)  # Hz for a motion of a second, and share of the largest amplitude (Balasubramanian)
+PADDING = 16  # times as many samples for the spectrum
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Measures of a motion, sampled and not certified.
+
+    Attributes
+    ----------
+    jerk_max : largest jerk of a hand [m/s^3]
+    jerk_ratio : squared jerk of all hands, integrated, over that of straight motions of minimum jerk with the same
+        ends and duration (Flash and Hogan, 1985)
+    spectral_arc_length : of the hands' speeds, in the mean (Balasubramanian et al., 2015): smoother if nearer to 0
+    halfway, nearly_there : shares of the duration after which half and 95 % of the way is done
+    """
+
+    jerk_max: float
+    jerk_ratio: float
+    spectral_arc_length: float
+    halfway: float
+    nearly_there: float
+
+
+def smoothness(motion: CoordinatedMotion) -> Smoothness:
+    """Measure how smooth a motion is."""
+    scene, s = motion.scene, np.linspace(0.0, 1.0, N_STEPS)
+    _, velocity, acceleration = motion.hands(s)
+    jerk, speed = np.diff(acceleration, axis=0) * (N_STEPS - 1), np.linalg.norm(velocity, axis=2)
+    straight = 720.0 * max(float(((scene.goal - scene.start) ** 2).sum()), 1e-12)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]).sum(axis=1))])
+    halfway, nearly = np.interp([0.5 * way[-1], 0.95 * way[-1]], way, s)
+    return Smoothness(
+        float(np.linalg.norm(jerk, axis=2).max() / scene.duration**3),
+        float((jerk**2).sum() / (N_STEPS - 1) / straight),
+        float(np.mean([spectral_arc_length(own) for own in speed.T])),
+        float(halfway),
+        float(nearly),
+    )
+
+
+def spectral_arc_length(speed: Array) -> float:
+    """Return the length of the normalised amplitude spectrum of a speed, negative; 0 for one that stands still.
+
+    The frequencies are those of a movement that lasts one second, so that the pace of a movement does not matter.
+
+    Parameters
+    ----------
+    speed : array, shape (n_steps,), evenly spaced from start to end
+    """
+    spectrum = np.abs(np.fft.rfft(speed, PADDING * len(speed)))
+    if spectrum[0] <= 0.0:
+        return 0.0
+    amplitude = spectrum / spectrum[0]
+    frequency = np.arange(len(amplitude)) * (len(speed) - 1) / (PADDING * len(speed))  # over one second
+    kept = frequency <= HIGHEST
+    loud = np.flatnonzero(amplitude[kept] >= QUIET)
+    frequency, amplitude = frequency[: loud[-1] + 1], amplitude[: loud[-1] + 1]
+    if len(frequency) < 2:
+        return 0.0
+    return -float(np.hypot(np.diff(frequency) / (frequency[-1] - frequency[0]), np.diff(amplitude)).sum())
