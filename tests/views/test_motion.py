@@ -13,6 +13,7 @@ from comove.primitives import DMP
 from comove.views import (
     Panel,
     draw_measures,
+    draw_motion,
     draw_pipeline,
     draw_progress_side_by_side,
     draw_side_by_side,
@@ -93,3 +94,16 @@ def test_the_pipeline_has_four_steps(tmp_path):
     assert "50 mm into a wall" in figure.axes[2].get_title()
     assert "verified" in figure.axes[3].get_title()
     save(figure, tmp_path / "pipeline.png")
+
+
+def test_speed_and_acceleration_are_drawn_below_the_motion():
+    """Of minimum jerk along the straight way: peaks of 1.875 L/T and 10/sqrt(3) L/T^2."""
+    assert len(draw_motion(CoordinatedMotion.straight(example("window"))).axes) == 3 + 2
+    motion = CoordinatedMotion.straight(example("narrow"))
+    _, speed, acceleration = draw_motion(motion).axes
+    ways = np.linalg.norm(motion.scene.goal - motion.scene.start, axis=1)
+    for hand, way in enumerate(ways):
+        assert speed.lines[hand].get_ydata().max() == pytest.approx(1.875 * way / 10, rel=0.02)
+        peak = acceleration.lines[hand].get_ydata().max()
+        assert peak == pytest.approx(10 / np.sqrt(3) * way / 100, rel=0.02)
+    assert speed.get_xlim() == (0, motion.scene.duration)

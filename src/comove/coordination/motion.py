@@ -60,7 +60,7 @@ class CoordinatedMotion:
     @classmethod
     def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
         """From start to goal of minimum jerk through whatever stands there; in load coordinates unless given."""
-        coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "velocity")
+        coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "jerk")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -25,6 +25,7 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
 N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
+N_RATES = 401  # instants at which speeds and accelerations are drawn
 C_VEL = 0.01  # weight of velocities in the objective (4), as `planning.PaperCost` has it
 VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
 
@@ -42,19 +43,36 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
-    """The scene, the hands' paths and the load at equal steps (the paper's Figure 6).
+    """The scene, the hands' paths and the load at equal steps (the paper's Figure 6); below, speed and acceleration.
 
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
     """
     views = views_of(motion.scene)
-    figure = new_figure(*((6.0, 6.4) if len(views) == 1 else (13.0, 5.2)))
+    figure = new_figure(*((6.0, 7.6) if len(views) == 1 else (13.0, 6.6)))
     figure.suptitle(title or motion.scene.name)
+    above, below = figure.subfigures(2, 1, height_ratios=[5, 1.4])
     for i, view in enumerate(views):
-        draw_panel(figure.add_subplot(1, len(views), i + 1), motion, view, demonstration)
-    draw_legend(figure)
+        draw_panel(above.add_subplot(1, len(views), i + 1), motion, view, demonstration)
+    draw_legend(above)
+    draw_rates(below, motion)
     return figure
+
+
+def draw_rates(figure: FigureBase, motion: CoordinatedMotion) -> None:
+    """Draw speed and acceleration of the hands over time, side by side."""
+    s, duration = np.linspace(0.0, 1.0, N_RATES), motion.scene.duration
+    _, *rates = motion.hands(s)
+    for i, (rate, name) in enumerate(zip(rates, ("speed [m/s]", "acceleration [m/s²]"), strict=True)):
+        axes = figure.add_subplot(1, 2, i + 1)
+        for hand in range(rate.shape[1]):
+            size = np.linalg.norm(rate[:, hand], axis=1) / duration ** (i + 1)
+            axes.plot(s * duration, size, color=COLOURS[hand % len(COLOURS)], linewidth=1.2)
+        axes.set(xlabel="time [s]", xlim=(0, duration))
+        axes.set_title(name, loc="left", fontsize="medium")
+        axes.set_ylim(bottom=0)
+        axes.spines[["top", "right"]].set_visible(False)
 
 
 def draw_side_by_side(
@@ -112,7 +130,7 @@ def draw_panel(
         axes.plot(*scene.goal[hand][columns], "s", color="#d62728", markersize=7, zorder=5)
 
 
-def draw_legend(figure: Figure, columns: int = 4) -> None:
+def draw_legend(figure: FigureBase, columns: int = 4) -> None:
     """One legend for all panels."""
     labelled = {}
     for axes in figure.axes:
