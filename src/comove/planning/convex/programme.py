@@ -429,9 +429,15 @@ def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
     return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
 
 
-def _further(p: Programme, owner: NDArray[np.int64], settings: Settings) -> Array:
-    """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`."""
-    wished = (owner < p.around.n_owners) & (settings.wish > settings.margin)
+def _further(
+    p: Programme, owner: NDArray[np.int64], bound: Array, settings: Settings, radius: float
+) -> Array:
+    """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`.
+
+    Nothing is wished of obstacles that are as far as no step is likely to come.
+    """
+    near = bound > -settings.wish - 0.5 * radius
+    wished = near & (owner < p.around.n_owners) & (settings.wish > settings.margin)
     return np.where(wished, settings.wish - settings.margin, -np.inf)
 
 
@@ -445,7 +451,7 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
     rows, bound, owner = p.linear(here.seen, here.off, need)
     rows, moves, limits = whitened(rows), whitened(p.moves), (whitened(here.limits[0]), here.limits[1])
     worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
-    further = _further(p, owner, settings)
+    further = _further(p, owner, bound, settings, radius)
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
     while True:
         found = _solve(
@@ -497,7 +503,7 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
         more, least, whose = p.linear(there, np.zeros_like(here.off), need)
         rows, bound = np.concatenate([rows, whitened(more)]), np.concatenate([bound, least + more @ dz])
         owner = np.concatenate([owner, whose])
-        further = np.append(further, _further(p, whose, settings))
+        further = np.append(further, _further(p, whose, least, settings, radius))
 
 
 class Rows(NamedTuple):
