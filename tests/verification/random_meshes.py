@@ -37,11 +37,14 @@ def random_mesh(rng):
     return spoilt(*mesh, rng.choice(DONE, int(rng.integers(4))), rng)
 
 
-def near_contact(rng, folder):
-    """A random motion beside a random mesh, the mesh's triangles [m], and how far they move at normalised times."""
+def near_contact(rng, folder, mesh=None):
+    """A random motion beside a mesh, the mesh's triangles [m], and how far they move at normalised times.
+
+    The mesh, vertices and faces, is a random one unless given.
+    """
     while True:
         motion = random_motion(rng, n_dims=3)
-        vertices, faces = random_mesh(rng)
+        vertices, faces = mesh or random_mesh(rng)
         turn = Rotation.random(random_state=int(rng.integers(2**31)))
         own = turn.apply(vertices)[faces]
         moves = rng.random() < 0.3
