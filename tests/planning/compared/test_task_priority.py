@@ -116,7 +116,8 @@ def test_slips_are_told(wrong):
 
 
 def test_a_tighter_bound_holds_the_middle_closer():
-    scene = example("complex")
+    """Where nothing is in the way, the error of what is held is as many times smaller as the gain is larger."""
+    scene = example("wide")
     tight = Performance(first=0.05, last=0.02, decay=2.0, gain=20.0)
     loose = Performance(first=0.05, last=0.02, decay=2.0, gain=2.0)
     errors = [
@@ -125,7 +126,7 @@ def test_a_tighter_bound_holds_the_middle_closer():
         ]
         for p in (tight, loose)
     ]
-    assert errors[0] < errors[1]
+    assert 5 < errors[1] / errors[0] < 20
 
 
 def test_a_mesh_of_many_rows_leaves_what_comes_after_it_where_it_is(tmp_path):
