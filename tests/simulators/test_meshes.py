@@ -8,25 +8,11 @@ import pytest
 
 from comove.errors import RobotError
 from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts
+from tests.scenes.triangles.written import WEDGE
 
 trimesh = pytest.importorskip("trimesh")
 
-DAE = """<?xml version="1.0"?>
-<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
-  <asset><unit name="centimeter" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
-  <library_geometries><geometry id="g"><mesh>
-    <source id="p"><float_array id="a" count="12">0 0 0 100 0 0 0 50 0 0 0 25</float_array>
-      <technique_common><accessor source="#a" count="4" stride="3">
-        <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
-      </accessor></technique_common></source>
-    <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-    <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
-      <p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
-  </mesh></geometry></library_geometries>
-  <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
-  </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene>
-</COLLADA>
-"""
+DAE = WEDGE.replace("Y_UP", "Z_UP")
 
 
 @pytest.fixture(autouse=True)

@@ -13,10 +13,8 @@ import typer
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.errors import OptionError, near_name
 
-SAVING, DRAWING = (
-    1.2,
-    0.002,
-)  # s, kept back from the budget for files and pictures, and for every obstacle drawn
+SAVING = 1.2  # s, kept back from the budget for files and pictures
+DRAWING = 0.002  # s, for every obstacle drawn
 SLOWEST = 4.0  # times as long as processor time that it is expected to take
 METHODS = ("comove", "projection", "paper")
 COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")

@@ -216,13 +216,17 @@ def require_target(path: Path, error: type[InputError] = DemonstrationError) -> 
             raise error("it names no file", file=path, way_out="give the file a name")
         if path.exists() and not path.is_file():
             raise error("it is there already and is no file", file=path, way_out="choose another name")
-        if not path.parent.is_dir():
-            raise error(
-                f"it cannot be written: there is no folder {path.parent}",
-                file=path,
-                way_out="check the path, or make the folder",
-            )
+        _require_folder(path, error)
     require_room(path, error)
+
+
+def _require_folder(path: Path, error: type[InputError]) -> None:
+    if not path.parent.is_dir():
+        raise error(
+            f"it cannot be written: there is no folder {path.parent}",
+            file=path,
+            way_out="check the path, or make the folder",
+        )
 
 
 def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
@@ -254,12 +258,7 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     with telling(path, "written"):
         if path.exists() and not (path.is_dir() and not any(path.iterdir())):
             raise DemonstrationError("it is there already", file=path, way_out="choose another name")
-        if not path.parent.is_dir():
-            raise DemonstrationError(
-                f"it cannot be written: there is no folder {path.parent}",
-                file=path,
-                way_out="check the path, or make the folder",
-            )
+        _require_folder(path, DemonstrationError)
         require_room(path)
         with drafts.draft(path) as draft:
             yield draft

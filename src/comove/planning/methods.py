@@ -41,7 +41,6 @@ MOST_DOUBTED = (
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
-STEADIEST = 0  # of the profiles under which a way is run, that of least jerk
 WORTH_ANOTHER = 0.01  # of the value, that another way must gain
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
@@ -150,10 +149,9 @@ class Comove(Method):
                 search.stage = "smoothing the demonstration"
                 smooth_demonstration(search)
             search.stage = "smoothing"
-            targets, goal = found
-            way = targets[0] if search.scene.moving.any() or ends[1].any() else targets[STEADIEST]
+            targets, goal = found  # the first is run with least jerk, or as it was planned in time
             ways += 1
-            failures += not smooth_way(search, way, np.stack([ends[0], ends[1], goal, ends[3]]))
+            failures += not smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
             idle = 0 if search.best_cost < (1 - WORTH_ANOTHER) * before else idle + 1
         return search.best is not None
 

@@ -13,7 +13,7 @@ are felt in the same way: what is between them beyond their separation counts as
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import NamedTuple
 
@@ -115,7 +115,7 @@ class Objective:
 
     scene: Scene
     coordinates: Coordinates
-    weights: PaperCost = PaperCost()  # noqa: RUF009  it is frozen
+    weights: PaperCost = field(default_factory=PaperCost)
     penalty: Penalty = Penalty()
     demonstration: Array | None = None
 

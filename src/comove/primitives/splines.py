@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from comove.primitives.flow import OMEGA
 from comove.primitives.forcing import N_INTERVALS
@@ -29,6 +28,8 @@ def splines(n_inner: int) -> Array:
     -------
     array, shape (n_knots, n_inner + 6)
     """
+    from scipy.interpolate import BSpline  # a quarter of a second, which only smooth motions need
+
     s = np.linspace(0.0, 1.0, N_INTERVALS + 1)
     breaks = np.linspace(0.0, 1.0, n_inner + 2)
     places = np.concatenate([np.zeros(DEGREE), breaks, np.ones(DEGREE)])

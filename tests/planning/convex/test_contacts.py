@@ -32,7 +32,7 @@ def drawn(seed, **options):
 def test_least_distances_are_those_of_brute_force(seed):
     programme, z = drawn(seed)
     need = np.zeros(programme.around.n_owners + 2)
-    seen = programme.look(programme.fine.q(z), FAR, need, contacts=False)
+    seen = programme.look(programme.fine.q(z), FAR, need)
     a, b, radii = brute_force.body_of(
         programme.scene, seen.nodes[:, : len(programme.scene.manipulators), : programme.scene.n_dims]
     )
@@ -64,7 +64,7 @@ def test_rows_are_the_slopes_of_distances(seed):
         if contact[c.TAU] != 0.0 or contact[c.OTHER] >= 0:
             continue
         assert contact[c.DISTANCE] == pytest.approx(-least)
-        s, point = int(contact[c.SAMPLE]), contact[c.POINT : c.POINT + 3]
+        s, point = int(contact[c.SAMPLE]), contact[c.PLACE : c.PLACE + 3]
         own = np.flatnonzero(p.around.block == int(contact[c.BLOCK]))
         moved = [carried(nodes[s, own], seen.nodes[s, own], point) for nodes in (ahead, behind)]
         if moved[0] is None:

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates
+from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.scenes.closest_points import distance_and_gradient, near_on_solid, solid_gradient
 from comove.scenes.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
 from comove.scenes.scene import Scene
@@ -26,13 +26,13 @@ CLOSE = 0.03  # m, nearer than which a part is looked at closely: in all samples
 FINE, COARSE = (
     2,
     4,
-)  # of how many samples one is kept when close, and up to three times as far; beyond one in 12
+)  # one sample of so many is kept when close, and up to three times as far; beyond one in 12
 TOLERANCE = 1e-6  # m, of the distance of a rod
 HALVINGS = 3  # of the step in which a nearest place between samples is looked for
 
 # Columns of a contact: sample, how far on towards a neighbouring sample (-1 to 1), block of the point, and of the
 # other hand where two are to be kept apart (else -1), point, direction, the other hand, distance [m], its owner.
-SAMPLE, TAU, BLOCK, OTHER, POINT, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15
+SAMPLE, TAU, BLOCK, OTHER, PLACE, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15
 
 
 class Surroundings(NamedTuple):
@@ -315,7 +315,7 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
     contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, around.block[first], -1
     for axis in range(3):
         moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
-        contact[POINT + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
+        contact[PLACE + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
     contact[DISTANCE] = distance
 
 
@@ -328,7 +328,7 @@ def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
     corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
     radius = around.radii[part] if part < n_rods else 0.0
     x, apart = np.empty(3), np.empty(3)
-    near = contact[POINT : POINT + 3].copy()
+    near = contact[PLACE : PLACE + 3].copy()
     for i in corners:
         square = 0.0
         for axis in range(3):
@@ -345,7 +345,7 @@ def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
         if distance >= cutoff:
             continue
         _, gx, gy, gz = distance_and_gradient(around.table, thing, apart[0], apart[1], apart[2])
-        contact[POINT], contact[POINT + 1], contact[POINT + 2] = x[0], x[1], x[2]
+        contact[PLACE], contact[PLACE + 1], contact[PLACE + 2] = x[0], x[1], x[2]
         contact[NORMAL], contact[NORMAL + 1], contact[NORMAL + 2] = gx, gy, gz
         contact[DISTANCE] = distance
         n = _written(contact, found, n)
@@ -370,7 +370,7 @@ def _border(around, nodes, cutoff, found, least, n):
                         continue
                     contact[SAMPLE], contact[BLOCK], contact[DISTANCE] = s, around.block[i], distance
                     for k in range(3):
-                        contact[POINT + k] = nodes[s, i, k]
+                        contact[PLACE + k] = nodes[s, i, k]
                         contact[NORMAL + k] = side if k == axis else 0.0
                     n = _written(contact, found, n)
     return n
@@ -397,7 +397,7 @@ def _apart(around, nodes, cutoff, found, least, n):
             contact[SAMPLE], contact[DISTANCE] = s, distance
             for axis in range(3):
                 contact[NORMAL + axis] /= length
-                contact[POINT + axis], contact[MATE + axis] = nodes[s, i, axis], nodes[s, j, axis]
+                contact[PLACE + axis], contact[MATE + axis] = nodes[s, i, axis], nodes[s, j, axis]
             n = _written(contact, found, n)
     return n
 
@@ -417,16 +417,16 @@ def spins(blocks, b, q, turns):
     """
     kind, o = blocks.kind[b], blocks.turn[b]
     turns[:] = 0.0
-    if kind == 0:
+    if kind == POINT:
         return 0
-    if kind == 1:
+    if kind == ANGLE:
         turns[0, 2] = 1.0
         return 1
-    if kind == 2 and blocks.n_dims == 2:
+    if kind == DIRECTION and blocks.n_dims == 2:
         square = q[o] ** 2 + q[o + 1] ** 2
         turns[0, 2], turns[1, 2] = -q[o + 1] / square, q[o] / square
         return 2
-    if kind == 2:  # across the direction; about it nothing is to be seen
+    if kind == DIRECTION:  # across the direction; about it nothing is to be seen
         x, y, z = q[o], q[o + 1], q[o + 2]
         square = x * x + y * y + z * z
         turns[0, 1], turns[0, 2] = z / square, -y / square
@@ -480,7 +480,7 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
         for k in range(n_basis):
             b[k] = (1 - w) * shape[s, k] + w * shape[t, k]
         normal = contact[NORMAL : NORMAL + 3]
-        _slope(blocks, int(contact[BLOCK]), here, contact[POINT : POINT + 3], normal, 1.0, slope, turns)
+        _slope(blocks, int(contact[BLOCK]), here, contact[PLACE : PLACE + 3], normal, 1.0, slope, turns)
         if contact[OTHER] >= 0:
             _slope(blocks, int(contact[OTHER]), here, contact[MATE : MATE + 3], normal, -1.0, slope, turns)
         distance[r] = contact[DISTANCE]

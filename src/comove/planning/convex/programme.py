@@ -208,16 +208,15 @@ class Programme:
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
         return need
 
-    def look(self, q: Array, cutoff: float, need: Array, *, contacts: bool = True) -> Seen:
+    def look(self, q: Array, cutoff: float, need: Array) -> Seen:
         """Look at clearances below `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         least = np.empty(self.around.n_owners + 2)
-        found = self._found if contacts else self._found[:0]
-        n = find_contacts(self.around, nodes, self.offsets, cutoff, found, least)
-        if n == len(found) > 0:  # more room, and once more
+        n = find_contacts(self.around, nodes, self.offsets, cutoff, self._found, least)
+        if n == len(self._found):  # more room, and once more
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)
-        return Seen(q, nodes, found[:n].copy(), need - least)
+        return Seen(q, nodes, self._found[:n].copy(), need - least)
 
     def hands(self, q: Array) -> tuple[Array, Array]:
         """All nodes along configurations (n_samples, n_columns), and the hands, (n_samples, n_hands * n_dims) [m]."""
@@ -244,10 +243,8 @@ class Programme:
         rows = [np.zeros((0, self.n))]
         for turn, reach in self.normed:
             p = q[::GAUGE_EVERY, turn]
-            unit, row = (
-                p / np.linalg.norm(p, axis=1, keepdims=True),
-                np.zeros((len(p), q.shape[1], self.basis.n_basis)),
-            )
+            unit = p / np.linalg.norm(p, axis=1, keepdims=True)
+            row = np.zeros((len(p), q.shape[1], self.basis.n_basis))
             row[:, turn] = weight * reach * unit[:, :, None] * self.coarse.shape[::GAUGE_EVERY, None, :]
             rows.append(row.reshape(len(p), -1))
         return np.concatenate(rows)
@@ -272,10 +269,8 @@ class Programme:
 
 def _scale(coordinates: Coordinates) -> Array:
     """By how much columns may change where a centre may change by a metre; array, shape (n_columns,)."""
-    scale, reach = (
-        np.ones(coordinates.n_columns),
-        float(np.linalg.norm(coordinates.blocks.point, axis=1).max()),
-    )
+    scale = np.ones(coordinates.n_columns)
+    reach = float(np.linalg.norm(coordinates.blocks.point, axis=1).max())
     for part in coordinates.parts:
         turn = np.arange(len(scale))[part.columns][coordinates.n_dims :]
         scale[turn] = min(1.0 / max(reach, 1e-3), 3.0) * (0.5 if part.kind == QUATERNION else 1.0)
@@ -485,10 +480,8 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
                 and predicted < -settings.gain * here.value
                 and here.missed < SOUND
             ):
-                lenient, bound = (
-                    True,
-                    np.minimum(bound, 0.0),
-                )  # what is too near may stay so, but not come nearer
+                lenient = True
+                bound = np.minimum(bound, 0.0)  # what is too near may stay so, but not come nearer
                 continue
             actual = here.value - step.value + mu * (here.missed - missed)
             if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
