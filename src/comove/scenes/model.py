@@ -261,14 +261,21 @@ class Manipulator(Part):
 
 
 class Limits(Part):
-    """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], and the load's `clearance` [m].
+    """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; the load's `clearance` [m].
 
-    Where a file does not say: neither speed nor acceleration is bound, and the clearance is 5 mm on robots, else 0.
+    Where a file does not say: there is no limit, and the clearance is 5 mm on robots, else 0. Where the file leaves the
+    duration out, `solve` fills limits in.
     """
 
     speed: Positive | None = None
     acceleration: Positive | None = None
+    jerk: Positive | None = None
     clearance: NotNegative | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_no_jerk(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Scenes without a limit of jerk keep their checksum."""
+        return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
 
 
 class DistanceConstraint(Part):
@@ -406,8 +413,8 @@ class SceneFile(Part):
 
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
-    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)]
-    """[s]"""
+    duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)] | None = None
+    """[s]; left open for the shortest that limits allow."""
     workspace: Workspace
     obstacles: Annotated[tuple[Obstacle, ...], BeforeValidator(as_tuple)] = ()
     load: Load | None = None

@@ -49,7 +49,7 @@ PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond the
 PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 LOAD = "load"
-LENGTHS = {  # keys whose numbers are lengths, speeds and accelerations, and the scale of meshes, which makes lengths
+LENGTHS = {  # keys whose numbers are lengths and their rates, and the scale of meshes, which makes lengths
     *("lower", "upper", "start", "goal", "center", "size", "radius", "radii", "length", "height", "overhang"),
     *(
         "vertices",
@@ -62,7 +62,7 @@ LENGTHS = {  # keys whose numbers are lengths, speeds and accelerations, and the
         "tolerance",
         "clearance",
     ),
-    *("speed", "acceleration"),
+    *("speed", "acceleration", "jerk"),
 }
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
@@ -173,8 +173,7 @@ class Scene:
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        file = self.file.model_copy(update={"duration": duration})
-        later = replace(self, file=file, groups=groups, begins=self.begins + time)
+        later = replace(self.timed(duration), groups=groups, begins=self.begins + time)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -190,6 +189,17 @@ class Scene:
             warnings.simplefilter("ignore", ComoveWarning)
             return Scene.from_dict(_scaled(data, factor), folder=self.folder)
 
+    def timed(self, duration: float | None) -> Scene:
+        """The same scene with another duration [s]; None leaves it open."""
+        return self._changed(duration=duration)
+
+    def limited(self, **limits: float | None) -> Scene:
+        """The same scene with other limits, by their keys in a scene file; None for no limit."""
+        return self._changed(limits=self.file.limits.model_copy(update=limits))
+
+    def _changed(self, **keys: Any) -> Scene:
+        return replace(self, file=self.file.model_copy(update=keys))
+
     @property
     def name(self) -> str:
         """Name of the scene."""
@@ -197,8 +207,26 @@ class Scene:
 
     @property
     def duration(self) -> float:
-        """Duration of the movement [s]."""
+        """Duration of the movement [s].
+
+        Raises
+        ------
+        SceneError
+            If the scene leaves it out.
+        """
+        if self.file.duration is None:
+            raise SceneError(
+                "the scene leaves its duration out",
+                file=self.path,
+                key="duration",
+                way_out="add one; comove solve finds the shortest, and says it",
+            )
         return self.file.duration
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it says how long the movement takes."""
+        return self.file.duration is not None
 
     @property
     def n_dims(self) -> int:
@@ -292,6 +320,11 @@ class Scene:
     def acceleration_limit(self) -> float:
         """Acceleration limit of every manipulator [m/s^2], infinite where there is none."""
         return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
+
+    @property
+    def jerk_limit(self) -> float:
+        """Limit of every manipulator's jerk [m/s^3], infinite where there is none."""
+        return np.inf if self.file.limits.jerk is None else self.file.limits.jerk
 
     @property
     def load_mass(self) -> float | None:

@@ -138,6 +138,19 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
     return bound
 
 
+def least_length(columns: Array, second: Array) -> Array:
+    """Lower bound of |x| on every interval; array, shape (n_intervals,).
+
+    Parameters
+    ----------
+    columns : array, shape (3, n_knots, width), x and its first two derivatives
+    second : array, shape (n_intervals,), bound of |x''|
+    """
+    here, step = columns[0, :-1], np.diff(columns[0], axis=0)
+    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+    return lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step) - INTERVAL**2 / 8 * second
+
+
 def lengths(vectors: Array) -> Array:
     """Euclidean lengths; (..., width) -> (...). Twice as fast as numpy's norm, and the judge takes very many."""
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
@@ -186,10 +199,7 @@ def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
     first, second, third = _column_bounds(turn)
     if kind == ANGLE:
         return np.hypot(second, first**2), third + 3 * first * second + first**3
-    here, step = turn[0, :-1], np.diff(turn[0], axis=0)
-    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    nearest = lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step)
-    least = nearest - INTERVAL**2 / 8 * second
+    least = least_length(turn, second)
     with np.errstate(divide="ignore", invalid="ignore"):
         a1, a2, a3 = (np.where(least > 0, x / least, np.inf) for x in (first, second, third))
     across = a2 + a1**2

@@ -22,6 +22,7 @@ from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
 from comove.verification.constraints import examine, worst
+from comove.verification.rates import largest_jerk
 from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
@@ -49,8 +50,9 @@ class Report:
         [m]; negative where one is broken
     tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
     height_error_max : upper bound of the difference of heights that must be the same [m]
+    jerk_max : upper bound of a hand's jerk [m/s^3]
 
-    The last three are None where the scene has no such constraint.
+    The last four are None where the scene asks for nothing of the kind.
     """
 
     clearance_min: float
@@ -62,6 +64,7 @@ class Report:
     separation_spare_min: float | None = None
     tilt_max: float | None = None
     height_error_max: float | None = None
+    jerk_max: float | None = None
 
     def asdict(self) -> dict[str, float]:
         """The measures by name, without those that the scene does not ask for."""
@@ -150,6 +153,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         separation_spare_min=worst(findings, SeparationConstraint, min),
         tilt_max=worst(findings, UprightConstraint, max),
         height_error_max=worst(findings, SameHeightConstraint, max),
+        jerk_max=largest_jerk(motion, bounds.jerk) if np.isfinite(scene.jerk_limit) else None,
     )
     reasons = []
     if not _are_of_the_scene(motion):
@@ -167,6 +171,10 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.append(
             f"a hand accelerates by up to {report.acceleration_max:.4g} m/s^2 "
             f"(limit {scene.acceleration_limit:g} m/s^2)"
+        )
+    if report.jerk_max is not None and not report.jerk_max <= scene.jerk_limit:
+        reasons.append(
+            f"a hand's jerk reaches up to {report.jerk_max:.4g} m/s^3 (limit {scene.jerk_limit:g} m/s^3)"
         )
     if not clearance.lower >= scene.clearance:
         reasons.append(_contact(motion, clearance))

@@ -28,11 +28,15 @@ class JerkCost:
     way : root of the summed squared ways of all hands from start to goal [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], None without one
     pull : how strongly hands are drawn to it
+    weight : of all of that
+    haste : what each duration costs that the limits ask for (see `programme.Cost`)
     """
 
     way: float
     demonstration: Array | None = None
     pull: float = 0.0
+    weight: float = 1.0
+    haste: float = 0.0
 
     def residuals(self, hands: Array) -> Array:
         """What is squared and summed, of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
@@ -53,10 +57,10 @@ class JerkCost:
         return np.concatenate([rows, self._pull(n_samples) * moves.reshape(-1, n)])
 
     def _scale(self, n_samples: int) -> float:
-        return 1.0 / np.sqrt(720.0 * self.way**2 * (n_samples - 1))
+        return np.sqrt(self.weight / (720.0 * self.way**2 * (n_samples - 1)))
 
     def _pull(self, n_samples: int) -> float:
-        return np.sqrt(self.pull / (n_samples * self.way**2))
+        return np.sqrt(self.weight * self.pull / (n_samples * self.way**2))
 
 
 def squares(scene: Scene, objective: LeastJerk, demonstration: Array | None) -> JerkCost:

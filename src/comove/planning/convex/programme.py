@@ -26,7 +26,7 @@ from comove.planning.convex.contacts import (
     linearised,
     surroundings_of,
 )
-from comove.planning.convex.limits import Limits
+from comove.planning.convex.limits import ACTIVE, LinearLimits, Limits
 from comove.primitives.basis import MotionBasis
 from comove.primitives.forcing import N_INTERVALS
 from comove.scenes.scene import Scene
@@ -40,10 +40,20 @@ LIMIT_TOLERANCE = 1e-3  # of a limit
 UNIT = 1e-3  # m, of the slack in a programme
 SOUND = 1e-9  # m, by which margins may be missed
 MOST_SLACK_COST = 1e8  # of a metre
+ROUNDS = 8  # of cuts by which limits are approached from outside
+HASTIER = 0.5  # of the pace, that a step may save
+CURVED = 1e-2  # of the cost of a pace, by which its model is bent, so that the programme has one solution
 
 
 class Cost(Protocol):
-    """A sum of squares of the hands at even samples of a motion."""
+    """A sum of squares of the hands at even samples of a motion, and what each duration costs that it needs.
+
+    Attributes
+    ----------
+    haste : cost of a pace of 1, as `Limits.pace` counts; 0 where limits are to be kept in the duration given
+    """
+
+    haste: float
 
     def residuals(self, hands: Array) -> Array:
         """What is squared and summed, of hands of shape (n_samples, n_hands * n_dims)."""
@@ -154,6 +164,7 @@ class Programme:
     ----------
     boundary : array, shape (4, n_columns), as `CoordinatedMotion` has it
     n_fine, n_coarse : samples at which clearances are looked at, and the cost
+    limits : of the hands; those of the scene unless given
     """
 
     def __init__(
@@ -164,15 +175,13 @@ class Programme:
         boundary: Array,
         n_fine: int = 401,
         n_coarse: int = 101,
+        limits: Limits | None = None,
     ):
         self.scene, self.coordinates, self.basis, self.boundary = scene, coordinates, basis, boundary
         self.around = surroundings_of(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
         self.offsets = scene.offsets_along(n_fine)
-        duration = scene.duration
-        self.limits = Limits(
-            scene.n_dims, (scene.speed_limit * duration, scene.acceleration_limit * duration**2)
-        )
+        self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [
             (
                 np.arange(coordinates.n_columns)[part.columns][scene.n_dims :],
@@ -249,14 +258,16 @@ class Programme:
             rows.append(row.reshape(len(p), -1))
         return np.concatenate(rows)
 
-    def missed(self, seen: Seen, hands: Array, settings: Settings) -> float:
+    def missed(self, seen: Seen, hands: Array, settings: Settings, cost: Cost) -> float:
         """How far margins and limits are missed beyond the tolerance, the worst of every owner summed [m].
 
-        A limit that is exceeded by a tenth counts as a centimetre.
+        A limit that is exceeded by a tenth counts as a centimetre, where the pace is given.
         """
         zone = np.full(len(seen.depth), settings.margin)
         zone[-2:] = settings.border_margin
         missed = np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum()
+        if cost.haste > 0:
+            return float(missed)
         return float(missed) + LIMIT * max(self.limits.excess(hands) - LIMIT_TOLERANCE, 0.0)
 
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -288,7 +299,8 @@ class Stand(NamedTuple):
     gradient, factor : its model in the variables ``L' dz`` in which its matrix is the identity: gradient and L
     seen : the clearances that are linearised
     off : array, shape (n_samples, n_columns), how far they are from those of `z`
-    limits : rows and bounds of the linearised limits of the hands
+    limits : those of the hands, linearised
+    pace : in how many durations they are kept; 1 where the duration is given
     missed : how far margins are missed beyond the tolerance, summed [m]; inf where nobody has looked
     """
 
@@ -299,7 +311,8 @@ class Stand(NamedTuple):
     factor: Array
     seen: Seen
     off: Array
-    limits: tuple[Array, Array]
+    limits: LinearLimits
+    pace: float
     missed: float
 
 
@@ -390,7 +403,8 @@ def _value(p: Programme, cost: Cost, z: Array, settings: Settings) -> tuple[floa
     q = p.coarse.q(z)
     _, hands = p.hands(q)
     residuals, gauge = cost.residuals(hands), p.gauge(q, settings.gauge)
-    return float(residuals @ residuals + gauge @ gauge), hands
+    hasty = cost.haste * p.limits.pace(hands) if cost.haste > 0 else 0.0
+    return float(residuals @ residuals + gauge @ gauge) + hasty, hands
 
 
 def _stand(
@@ -409,10 +423,12 @@ def _stand(
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
     seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
-    missed = p.missed(seen, hands, settings) if reference is None else np.inf
-    value = float(residuals @ residuals)
+    missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
+    pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
+    value = float(residuals @ residuals) + cost.haste * pace
     wish = _wish(p, seen, settings)
-    return Stand(z, value, wish, gradient, factor, seen, seen.q - own, p.limits.linear(hands, moves), missed)
+    limits = p.limits.linear(hands, moves, pace)
+    return Stand(z, value, wish, gradient, factor, seen, seen.q - own, limits, pace, missed)
 
 
 def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
@@ -442,9 +458,16 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
     def whitened(rows: Array) -> Array:
         return solve_triangular(here.factor, rows.T, lower=True, check_finite=False).T
 
+    def limits(w: Array, slower: float, share: float) -> tuple[Array, Array]:
+        change = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
+        cut, least = here.limits.cuts(change, slower, share)
+        return whitened(cut), least
+
     need, center = p.need(settings), here.off[p.watched].ravel()
     rows, bound, owner = p.linear(here.seen, here.off, need)
-    rows, moves, limits = whitened(rows), whitened(p.moves), (whitened(here.limits[0]), here.limits[1])
+    rows, moves = whitened(rows), whitened(p.moves)
+    hasty = cost.haste > 0
+    haste = Haste(cost.haste if hasty else mu * LIMIT, here.pace, HASTIER if hasty else 0.0)
     worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
     further = _further(p, owner, bound, settings, radius)
     known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
@@ -458,18 +481,22 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
             here.gradient,
             mu,
             worth / wished,
+            haste,
         )
         programmes += 1
         if found is None:
             return None
-        w, slack, short = found
+        w, slack, short, slower = found
         dz = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
+        if not hasty:
+            slack += LIMIT * slower
         gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
+        gain -= cost.haste * slower
         value, hands = _value(p, cost, here.z + dz, settings)
         near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
         there = p.look(p.fine.q(here.z + dz), near, need)
         wish = _wish(p, there, settings)
-        missed = p.missed(there, hands, settings)
+        missed = p.missed(there, hands, settings, cost)
         near_enough = missed == 0.0
         predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
         step = Step(dz, value + worth * (wish - here.wish), missed, there, predicted, slack, programmes)
@@ -515,21 +542,37 @@ class Rows(NamedTuple):
     further: Array
 
 
+class Haste(NamedTuple):
+    """How the pace may change, one more variable of a programme: slower where limits cannot be kept else.
+
+    Attributes
+    ----------
+    cost : of a duration
+    pace : so far, in durations
+    faster : share of it that may be saved
+    """
+
+    cost: float
+    pace: float
+    faster: float
+
+
 def _solve(
     clearances: Rows,
-    limits: tuple[Array, Array],
+    limits: Callable[[Array, float, float], tuple[Array, Array]],
     moves: Array,
     center: Array,
     radius: Array,
     gradient: Array,
     mu: float,
     wishes: float,
-) -> tuple[Array, float, float] | None:
-    """Minimise ``|w|^2 / 2 + gradient w``, the cost `mu` of the slack and `wishes`; None where that fails.
+    haste: Haste,
+) -> tuple[Array, float, float, float] | None:
+    """Minimise ``|w|^2 / 2 + gradient w``, the cost `mu` of the slack, `wishes` and `haste`; None where that fails.
 
     Parameters
     ----------
-    limits : rows and bounds of further limits, without slack
+    limits : half-spaces for the limits that w and a slower pace exceed a share of, as rows and bounds
     moves, center, radius : trust region, ``|moves w - center| <= radius``
     wishes : cost of the squared distance by which an owner is nearer than wished for
 
@@ -538,41 +581,58 @@ def _solve(
     w : array, shape (n,)
     slack : by how much clearances are missed at most [m]
     short : squared distances by which owners are nearer than wished for, summed [m^2]
+    slower : by how much the pace grows, in durations
     """
     n = len(gradient)
     rows, bound, owner, further = clearances
     wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
     owners, mine = np.unique(owner[wished], return_inverse=True)
+    # Variables: the weights, the slack, what is missed of each owner's wish, and the change of the pace.
     k, m, more = len(rows), len(wished), len(owners)
-    matrix = np.zeros((k + m + len(limits[0]) + len(moves), n + 1 + more))
+    matrix = np.zeros((k + m + len(moves), n + 2 + more))
     matrix[:k, :n], matrix[:k, n] = rows, UNIT
     matrix[k : k + m, :n], matrix[k + np.arange(m), n + 1 + mine] = rows[wished], UNIT
-    matrix[k + m : k + m + len(limits[0]), :n] = limits[0]
-    matrix[len(matrix) - len(moves) :, :n] = moves
-    square = np.ones(n + 1 + more)
-    square[n], square[n + 1 :] = 1e-3, max(wishes * UNIT**2, 1e-6)
-    above = np.full(len(square) + len(matrix), FREE)
-    above[len(above) - len(moves) :] = center + radius
+    matrix[k + m :, :n] = moves
+    dear = haste.cost * haste.pace
+    square = np.concatenate(
+        [np.ones(n), [1e-3], np.full(more, max(wishes * UNIT**2, 1e-6)), [CURVED * dear or 1.0]]
+    )
+    linear = np.concatenate([gradient, [0.5 * mu * UNIT], np.zeros(more), [0.5 * dear]])
     below = np.concatenate(
         [
             np.full(n, -FREE),
             np.zeros(1 + more),
+            [-haste.faster],
             bound,
             bound[wished] + further[wished],
-            limits[1],
             center - radius,
         ]
     )
-    w, _, flag, _ = daqp.solve(
-        np.diag(square),
-        np.concatenate([gradient, [0.5 * mu * UNIT], np.zeros(more)]),
-        matrix,
-        above,
-        below,
-        np.zeros(len(above), dtype=np.int32),
-        primal_tol=1e-7,
-        iter_limit=2000,
-    )
-    if flag < 1:
-        return None
-    return w[:n], w[n] * UNIT, float(((w[n + 1 :] * UNIT) ** 2).sum())
+    above = np.full(len(below), FREE)
+    above[len(above) - len(moves) :] = center + radius
+    cut, least = limits(np.zeros(n), 0.0, ACTIVE)
+    known = np.zeros(len(below))
+    for _ in range(ROUNDS):
+        matrix = np.concatenate([matrix, np.zeros((len(cut), matrix.shape[1]))])
+        matrix[len(matrix) - len(cut) :, :n], matrix[len(matrix) - len(cut) :, -1] = cut, haste.pace
+        below, above = np.append(below, least), np.append(above, np.full(len(cut), FREE))
+        w, _, flag, told = daqp.solve(
+            np.diag(square),
+            linear,
+            matrix,
+            above,
+            below,
+            np.zeros(len(above), dtype=np.int32),
+            dual_start=np.append(known, np.zeros(len(cut))),
+            primal_tol=1e-7,
+            iter_limit=2000,
+        )
+        if flag < 1:
+            return None
+        known = told["lam"]
+        slower = haste.pace * float(w[-1])
+        cut, least = limits(w[:n], slower, 1.0 + LIMIT_TOLERANCE)
+        if not len(cut):
+            break
+    short = float(((w[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
+    return w[:n], w[n] * UNIT, short, slower
