@@ -24,6 +24,7 @@ _ROOMS = {
     "DMP": "primitives",
     "Demonstration": "demonstrations",
     "LeastJerk": "planning",
+    "LeastTime": "planning",
     "Library": "primitives",
     "PaperCost": "planning",
     "Primitive": "primitives",

@@ -348,7 +348,7 @@ BAD_SCENES = {
     "binary": ("\x00\x01\x02", []),
     "a misspelt key": (SCENE.replace("obstacles:", "obstacels:"), ["obstacels", "did you mean 'obstacles'"]),
     "a misspelt key inside": (SCENE.replace("radius:", "raduis:"), ["obstacles[1]", "raduis", "'radius'"]),
-    "a missing key": (SCENE.replace("duration: 10.0\n", ""), ["'duration' is missing"]),
+    "a missing key": (SCENE.replace("workspace:", "# workspace:"), ["'workspace' is missing"]),
     "a wrong type": (SCENE.replace("10.0", "ten"), ["duration", "'ten'", "number"]),
     "text for a list": (SCENE.replace("size: [0.1, 0.4]", "size: big"), ["obstacles[0].size", "big"]),
     "nan": (SCENE.replace("radius: 0.1", "radius: .nan"), ["obstacles[1].radius", "nan"]),

@@ -62,9 +62,10 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
             for key, (words, factor, unit) in FURTHER.items()
             if summary.get(key) is not None
         ),
+        *([f"  duration                {_number(summary['duration'])} s"] if summary.get("duration") else []),
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
-        *_smoothness(summary.get("smoothness")),
+        *_smoothness(summary),
         *(
             [
                 f"  what was taught         {_number(summary['demonstration_distance_m'], 100)} cm away in the mean"
@@ -80,12 +81,15 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
     return "\n".join(lines)
 
 
-def _smoothness(measures: dict[str, Any] | None) -> list[str]:
+def _smoothness(summary: dict[str, Any]) -> list[str]:
     """How smooth the motion is, in words; nothing where the result does not say."""
+    measures = summary.get("smoothness")
     if not measures:
         return []
+    certified = summary.get("jerk_max")
+    peak = "m/s^3 at the samples" if certified is None else "m/s^3 at most"
     return [
-        f"  jerk                    {_number(measures.get('jerk_max'))} m/s^3 at most; its square "
+        f"  jerk                    {_number(certified or measures.get('jerk_max'))} {peak}; its square "
         f"{_number(measures.get('jerk_ratio'))} times that of straight motions",
         f"  half, 95 % of the way   after {_number(measures.get('halfway'), 100)} and "
         f"{_number(measures.get('nearly_there'), 100)} % of the time",

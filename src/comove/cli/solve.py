@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.errors import OptionError, near_name
 
 SAVING = 1.2  # s, kept back from the budget for files and pictures
@@ -48,8 +49,16 @@ def solve(
     objective: Annotated[
         str | None,
         typer.Option(
-            help="What the motion shall be best in: 'least-jerk' is smooth, 'paper' is equation (4). The former "
-            "unless given; the latter for other methods, with --no-planner and --obstacles cost."
+            help="What the motion shall be best in: 'least-jerk' is smooth, 'least-time' as fast as limits allow, "
+            "'paper' is equation (4). What SCENE says unless given, else 'least-jerk'; 'least-time' where SCENE has "
+            "neither duration nor demonstration; 'paper' for other methods, with --no-planner and --obstacles cost."
+        ),
+    ] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            metavar="GOAL,VELOCITY,OBSTACLE",
+            help="Weights of equation (4) for 'paper'; 1,0.01,10 unless given.",
         ),
     ] = None,
     resemblance: Annotated[
@@ -66,6 +75,11 @@ def solve(
             "the method 'single' combines several."
         ),
     ] = None,
+    duration: Duration = None,
+    speed: Speed = None,
+    acceleration: Acceleration = None,
+    jerk: Jerk = None,
+    clearance: Clearance = None,
     json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
@@ -80,10 +94,17 @@ def solve(
     chosen = method_named(method)
     check_budget(budget)
     smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
-    wanted = objective_named(objective or ("least-jerk" if smooth else "paper"), resemblance)
+    if duration is not None and objective == "least-time":
+        raise OptionError(
+            "a duration, and the least one",
+            key="--duration",
+            way_out="give one of --duration and --objective",
+        )
     check_target(out)
     with progress_bar(budget) as progress:
-        loaded = Scene.load(scene)
+        changes = changes_of(duration, speed, acceleration, jerk, clearance)
+        loaded = Scene.load(scene, changes)
+        wanted = objective_of(objective, resemblance, weights, loaded, smooth)
         chosen_movement = None
         if library is not None and method == "single":
             chosen = replace(chosen, movements=Library(library))
@@ -113,7 +134,9 @@ def solve(
         )
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, None if smooth and solution.followed is None else dmp)
-        if solution.scene is not loaded:  # what was judged, so that `comove verify` can judge it again
+        if (
+            changes or solution.scene is not loaded
+        ):  # what was judged, so that `comove verify` can judge it again
             (draft / "scene.json").write_bytes(canonical(solution.scene.file) + b"\n")
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
@@ -146,19 +169,53 @@ def check_budget(budget: float) -> None:
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
 
 
-def objective_named(name: str, resemblance: float | None):
-    """The objective of a name, with a resemblance to the demonstration where one was given."""
-    from comove.planning import LeastJerk, PaperCost
+def objective_of(name: str | None, resemblance: float | None, weights: str | None, scene, smooth: bool):
+    """The objective that the command line names, or else the scene; None where `solve` is to choose.
 
-    objectives = {"paper": PaperCost, "least-jerk": LeastJerk}
-    if name not in objectives:
+    Parameters
+    ----------
+    smooth : whether the method finds smooth motions; else what the scene says of them is passed over
+    """
+    from comove.planning import LeastJerk, LeastTime, PaperCost
+    from comove.planning.objectives import objective_of_scene
+
+    kinds = {"least-jerk": LeastJerk, "least-time": LeastTime, "paper": PaperCost}
+    if name is not None and name not in kinds:
+        raise OptionError(f"unknown objective '{name}'", key="--objective", way_out=near_name(name, kinds))
+    said = objective_of_scene(scene.file.objective)
+    if not smooth and not isinstance(said, PaperCost):
+        said = None
+    if name is not None and not isinstance(said, kinds[name]):
+        said = kinds[name]()
+    if resemblance is not None or weights is not None:
+        said = said or (LeastJerk() if smooth and weights is None else PaperCost())
+    if weights is not None:
+        if not isinstance(said, PaperCost):
+            raise OptionError(
+                "they belong to equation (4)", key="--weights", way_out="give --objective paper as well"
+            )
+        said = replace(said, **_weights(weights))
+    if resemblance is None:
+        return said
+    if isinstance(said, LeastTime):
         raise OptionError(
-            f"unknown objective '{name}'", key="--objective", way_out=near_name(name, objectives)
+            "least time looks at no demonstration", key="--resemblance", way_out="leave one of the two out"
         )
     try:
-        return objectives[name]() if resemblance is None else objectives[name](resemblance=resemblance)
+        return replace(said, resemblance=resemblance)
     except OptionError as error:
         raise OptionError(error.message, key="--resemblance", way_out=error.way_out) from None
+
+
+def _weights(text: str) -> dict[str, float]:
+    """The weights of equation (4) by name."""
+    try:
+        goal, velocity, obstacle = map(float, text.split(","))
+    except ValueError:
+        raise OptionError(
+            f"'{text}' is not three numbers", key="--weights", way_out="write them as 1,0.01,10"
+        ) from None
+    return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
 
 
 def method_named(name: str):

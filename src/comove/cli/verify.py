@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.errors import OptionError
 
 
@@ -23,16 +24,23 @@ def verify(
             "unless given."
         ),
     ] = None,
+    duration: Duration = None,
+    speed: Speed = None,
+    acceleration: Acceleration = None,
+    jerk: Jerk = None,
+    clearance: Clearance = None,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.progress import progress_bar
     from comove.cli.show import FURTHER
-    from comove.results import read_result, verify_result
+    from comove.results import filled_in, read_result, verify_result
     from comove.scenes import Scene
 
-    loaded = Scene.load(scene)
+    changes = changes_of(duration, speed, acceleration, jerk, clearance)
     with progress_bar():
-        verdict = verify_result(read_result(folder), loaded)
+        stored = read_result(folder)
+        loaded = filled_in(Scene.load(scene, changes), stored)
+        verdict = verify_result(stored, loaded)
         joints = _joints_verdict(folder, loaded, scene, robot)
     reasons = (*verdict.reasons, *(joints.reasons if joints is not None else ()))
     if reasons:

@@ -15,10 +15,11 @@ from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space, configuration_space, span
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
+from comove.planning.objectives import LeastTime, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
-from comove.planning.smooth import smooth_demonstration, smooth_way
+from comove.planning.smooth import FASTEST, follows, hurry, smooth_demonstration, smooth_way
 from comove.planning.spacetime import (
     MARGINS,
     SHARES,
@@ -109,7 +110,7 @@ class Comove(Method):
         targets_of = (
             _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
-        if search.smoothness is not None:
+        if not isinstance(search.aim, PaperCost):
             return self._smooth(search, targets_of, ends)
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
@@ -140,20 +141,25 @@ class Comove(Method):
             search.check_time()
             search.stage = "planning"
             found, before = targets_of(failures, self._nodes(failures)), search.best_cost
+            needed = search.needed or np.inf
             if found is None:
                 failures += 1
                 continue
             if search.best is None:  # something to hand out at once
                 self._certified_fit(search, *found, mend=False)
-            if ways == 0 and search.smoothness.pull(search.taught is not None) > 0:
+            if ways == 0 and follows(search):
                 search.stage = "smoothing the demonstration"
                 smooth_demonstration(search)
             search.stage = "smoothing"
             targets, goal = found  # the first is run with least jerk, or as it was planned in time
             ways += 1
             failures += not smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
-            idle = 0 if search.best_cost < (1 - WORTH_ANOTHER) * before else idle + 1
-        return search.best is not None
+            gained = search.best_cost < (1 - WORTH_ANOTHER) * before
+            gained |= (search.needed or np.inf) < (1 - WORTH_ANOTHER) * needed
+            idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
+        if search.best is not None and isinstance(search.aim, LeastTime):
+            hurry(search, search.best_motion, FASTEST)
+        return search.best is not None or search.needed is not None  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:
         """Whether what is not verified is good enough."""
@@ -287,7 +293,7 @@ class Guide(Quick):
 
     def will_do(self, report: Report, scene: Scene) -> bool:
         """Whether a motion with this report is good enough."""
-        excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+        excess = max(report.limit_ratios(scene))
         return report.clearance_min >= scene.clearance and excess <= self.excess
 
     def _will_do(self, search: Search) -> bool:

@@ -20,8 +20,10 @@ from comove.optimisers.parameters import Parameters
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost
+from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS, Evaluation, Objective
-from comove.planning.objectives.least_jerk import LeastJerk
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
@@ -110,13 +112,16 @@ class Search:
     Attributes
     ----------
     objective : equation (4) on the scene
-    smoothness : the objective of least jerk, None where equation (4) decides which motion is best
+    aim : what decides which motion is best
+    limits : of the hands, as scene and duration have them; in a second where the duration is open
     taught : the demonstrated movement, None without one
     hard : obstacles are constraints, not only costs
     rng : source of all random numbers
     started, deadline : on the clock of `time.perf_counter`, which stands still while a kernel is compiled [s]
     compiled : what has been compiled since the start
-    asked : the scene that was asked for, None where it is the one that is searched; for motions that are handed out
+    asked : the scene that was asked for, None where it is the one that is searched; for motions that are handed out,
+        as fast as they may be where its duration is open
+    needed : shortest duration known to do where the one asked for is too short [s]
     checks : further checks that a motion must pass, on the scene that was asked for
     carrier : what moves the hands, None where nothing limits them but the scene
     progress : called once a generation, and for every motion that is the best so far
@@ -152,7 +157,9 @@ class Search:
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
     log: dict[str, float | list[float]] = field(default_factory=dict)
-    smoothness: LeastJerk | None = None
+    aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
+    limits: Limits | None = None
+    needed: float | None = None
 
     @property
     def scene(self) -> Scene:
@@ -195,8 +202,9 @@ class Search:
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best. Further checks, which may be slow, come last."""
-        verdict = verify(motion)
-        if verdict.verified is not None and (self.checks or self.asked is not None):
+        is_open = self.asked is not None and not self.asked.is_timed
+        verdict = verify(self.handed(motion), self.checks) if is_open else verify(motion)
+        if verdict.verified is not None and not is_open and (self.checks or self.asked is not None):
             handed = verify(self.handed(motion), self.checks)
             if handed.verified is None:
                 verdict = replace(verdict, verified=None, reasons=handed.reasons)
@@ -215,19 +223,23 @@ class Search:
 
     def worth(self, motion: CoordinatedMotion) -> float:
         """The value of the objective, the less the better."""
-        if self.smoothness is None:
-            return self.objective.cost(motion).total
-        return jerk_cost(motion, self.smoothness, self.objective.demonstration)
+        if isinstance(self.aim, LeastTime):
+            return self.handed(motion).scene.duration
+        if isinstance(self.aim, LeastJerk):
+            return jerk_cost(motion, self.aim, self.objective.demonstration)
+        return self.objective.cost(motion).total
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         """A motion as it is handed out, on the scene that was asked for."""
-        return motion if self.asked is None else motion.on(self.asked)
+        if self.asked is None:
+            return motion
+        return motion.on(self.asked) if self.asked.is_timed else in_least_time(motion, self.asked)
 
     def _violation(self, verdict: Verdict) -> float:
         """How far a rejected motion is from being verified: contact counts before limits."""
         report, scene = verdict.report, self.scene
         depth = max(0.0, scene.clearance - report.clearance_min, -(report.separation_spare_min or 0.0))
-        excess = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+        excess = max(report.limit_ratios(scene))
         violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
         return np.inf if np.isnan(violation) else violation
 
@@ -326,7 +338,7 @@ def stricter(search: Search, objective: Objective, verdict: Verdict) -> Objectiv
     changes: dict[str, float] = {}
     if not (report.clearance_min >= scene.clearance and (report.separation_spare_min or 0.0) >= 0):
         changes["margin"] = penalty.margin + MARGIN_STEP
-    ratio = max(report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit)
+    ratio = max(report.limit_ratios(scene))
     if ratio > 1:
         changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)
     if not changes and search.carrier is not None:

@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.planning.convex.jerk import squares
 from comove.planning.convex.programme import Programme, Settings, optimise
 from comove.planning.objective import N_STEPS
+from comove.planning.objectives import LeastJerk, LeastTime
+from comove.planning.pace import in_least_time
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
+from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,13 @@ SETTINGS = Settings()
 AGAIN = 0.03  # m, trust region after a rejection
 ATTEMPTS = 4  # until a motion is verified, each with more margin
 MORE, MORE_BORDER = 1e-3, 2e-4  # m
+FAST = 24, 201  # weights a column, and samples, of motions in least time
+FASTEST = 49, 401  # of the best of them: what is fast uses its limits to the full
+MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
+HOPELESS = 0.01  # m inside something: no more margin will help
+UNMET = 1.5e-2  # of a limit, summed, beyond which the duration is too short
+GENTLE = 1e-3  # weight of the jerk beside the duration, both as shares of what they are at first
+FASTER = 0.2  # m, of the trust region at most
 
 
 def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
@@ -58,27 +68,97 @@ def smooth_demonstration(search: Search) -> bool:
     return _verified(search, _programme(search, dmp.boundary, N_BASIS[1]), dmp.weights.ravel(), None)
 
 
+def follows(search: Search) -> bool:
+    """Whether motions are drawn to the demonstration."""
+    return isinstance(search.aim, LeastJerk) and search.aim.pull(search.taught is not None) > 0
+
+
 def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
-    return Programme(search.scene, load_coordinates(search.scene), motion_basis(n_basis, "jerk"), boundary)
+    coordinates, basis = load_coordinates(search.scene), motion_basis(n_basis, "jerk")
+    scene = search.scene
+    peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # where such limits are used to the full
+    n_coarse = 201 if peaky else 101
+    return Programme(search.scene, coordinates, basis, boundary, n_coarse=n_coarse)
 
 
 def _verified(search: Search, programme: Programme, z: Array, reference: Array | None) -> bool:
-    """Optimise, judge, and again with more margin where that is rejected."""
-    scene, settings = search.scene, replace(SETTINGS, wish=search.smoothness.room)
-    cost = squares(scene, search.smoothness, search.objective.demonstration)
+    """Optimise, judge, and again with more margin where that is rejected; then faster where that is wanted."""
+    smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
+    settings = replace(SETTINGS, wish=smooth.room)
+    cost = squares(search.scene, smooth, search.objective.demonstration, len(programme.coarse.base))
     for attempt in range(ATTEMPTS):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, reference, search.over)
         z, reference = outcome.z, None
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
-        if search.judge(programme.motion(z)).verified is not None:
+        verdict = search.judge(programme.motion(z))
+        verified = verdict.verified is not None
+        if verified or too_fast(programme, z):
+            break
+        settings = _stricter(settings, attempt)
+        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
+    if verdict.report.clearance_min < search.scene.clearance - HOPELESS:
+        return False
+    if isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z)):
+        detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # the one that is named once must do
+        return hurry(search, programme.motion(z), detail) or verified
+    return verified
+
+
+def too_fast(programme: Programme, z: Array) -> bool:
+    """Whether limits are exceeded in the duration that is given, by more than samples miss."""
+    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > UNMET
+
+
+def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) -> bool:
+    """Make a motion as fast as the limits allow, and have it judged; whether it is verified.
+
+    Where the duration that was asked for is too short for it, the one that would do is noted.
+
+    Parameters
+    ----------
+    detail : weights a column, and samples at which limits are looked at
+    """
+    search.stage = "gaining time"
+    n_basis, n_coarse = detail
+    n_basis = min(n_basis, max(FAST[0], MOST_WEIGHTS // motion.coordinates.n_columns))
+    coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
+    programme = Programme(
+        search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=search.limits
+    )
+    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], RIDGES[-1])
+    _, hands = programme.hands(programme.coarse.q(z))
+    gentle = squares(search.scene, LeastJerk(), None)
+    jerk, pace = float((gentle.residuals(hands) ** 2).sum()), search.limits.pace(hands)
+    if not (jerk > 0 and pace > 0):
+        return False
+    cost = replace(gentle, weight=GENTLE / jerk, haste=1.0 / pace)
+    settings = replace(SETTINGS, wish=0.0, most=FASTER)
+    for attempt in range(ATTEMPTS):
+        search.check_time()
+        outcome = optimise(programme, cost, z, settings, None, search.over)
+        z = outcome.z
+        search.evaluations += outcome.iterations
+        search.tell(outcome.value, outcome.missed)
+        motion = programme.motion(z)
+        if search.judge(motion).verified is not None:
             return True
-        more = attempt + 1
-        settings = replace(
-            settings,
-            radius=AGAIN,
-            margin=SETTINGS.margin + more * MORE,
-            border_margin=SETTINGS.border_margin + more * MORE_BORDER,
-        )
+        if search.scene.is_limited and not search.scene.moving.any():
+            slower = in_least_time(motion, search.asked or search.scene)
+            if verify(slower, search.checks).verified is not None:
+                search.needed = min(slower.scene.duration, search.needed or np.inf)
+                return False
+        settings = _stricter(settings, attempt)
     return False
+
+
+def _stricter(settings: Settings, attempt: int) -> Settings:
+    """What is asked for after a rejection."""
+    more = attempt + 1
+    return replace(
+        settings,
+        radius=AGAIN,
+        margin=SETTINGS.margin + more * MORE,
+        border_margin=SETTINGS.border_margin + more * MORE_BORDER,
+    )

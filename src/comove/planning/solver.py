@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion, modulate
 from comove.errors import OptionError, near_name
 from comove.planning.compiling import compiling
+from comove.planning.convex.limits import Limits
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective, Penalty
-from comove.planning.objectives import LeastJerk, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
+from comove.planning.pace import comfortable, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
@@ -40,7 +42,7 @@ def solve(
     method: Method | None = None,
     planner: bool = True,
     budget: float = 30.0,
-    objective: LeastJerk | PaperCost | None = None,
+    objective: LeastJerk | LeastTime | PaperCost | None = None,
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     carrier: Carrier | None = None,
@@ -65,9 +67,11 @@ def solve(
     budget
         Seconds after which the best so far is returned.
     objective
-        What the motion shall be best in. `LeastJerk()`, smooth and near to the demonstration, unless given; where the
-        method is not comove's own, the planner off, obstacles a cost or a `carrier` given, `PaperCost()`: these
-        minimise equation (4).
+        What the motion shall be best in; what the scene says unless given. Where that says nothing, `LeastJerk()`,
+        smooth and near to the demonstration; `LeastTime()` for a scene without duration and demonstration;
+        `PaperCost()`, equation (4), where the method is not comove's own, the planner off, obstacles a cost or a
+        `carrier` given. The motion of a scene that leaves its duration out is as fast as its limits allow; the
+        solution's own scene says how long it takes.
     obstacles
         Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
         cost is handed out, verified or not.
@@ -96,18 +100,27 @@ def solve(
         and obstacles == "constraint"
         and not carrier
     )
+    said = objective_of_scene(scene.file.objective)
+    if objective is None and (smooth or isinstance(said, PaperCost)):
+        objective = said
     if objective is None:
-        objective = LeastJerk() if smooth else PaperCost()
-    if isinstance(objective, LeastJerk) and not smooth:
+        hasty = not scene.is_timed and demonstration is None
+        objective = (LeastTime() if hasty else LeastJerk()) if smooth else PaperCost()
+    if not isinstance(objective, PaperCost) and not smooth:
         raise OptionError(
-            "least jerk is found by comove's own method, with a planner, and obstacles that are constraints",
+            f"{type(objective).__name__} needs comove's own method, a planner, and obstacles that are constraints",
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
     asked = scene
+    if not scene.is_timed or isinstance(objective, LeastTime):
+        asked, scene = _open(scene, carrier)
     weights = objective if isinstance(objective, PaperCost) else PaperCost()
     if carrier is None:  # arms are as long as they are
         scene, demonstration = of_common_size(scene, demonstration)
+    limits = Limits.of(scene, scene.duration)
+    if not asked.is_timed:
+        scene = scene.limited(speed=None, acceleration=None, jerk=None)
     taught = None if demonstration is None else carried_demonstration(demonstration, scene)
     penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
     search = Search(
@@ -121,7 +134,8 @@ def solve(
         checks=checks,
         carrier=carrier,
         progress=progress,
-        smoothness=objective if isinstance(objective, LeastJerk) else None,
+        aim=objective,
+        limits=limits,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
     if (
@@ -137,6 +151,7 @@ def solve(
             None if checks else search.attempt_verdict
         )  # checks are not asked about what the scene rejects
     motion, evaluated, log = search.handed(motion), search.objective, search.log
+    asked = motion.scene
     if verdict is None or search.asked is not None:
         verdict = verify(motion, checks)
     if search.asked is not None:
@@ -149,7 +164,9 @@ def solve(
         motion=verdict.verified,
         attempt=motion,
         report=verdict.report,
-        reasons=verdict.reasons,
+        reasons=verdict.reasons
+        if search.needed is None
+        else (*verdict.reasons, _too_short(asked, search.needed)),
         cost=evaluated.cost(motion),
         method=method.name,
         seed=seed,
@@ -165,14 +182,34 @@ def solve(
 
 
 def _followed(
-    motion: CoordinatedMotion, objective: LeastJerk | PaperCost, demonstration: Array | None
+    motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, demonstration: Array | None
 ) -> float | None:
     """Mean distance of the hands from the demonstration [m], None where it is not followed."""
+    if isinstance(objective, LeastTime):
+        return None
     strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
     if demonstration is None or strength == 0:
         return None
     hands = motion.hands(np.linspace(0.0, 1.0, len(demonstration)))[0]
     return float(np.linalg.norm(hands - demonstration[..., : hands.shape[2]], axis=2).mean())
+
+
+def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
+    """A scene whose duration is to be found, with limits, and the same for the search, in a second."""
+    if carrier is not None or scene.moving.any():
+        who = "arms follow" if carrier is not None else "obstacles move"
+        raise OptionError(
+            f"the duration is left open, and {who}",
+            file=scene.path,
+            key="duration",
+            way_out="give one: only where nothing but hands moves, the shortest is found",
+        )
+    asked = with_limits(scene).timed(None)
+    return asked, asked.timed(1.0)
+
+
+def _too_short(scene: Scene, needed: float) -> str:
+    return f"{scene.duration:g} s are too short for the limits: {comfortable(needed):g} s would do"
 
 
 def of_common_size(scene: Scene, demonstration: DMP | None) -> tuple[Scene, DMP | None]:
@@ -224,8 +261,10 @@ def _check_options(
         raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
     if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
-    if objective is not None and not isinstance(objective, (LeastJerk, PaperCost)):
-        raise OptionError(f"objective = {objective!r}", way_out="give LeastJerk() or PaperCost()")
+    if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
+        raise OptionError(
+            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime() or PaperCost()"
+        )
     if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
         raise OptionError(
             f"a resemblance of {objective.resemblance:g} without a demonstration",

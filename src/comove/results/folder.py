@@ -28,7 +28,7 @@ from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
 from comove.planning.objective import Objective
-from comove.planning.objectives import LeastJerk, PaperCost
+from comove.planning.objectives import OBJECTIVES, PaperCost
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
@@ -52,12 +52,12 @@ from comove.verification.verify import Report, Verdict, verify
 
 Array = NDArray[np.float64]
 
-ARRAYS, SUMMARY = "solution.npz", "solution.json"
+ARRAYS, SUMMARY, SCENE = "solution.npz", "solution.json", "scene.json"
 FILES = {ARRAYS, SUMMARY, "motion.png", "progress.png"}
 RUN_ARRAYS, RUN_SUMMARY = "run.npz", "run.json"
 FILES |= {RUN_ARRAYS, RUN_SUMMARY, "run.png", "run.gif"}  # of an execution
 FILES |= {f"comparison.{suffix}" for suffix in ("json", "png", "gif")}
-FILES |= {"joints.npz", "robot.json", "scene.json", "joints.png"}  # of a robot
+FILES |= {"joints.npz", "robot.json", SCENE, "joints.png"}  # of a robot
 FILES |= {f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")}
 FILES |= {f"{part}.csv{more}" for part in ("baxter", "approach", "release") for more in ("", ".json")}
 FILES |= {
@@ -69,7 +69,7 @@ ROOM = 2_000_000  # bytes that a result may take, pictures and all
 TERMS = ("goal", "velocity", "obstacle", "resemblance")
 RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
 USUAL = PaperCost()
-OBJECTIVES = {LeastJerk: "least_jerk", PaperCost: "paper"}
+NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 UNSUMMED = {"summary_sha256", "time_to_first_verified_s", "wall_time_s"}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
@@ -252,6 +252,7 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "interrupted": solution.interrupted,
         "reasons": list(solution.reasons),
         "scene": solution.scene.name,
+        "duration": solution.scene.duration,
         "method": solution.method,
         "seed": solution.seed,
         "version": __version__,
@@ -259,7 +260,7 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "cost_terms": terms,
         "cost_weights": _weights_of(terms, solution.attempt),
         **{name: _finite(value) for name, value in report.asdict().items()},
-        "objective": {"type": OBJECTIVES[type(solution.objective)], **vars(solution.objective)},
+        "objective": {"type": NAMES[type(solution.objective)], **vars(solution.objective)},
         "demonstration_distance_m": solution.followed,
         "smoothness": {name: _finite(value) for name, value in vars(smoothness(solution.attempt)).items()},
         "evaluations": solution.evaluations,
@@ -401,7 +402,10 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
     if stored.summary.get("summary_sha256") != _summary_checksum(stored.summary):
         reasons.append(f"{SUMMARY} was edited: its own checksum does not fit")
     if stored.summary.get("scene_sha256") != scene.sha256:
-        reasons.append("the scene is not the one that was solved: its checksum differs")
+        reasons.append(
+            "the scene is not the one that was solved: its checksum differs (options such as --duration that "
+            "changed it must be given again)"
+        )
     try:
         _require_entries(stored.summary, stored.folder / SUMMARY)
     except ResultError as error:
@@ -410,11 +414,45 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
         reasons += _edited_summary(stored.summary, verdict.report)
         reasons += _edited_cost(stored.summary, motion)
         reasons += _edited_smoothness(stored.summary, motion)
+        if stored.summary.get("duration") not in (None, scene.duration):  # older results do not say it
+            reasons.append(
+                f"{SUMMARY} says a duration of {stored.summary['duration']} s, not {scene.duration} s"
+            )
         if stored.summary.get("scene") != scene.name:
             reasons.append(f"{SUMMARY} names another scene: {shortened(str(stored.summary.get('scene')))}")
     elif stored.summary.get("verified") is not True:
         reasons.append(f"{SUMMARY} does not claim a verified motion")
     return Verdict(None if reasons else verdict.verified, verdict.report, tuple(reasons))
+
+
+def filled_in(scene: Scene, stored: StoredResult) -> Scene:
+    """The scene with what it leaves open, its duration and limits, as the result's own scene has it.
+
+    Raises
+    ------
+    ResultError
+        If the result does not say.
+    """
+    hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
+    if scene.is_timed and not hasty:
+        return scene
+    path = stored.folder / SCENE
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        limits = {key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None}
+        return scene.timed(_positive(said["duration"])).limited(**limits)
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ResultError(
+            f"the scene leaves its duration open, and the result does not say it: {error}",
+            file=path,
+            way_out="solve the scene again",
+        ) from error
+
+
+def _positive(value: object) -> float:
+    if not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ValueError(f"{value!r} is not a positive number")
+    return float(value)
 
 
 def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:

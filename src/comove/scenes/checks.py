@@ -37,6 +37,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
         *_holder_flaws(scene),
         *_grasp_flaws(scene),
         *_constraint_flaws(scene),
+        *_objective_flaws(scene),
         *_file_flaws(scene, folder),
     ]
 
@@ -227,6 +228,16 @@ def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
         name = getattr(part, "file", None)
         if name is not None and (told := _file_flaw(name, folder)):
             yield Flaw((*path, "file"), *told)
+
+
+def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    """Find what asks for a demonstration where there is none."""
+    if getattr(scene.objective, "resemblance", None) and scene.demonstration is None:
+        yield Flaw(
+            ("objective", "resemblance"),
+            "there is no demonstration to resemble",
+            "add a demonstration, or leave the resemblance out",
+        )
 
 
 def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:

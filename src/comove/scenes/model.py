@@ -12,6 +12,7 @@ metres, times in seconds, angles in degrees where the key says so, quaternions i
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -263,8 +264,8 @@ class Manipulator(Part):
 class Limits(Part):
     """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; the load's `clearance` [m].
 
-    Where a file does not say: there is no limit, and the clearance is 5 mm on robots, else 0. Where the file leaves the
-    duration out, `solve` fills limits in.
+    Where a file does not say: there is no limit, and the clearance is 5 mm on robots, else 0. Where the file leaves
+    the duration out, `solve` fills limits in.
     """
 
     speed: Positive | None = None
@@ -368,6 +369,36 @@ class GraspPart(Part):
         return self
 
 
+class LeastJerkObjective(Part):
+    """Smooth motions, near to the demonstration; see `comove.planning.objectives.LeastJerk`."""
+
+    type: Literal["least_jerk"]
+    resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
+    room: NotNegative = 0.01
+
+
+class LeastTimeObjective(Part):
+    """The shortest duration within the limits; a duration of the scene's does not count."""
+
+    type: Literal["least_time"]
+
+
+class PaperObjective(Part):
+    """Equation (4) of the paper: c_goal, c_vel, c_obst, and how much the demonstration's shape counts."""
+
+    type: Literal["paper"]
+    goal: NotNegative = 1.0
+    velocity: NotNegative = 0.01
+    obstacle: NotNegative = 10.0
+    resemblance: NotNegative = 0.0
+
+
+Objective = Annotated[
+    LeastJerkObjective | LeastTimeObjective | PaperObjective,
+    Field(discriminator="type"),
+]
+
+
 class DemonstrationSource(Part):
     """Where the taught movement comes from: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
@@ -430,6 +461,13 @@ class SceneFile(Part):
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
     grasp: GraspPart | None = None
+    objective: Objective | None = None
+    """What the motion shall be best in, unless the command says something else."""
+
+    @model_serializer(mode="wrap")
+    def _without_no_objective(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Scenes without an objective keep their checksum."""
+        return {key: value for key, value in write(self).items() if key != "objective" or value is not None}
 
     @model_validator(mode="after")
     def _fill_clearance(self) -> SceneFile:
@@ -479,19 +517,21 @@ _CONSTRAINTS = {
     "upright": UprightConstraint,
     "same_height": SameHeightConstraint,
 }
+_OBJECTIVES = {"least_jerk": LeastJerkObjective, "least_time": LeastTimeObjective, "paper": PaperObjective}
 CONTRACT = Contract(
     root=SceneFile,
     families={
         "obstacles": Family("shape", _OBSTACLES, 2),
         "load": Family("shape", _LOADS, 1),
         "constraints": Family("type", _CONSTRAINTS, 2),
+        "objective": Family("type", _OBJECTIVES, 1),
     },
 )
 """What messages know of the keys."""
 
 
-def load_scene_file(path: str | Path) -> SceneFile:
-    """Read and check the scene file at `path`.
+def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
+    """Read and check the scene file at `path`, with `changes` instead of what it says under these keys.
 
     Raises
     ------
@@ -499,7 +539,16 @@ def load_scene_file(path: str | Path) -> SceneFile:
         One message that names file, key, line, value and way out of the first three errors.
     """
     data, lines = read_yaml(path)
+    data = _changed(data, changes or {})
     return parse_scene(data, folder=Path(path).parent, file=path, lines=lines)
+
+
+def _changed(data: Any, changes: Mapping[str, Any]) -> Any:
+    """Data with other values under some keys; mappings are merged."""
+    if not isinstance(data, dict):
+        return data  # which is refused in words
+    merged = {k: _changed(data.get(k) or {}, v) if isinstance(v, Mapping) else v for k, v in changes.items()}
+    return data | merged
 
 
 def parse_scene(

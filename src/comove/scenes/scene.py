@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import hypot, radians
@@ -136,8 +136,13 @@ class Scene:
     meshes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, path: str | Path) -> Scene:
+    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
         """Read a scene file (YAML).
+
+        Parameters
+        ----------
+        changes
+            What shall stand in the file instead, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
 
         Raises
         ------
@@ -145,7 +150,7 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        return _build(load_scene_file(path), path.parent, path)
+        return _build(load_scene_file(path, changes), path.parent, path)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
@@ -325,6 +330,11 @@ class Scene:
     def jerk_limit(self) -> float:
         """Limit of every manipulator's jerk [m/s^3], infinite where there is none."""
         return np.inf if self.file.limits.jerk is None else self.file.limits.jerk
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether a limit of speed, acceleration or jerk is set."""
+        return min(self.speed_limit, self.acceleration_limit, self.jerk_limit) < np.inf
 
     @property
     def load_mass(self) -> float | None:

@@ -1,9 +1,9 @@
 """An upper bound of the hands' jerk over continuous time, by truncated power series.
 
-Between two knots the second derivative of q is ``(P + Q t) exp(-omega t)`` (see `bounds`), so q has derivatives of every
-order there, known at both ends. Carried through the coordinates as power series they give the jerk of every hand at
-both ends exactly; in between it is at most the larger of the two and ``h^2/8`` of a bound of its second derivative.
-That bound is a majorant: a series with coefficients that no coefficient of the true one exceeds.
+Between two knots the second derivative of q is ``(P + Q t) exp(-omega t)`` (see `bounds`), so q has derivatives of
+every order there, known at both ends. Carried through the coordinates as power series they give the jerk of every
+hand at both ends exactly; in between it is at most the larger of the two and ``h^2/8`` of a bound of its second
+derivative. That bound is a majorant: a series with coefficients that no coefficient of the true one exceeds.
 """
 
 from __future__ import annotations
@@ -46,7 +46,11 @@ def largest_jerk(motion: CoordinatedMotion, jerk: Array) -> float:
         center = slice(0, coordinates.n_dims)
         turn = slice(coordinates.n_dims, None)
         ends = [
-            6.0 * (_turned(part.kind, series[:, :, turn], points, coordinates.n_dims)[3] + series[3, :, None, center])
+            6.0
+            * (
+                _turned(part.kind, series[:, :, turn], points, coordinates.n_dims)[3]
+                + series[3, :, None, center]
+            )
             for series in _series_at_ends(columns)
         ]
         reach = lengths(points[:, :2] if part.kind == ANGLE else points)
@@ -94,7 +98,7 @@ def _slopes(columns: Array) -> Array:
 
 
 def _norms(columns: Array) -> Array:
-    """Bounds of |x|'s derivatives by order up to the fifth on every interval, shape (6, n_intervals); no bound of |x|.
+    """Bounds of the derivatives of |x| by order up to the fifth on every interval; array, shape (6, n_intervals).
 
     The decay is at most 1, and what it multiplies is a line, whose norm is largest at an end.
     """
@@ -150,8 +154,8 @@ def _turned(kind: int, turn: Array, points: Array, n_dims: int) -> Array:
 def _turning(kind: int, turn: Array) -> Array:
     """Bound of the fifth derivative of a turning point at unit distance on every interval, shape (n_intervals,).
 
-    A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, what a quaternion turns
-    by (1 + x)^2 (1 - 2x - x^2)^(-1), and a turn by an angle by exp(x).
+    A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, what a quaternion
+    turns by (1 + x)^2 (1 - 2x - x^2)^(-1), and a turn by an angle by exp(x).
     """
     norms = _norms(turn)
     x = norms / np.array([factorial(k) for k in range(FIFTH + 1)])[:, None]

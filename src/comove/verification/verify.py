@@ -18,6 +18,7 @@ from comove.scenes.constraints import (
     SeparationConstraint,
     UprightConstraint,
 )
+from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
@@ -65,6 +66,14 @@ class Report:
     tilt_max: float | None = None
     height_error_max: float | None = None
     jerk_max: float | None = None
+
+    def limit_ratios(self, scene: Scene) -> tuple[float, float, float]:
+        """Speed, acceleration and jerk over the limits of a scene, 0 where there is none."""
+        return (
+            self.speed_max / scene.speed_limit,
+            self.acceleration_max / scene.acceleration_limit,
+            (self.jerk_max or 0.0) / scene.jerk_limit,
+        )
 
     def asdict(self) -> dict[str, float]:
         """The measures by name, without those that the scene does not ask for."""

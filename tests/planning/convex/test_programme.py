@@ -97,13 +97,33 @@ def test_limits_are_linear_in_what_they_say():
     """Of one hand: rows are slopes of the ratios that they bound."""
     rng = np.random.default_rng(2)
     hands, moves = np.cumsum(rng.standard_normal((30, 2)), axis=0), rng.standard_normal((30, 2, 5))
-    limits, step = Limits(2, (20.0, 500.0)), 1e-6 * rng.standard_normal(5)
-    rows, bounds = limits.linear(hands, moves)
-    after = np.concatenate([r.ravel() for r in limits.ratios(hands + moves @ step)])
-    before = np.concatenate([r.ravel() for r in limits.ratios(hands)])
-    active = before > 0.7
-    np.testing.assert_allclose(bounds, before[active] - 1.0, atol=1e-12)
-    np.testing.assert_allclose(-rows @ step, (after - before)[active], rtol=1e-3, atol=1e-10)
+    limits, step = Limits(2, (20.0, 500.0, 4e4)), 1e-6 * rng.standard_normal(5)
+    rows, bounds = limits.linear(hands, moves).cuts(np.zeros(5), 0.0, 0.7)
+    after, before = (
+        np.concatenate([r.ravel() ** (1 / order) for order, r in limits._ratios(h)])
+        for h in (hands + moves @ step, hands)
+    )
+    orders = np.repeat([1, 2, 3], [29, 28, 29])
+    active = before**orders > 0.7
+    np.testing.assert_allclose(bounds, ((before**orders - 1.0) / orders)[active], atol=1e-12)
+    change = (after**orders - before**orders) / orders
+    np.testing.assert_allclose(-rows @ step, change[active], rtol=1e-3, atol=1e-10)
+
+
+def test_cuts_hold_what_keeps_the_limits():
+    """Whatever a trial cuts off, changes within the limits stay within; and a slower pace lets more of them."""
+    rng = np.random.default_rng(3)
+    hands, moves = 0.1 * rng.standard_normal((30, 2)), rng.standard_normal((30, 2, 5))
+    linear = Limits(2, (20.0, 500.0, 4e4)).linear(hands, moves)
+    checked = 0
+    for _ in range(300):
+        trial, inside, slower = rng.standard_normal(5), 0.05 * rng.standard_normal(5), rng.uniform(0, 0.5)
+        rates = np.linalg.norm(linear.rates + linear.slopes @ inside, axis=1)
+        rows, bounds = linear.cuts(trial, 0.0, 1.0)
+        if (rates <= linear.limits + linear.slower * slower).all():
+            assert (rows @ inside + slower >= bounds - 1e-9).all()
+            checked += len(rows) > 0
+    assert checked > 50
 
 
 def test_the_cost_is_the_integral_of_its_definition():

@@ -63,19 +63,21 @@ class JerkCost:
         return np.sqrt(self.weight * self.pull / (n_samples * self.way**2))
 
 
-def squares(scene: Scene, objective: LeastJerk, demonstration: Array | None) -> JerkCost:
-    """The objective as a sum of squares at `N_SAMPLES` even samples.
+def squares(
+    scene: Scene, objective: LeastJerk, demonstration: Array | None, n_samples: int = N_SAMPLES
+) -> JerkCost:
+    """The objective as a sum of squares at even samples.
 
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 3), what was taught transferred to every hand [m], where
-        n_steps - 1 is a multiple of `N_SAMPLES` - 1; None without one
+        n_steps - 1 is a multiple of n_samples - 1; None without one
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
     if pull == 0:
         return JerkCost(max(way, 1e-6))
-    step = (len(demonstration) - 1) // (N_SAMPLES - 1)
-    return JerkCost(max(way, 1e-6), demonstration[::step, :, : scene.n_dims].reshape(N_SAMPLES, -1), pull)
+    step = (len(demonstration) - 1) // (n_samples - 1)
+    return JerkCost(max(way, 1e-6), demonstration[::step, :, : scene.n_dims].reshape(n_samples, -1), pull)
 
 
 def jerk_cost(motion: CoordinatedMotion, objective: LeastJerk, demonstration: Array | None) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,12 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 ACTIVE = 0.7  # of a limit, from which on it is part of a programme
-SHARES = (0.99, 0.97, 0.97)  # of the limits of speed, acceleration and jerk, kept to: samples miss their peaks
+LITTLE = 1.003
+SHARES = (
+    0.99,
+    0.97,
+    0.97,
+)  # of the limits of speed, acceleration and jerk, kept to: samples miss their peaks
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,13 @@ class Limits:
         """Those of a scene for a movement of a duration [s]."""
         limits = scene.speed_limit, scene.acceleration_limit, scene.jerk_limit
         return cls(scene.n_dims, tuple(value * duration ** (i + 1) for i, value in enumerate(limits)))
+
+    def stricter(self, exceeded: tuple[float, float, float]) -> Limits:
+        """The same, each divided by a ratio that a motion that seemed to keep it has reached, and a little more."""
+        values = (
+            value / max(1.0, LITTLE * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
+        )
+        return replace(self, values=tuple(values))
 
     def pace(self, hands: Array) -> float:
         """Return the least number of durations that a movement needs to keep the limits; 0 without limits.
@@ -59,16 +71,15 @@ class Limits:
         moves : array, shape (n_samples, n_hands * n_dims, n), how hands change with n variables
         pace : in how many durations the movement is made
         """
-        n_hands, rates, slopes, slower, limits = hands.shape[1] // self.n_dims, [], [], [], []
+        rates, slopes, slower, limits = [], [], [], []
         for order, share, value in self._finite():
             rates.append(_rate(hands, order).reshape(-1, self.n_dims) / (share * value))
             slopes.append(_rate(moves, order).reshape(-1, self.n_dims, moves.shape[2]) / (share * value))
             slower.append(np.full(len(rates[-1]), order * pace ** (order - 1)))
             limits.append(np.full(len(rates[-1]), pace**order))
         if not rates:
-            return LinearLimits(
-                np.zeros((0, n_hands)), np.zeros((0, self.n_dims, moves.shape[2])), np.zeros(0), np.zeros(0)
-            )
+            none = np.zeros((0, self.n_dims))
+            return LinearLimits(none, np.zeros((*none.shape, moves.shape[2])), none[:, 0], none[:, 0])
         return LinearLimits(*map(np.concatenate, (rates, slopes, slower, limits)))
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
@@ -86,7 +97,7 @@ class Limits:
 
 
 class LinearLimits(NamedTuple):
-    """Limited rates ``rates + slopes dz``, which may be as large as ``limits + slower dp`` where the pace grows by dp.
+    """Limited rates ``rates + slopes dz``, which may reach ``limits + slower dp`` where the pace grows by dp.
 
     Attributes
     ----------

@@ -14,7 +14,6 @@ from typing import NamedTuple, Protocol
 import daqp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 
 from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
@@ -26,7 +25,7 @@ from comove.planning.convex.contacts import (
     linearised,
     surroundings_of,
 )
-from comove.planning.convex.limits import ACTIVE, LinearLimits, Limits
+from comove.planning.convex.limits import ACTIVE, Limits, LinearLimits
 from comove.primitives.basis import MotionBasis
 from comove.primitives.forcing import N_INTERVALS
 from comove.scenes.scene import Scene
@@ -36,7 +35,8 @@ Array = NDArray[np.float64]
 FREE = 1e30  # what bounds nothing, as DAQP takes it
 GAUGE_EVERY = 4  # samples, at which lengths are looked at
 LIMIT = 0.1  # m, that missing a limit by its whole self counts as
-LIMIT_TOLERANCE = 1e-3  # of a limit
+LIMIT_TOLERANCE = 1e-3  # of a limit, up to which it is linearised
+UNNOTICED = 1e-2  # of a limit, less than what is kept back from it
 UNIT = 1e-3  # m, of the slack in a programme
 SOUND = 1e-9  # m, by which margins may be missed
 MOST_SLACK_COST = 1e8  # of a metre
@@ -268,7 +268,7 @@ class Programme:
         missed = np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum()
         if cost.haste > 0:
             return float(missed)
-        return float(missed) + LIMIT * max(self.limits.excess(hands) - LIMIT_TOLERANCE, 0.0)
+        return float(missed) + LIMIT * max(self.limits.excess(hands) - UNNOTICED, 0.0)
 
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
         """Rows A and bounds b of the linearised clearances, ``A dz >= b``, and whom they keep away from."""
@@ -296,7 +296,8 @@ class Stand(NamedTuple):
     z : array, shape (n_columns * n_basis,)
     value : of the cost
     wish : how much of the wish for clearance is not met
-    gradient, factor : its model in the variables ``L' dz`` in which its matrix is the identity: gradient and L
+    gradient : of its model in the variables w, ``dz = whiten' w``, in which its matrix is the identity
+    whiten : array, shape (n_columns * n_basis, n_columns * n_basis)
     seen : the clearances that are linearised
     off : array, shape (n_samples, n_columns), how far they are from those of `z`
     limits : those of the hands, linearised
@@ -308,7 +309,7 @@ class Stand(NamedTuple):
     value: float
     wish: float
     gradient: Array
-    factor: Array
+    whiten: Array
     seen: Seen
     off: Array
     limits: LinearLimits
@@ -418,8 +419,9 @@ def _stand(
     slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
     square = slopes.T @ slopes
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
-    factor = cholesky(square, lower=True, check_finite=False)
-    gradient = solve_triangular(factor, slopes.T @ residuals, lower=True, check_finite=False)
+    # All by numpy: its threads and those of scipy stand in each other's way, ten times longer than the work takes.
+    whiten = np.linalg.inv(np.linalg.cholesky(square))
+    gradient = whiten @ (slopes.T @ residuals)
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
     seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
@@ -428,7 +430,7 @@ def _stand(
     value = float(residuals @ residuals) + cost.haste * pace
     wish = _wish(p, seen, settings)
     limits = p.limits.linear(hands, moves, pace)
-    return Stand(z, value, wish, gradient, factor, seen, seen.q - own, limits, pace, missed)
+    return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
 
 
 def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
@@ -456,11 +458,10 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
     """One step, corrected where its trial comes too near; None where a programme has no solution."""
 
     def whitened(rows: Array) -> Array:
-        return solve_triangular(here.factor, rows.T, lower=True, check_finite=False).T
+        return rows @ here.whiten.T
 
     def limits(w: Array, slower: float, share: float) -> tuple[Array, Array]:
-        change = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
-        cut, least = here.limits.cuts(change, slower, share)
+        cut, least = here.limits.cuts(w @ here.whiten, slower, share)
         return whitened(cut), least
 
     need, center = p.need(settings), here.off[p.watched].ravel()
@@ -487,7 +488,7 @@ def _step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: flo
         if found is None:
             return None
         w, slack, short, slower = found
-        dz = solve_triangular(here.factor, w, lower=True, trans="T", check_finite=False)
+        dz = w @ here.whiten
         if not hasty:
             slack += LIMIT * slower
         gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
@@ -616,18 +617,22 @@ def _solve(
         matrix = np.concatenate([matrix, np.zeros((len(cut), matrix.shape[1]))])
         matrix[len(matrix) - len(cut) :, :n], matrix[len(matrix) - len(cut) :, -1] = cut, haste.pace
         below, above = np.append(below, least), np.append(above, np.full(len(cut), FREE))
-        w, _, flag, told = daqp.solve(
-            np.diag(square),
-            linear,
-            matrix,
-            above,
-            below,
-            np.zeros(len(above), dtype=np.int32),
-            dual_start=np.append(known, np.zeros(len(cut))),
-            primal_tol=1e-7,
-            iter_limit=2000,
-        )
-        if flag < 1:
+        known = np.append(known, np.zeros(len(cut)))
+        for guess in (known, None) if known.any() else (None,):  # from a guess it may go round in circles
+            w, _, flag, told = daqp.solve(
+                np.diag(square),
+                linear,
+                matrix,
+                above,
+                below,
+                np.zeros(len(above), dtype=np.int32),
+                dual_start=guess,
+                primal_tol=1e-7,
+                iter_limit=2000,
+            )
+            if flag >= 1:
+                break
+        else:
             return None
         known = told["lam"]
         slower = haste.pace * float(w[-1])

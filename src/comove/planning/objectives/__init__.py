@@ -1,7 +1,19 @@
 """What a motion shall be best in."""
 
+from __future__ import annotations
+
+from pydantic import BaseModel
+
 from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
 from comove.planning.objectives.paper import PaperCost
 
-__all__ = ["LeastJerk", "LeastTime", "PaperCost"]
+__all__ = ["OBJECTIVES", "LeastJerk", "LeastTime", "PaperCost", "objective_of_scene"]
+
+OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCost}
+"""By what scene files and results call them."""
+
+
+def objective_of_scene(part: BaseModel | None) -> LeastJerk | LeastTime | PaperCost | None:
+    """Return the objective that a scene file asks for, None where it says nothing."""
+    return None if part is None else OBJECTIVES[part.type](**part.model_dump(exclude={"type"}))
