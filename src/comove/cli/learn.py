@@ -23,12 +23,21 @@ def learn(
     manipulator: r.Manipulator = None,
     episode: r.Episode = None,
     topic: r.Topic = None,
+    unit: r.Unit = None,
+    columns: r.Columns = None,
+    delimiter: r.Delimiter = None,
+    time: r.Time = None,
+    rate: r.Rate = None,
+    clean: r.Clean = False,
 ) -> int:
     """Fit a movement primitive to DEMO and save it."""
     from comove.primitives import learn, write_primitive
 
     r.check_target(out)
-    recording, source, _ = r.read_recording(demo, manipulator, episode, topic)
+    reading = r.reading_options(unit, columns, delimiter, time, rate, clean)
+    recording, source, _ = r.read_recording(demo, manipulator, episode, topic, reading)
+    if unit is None:
+        r.require_metres(recording, demo)
     options = r.learning_options(n_basis, variant, phase, period, poses)
     name = r.file_name(out.name.removesuffix(".json").removesuffix(".dmp"))
     primitive = learn(recording, name=name, source=source, **options)

@@ -38,8 +38,73 @@ Episode = Annotated[str | None, typer.Option(help="Which recording of a file tha
 Topic = Annotated[str | None, typer.Option(help="Which topic of a bag.")]
 
 
-def read_recordings(demo: str, manipulator: str | None, episode: str | None, topic: str | None) -> list:
+Unit = Annotated[
+    str | None,
+    typer.Option(
+        help="Unit of its lengths: m, cm, mm, in, ...; metres, or what the file says, unless given."
+    ),
+]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Columns of the positions in a text table, by name or number; of any program's making.",
+    ),
+]
+Delimiter = Annotated[
+    str | None,
+    typer.Option(help="What separates the columns: ';', ',', 'tab' or 'space'; found unless given."),
+]
+Time = Annotated[
+    str | None,
+    typer.Option(help="Column of time, with its unit where the file does not say it: 'stamp [ms]'."),
+]
+Rate = Annotated[float | None, typer.Option(help="Samples a second, where there is no column of time [Hz].")]
+Clean = Annotated[
+    bool,
+    typer.Option(
+        "--clean", help="Take the movement between the pauses, and its noise away; what was done is told."
+    ),
+]
+
+
+def reading_options(
+    unit: str | None,
+    columns: str | None,
+    delimiter: str | None,
+    time: str | None,
+    rate: float | None,
+    clean: bool,
+) -> dict:
+    """What `Demonstration.load` takes beside the choice of a movement; nothing where nothing was said."""
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    said = {"unit": unit, "columns": names, "delimiter": delimiter, "time": time, "rate": rate}
+    return {key: value for key, value in said.items() if value is not None} | (
+        {"clean": True} if clean else {}
+    )
+
+
+def require_metres(recording, demo: str) -> None:
+    """Refuse to keep a movement that nobody's arm can make, unless its unit was said."""
+    from comove.demonstrations.cleaning import unit_hint
+
+    if hint := unit_hint(recording.position, recording.unit):
+        raise DemonstrationError(
+            hint.partition(",")[0],
+            file=demo,
+            key="--unit",
+            way_out="give --unit mm, or --unit m if it is right",
+        )
+
+
+def read_recordings(
+    demo: str, manipulator: str | None, episode: str | None, topic: str | None, options: dict | None = None
+) -> list:
     """The movements of a recording, each with where it comes from and what to call it.
+
+    Parameters
+    ----------
+    options : as `reading_options` gives them
 
     Returns
     -------
@@ -55,23 +120,25 @@ def read_recordings(demo: str, manipulator: str | None, episode: str | None, top
             )
         recording = Demonstration.from_lasa(shape, int(number or 0))
         return [(recording, f"{LASA}{shape}:{int(number or 0)}", f"{shape}-{int(number or 0)}")]
-    path = Path(demo)
+    path, options = Path(demo), options or {}
     source = path.name.encode(errors="replace").decode()
-    if (manipulator, episode, topic) == (None, None, None):
+    if (manipulator, episode, topic) == (None, None, None) and not options:
         found = Demonstration.load_all(path)
         if len(found) == 1:
             return [(found[0], source, file_name(path.stem))]
         return [(one, source, file_name(one.name or path.stem)) for one in found]
-    one = Demonstration.load(path, manipulator, episode=episode, topic=topic)
-    chosen = ".".join(choice for choice in (episode, manipulator, topic) if choice)
-    return [(one, source, file_name(f"{path.stem}.{chosen}"))]
+    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
+    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
+    return [(one, source, file_name(chosen))]
 
 
-def read_recording(demo: str, manipulator: str | None, episode: str | None, topic: str | None) -> tuple:
+def read_recording(
+    demo: str, manipulator: str | None, episode: str | None, topic: str | None, options: dict | None = None
+) -> tuple:
     """The only movement of a recording, or the one that was chosen; (Demonstration, source, name)."""
     from comove.demonstrations import Demonstration
 
-    found = read_recordings(demo, manipulator, episode, topic)
+    found = read_recordings(demo, manipulator, episode, topic, options)
     if len(found) > 1:
         Demonstration.load(demo)  # which says what there is to choose from
         raise DemonstrationError(

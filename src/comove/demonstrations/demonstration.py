@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import cleaning, resampling
-from comove.errors import ComoveWarning, OptionError
+from comove.demonstrations import cleaning, resampling, units
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -179,6 +181,54 @@ class Demonstration:
         _warn(self.name, note, stacklevel=3)
         return self._changed(self.time, position, orientation, note)
 
+    def in_metres(self, unit: str | None) -> Demonstration:
+        """Return the movement with its positions in metres, where they were written in `unit`; as it is for None.
+
+        Raises
+        ------
+        OptionError
+            The unit is not known, or the recording says another one.
+        """
+        if unit is None:
+            return self
+        factor = units.length(unit)
+        if self.unit not in ("m", unit):
+            raise OptionError(
+                f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
+            )
+        others = tuple(note for note in self.notes if cleaning.UNIT_HINT not in note)
+        if unit == "m":
+            hint = cleaning.unit_hint(self.position, "m")
+            said = f"in metres, as was said, though it {cleaning.UNIT_HINT}"
+            return replace(self, notes=(*others, said)) if hint else self
+        notes = (*others, f"converted from {unit} to m")
+        return replace(self, position=factor * self.position, unit="m", notes=notes)
+
+    def cleaned(self) -> Demonstration:
+        """Return the movement between the pauses, without its noise; notes say what was done.
+
+        Of several movements, the one in which the hand comes farthest. The filter's frequency is the lowest at which
+        it removes no more than the noise, which is read from the recording itself.
+
+        Raises
+        ------
+        DemonstrationError
+            Nothing moves in it.
+        """
+        from comove.demonstrations.segmentation import segment
+
+        parts = segment(self)
+        if not parts:
+            raise DemonstrationError(
+                "the hand never moves in it",
+                file=self.name or None,
+                way_out="record a movement between two pauses",
+            )
+        ways = [float(np.linalg.norm(np.diff(part.position, axis=0), axis=1).sum()) for part in parts]
+        part = replace(parts[first_largest(ways)], name=self.name)
+        cutoff = resampling.cutoff_of_noise(part.time, part.position)
+        return part if cutoff is None else part.smoothed(float(f"{cutoff:.3g}"))
+
     def trimmed(self, speed_threshold: float) -> Demonstration:
         """Return the movement without standing still, slower than `speed_threshold` [m/s], at its ends.
 
@@ -212,6 +262,12 @@ class Demonstration:
         *,
         episode: str | int | None = None,
         topic: str | None = None,
+        unit: str | None = None,
+        columns: Sequence[str] | None = None,
+        delimiter: str | None = None,
+        time: str | None = None,
+        rate: float | None = None,
+        clean: bool = False,
     ) -> Demonstration:
         """Read one movement from a file or folder of any kind that `comove.demonstrations` reads.
 
@@ -224,6 +280,9 @@ class Demonstration:
         manipulator : whose movement, where several were recorded together
         episode : which recording, by name or number, where the file holds several
         topic : which topic of a bag
+        unit : of its lengths, such as "mm"; metres, or what the file says, unless given
+        columns, delimiter, time, rate : of a text table as other programs write it, see `tables.read_table`
+        clean : return the movement between the pauses, without noise (see `cleaned`)
 
         Raises
         ------
@@ -232,7 +291,25 @@ class Demonstration:
         """
         from comove.demonstrations.loading import load
 
-        return load(path, manipulator, episode=episode, topic=topic)
+        if columns is delimiter is time is rate is None:
+            with warnings.catch_warnings():
+                if unit is not None:  # which says what the numbers look like
+                    warnings.filterwarnings("ignore", f".*{cleaning.UNIT_HINT}", ComoveWarning)
+                recording = load(path, manipulator, episode=episode, topic=topic)
+            recording = recording.in_metres(unit)
+        else:
+            from comove.demonstrations.tables import read_table
+
+            if not (manipulator is episode is topic is None):
+                raise OptionError(
+                    "a text table holds one movement",
+                    key="columns",
+                    way_out="choose it by its columns, and leave manipulator, episode and topic out",
+                )
+            recording = read_table(
+                path, columns=columns, delimiter=delimiter, time=time, rate=rate, unit=unit
+            )
+        return recording.cleaned() if clean else recording
 
     @classmethod
     def load_all(cls, path: str | os.PathLike[str]) -> tuple[Demonstration, ...]:

@@ -7,6 +7,16 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 
+_FEWEST = 8
+"""Samples from which noise can be told."""
+_NORMAL_MEDIAN, _FOURTH = 0.6745, 70.0
+"""The median of a normal variable's size, and the sum 1 + 16 + 36 + 16 + 1 by which fourth differences vary more."""
+_QUIET = 1e-5
+"""Of the extent of a movement: noise that nobody sees."""
+_HIGHEST, _LOWEST = 0.9, 2.0
+"""The range of cutoffs that are tried: a share of the Nyquist frequency, and oscillations during the movement."""
+_MORE = 1.05
+"""Times the noise that a filter may remove: what is more belongs to the movement."""
 _ORDER = 2
 """Order of the Butterworth filter; forwards and backwards it acts as one of twice the order."""
 
@@ -94,6 +104,46 @@ def smooth_orientation(
     smoothed /= norm
     smoothed[[0, -1]] = orientation[[0, -1]]
     return smoothed
+
+
+def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
+    """Return the standard deviation of what is noise in a recording, all dimensions together [m].
+
+    It is read from fourth differences, in which movements vanish and noise does not; 0 for less than 8 samples.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], increasing, from 0
+    position : array, shape (n_steps, n_dims), [m]
+    """
+    if len(time) < _FEWEST:
+        return 0.0
+    if not is_even(time):
+        position = resample(time, position, np.linspace(0.0, time[-1], len(time)))
+    differences = np.abs(np.diff(position, n=4, axis=0))
+    return float(np.linalg.norm(np.median(differences, axis=0)) / (_NORMAL_MEDIAN * np.sqrt(_FOURTH)))
+
+
+def cutoff_of_noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
+    """Return the lowest cutoff [Hz] at which a filter removes no more than the noise (the discrepancy principle).
+
+    None where the noise is too little to matter.
+
+    Parameters
+    ----------
+    time, position : as of `noise`
+    """
+    deviation, extent = noise(time, position), float(np.ptp(position, axis=0).max())
+    if deviation <= _QUIET * extent:
+        return None
+    nyquist = 0.5 * (len(time) - 1) / time[-1]
+    chosen = None
+    for cutoff in np.geomspace(_HIGHEST * nyquist, _LOWEST / time[-1], 40):
+        removed = np.sqrt(((position - smooth(time, position, cutoff)) ** 2).sum(axis=1).mean())
+        if removed > _MORE * deviation:
+            break
+        chosen = float(cutoff)
+    return chosen
 
 
 def is_even(time: NDArray[np.float64]) -> bool:

@@ -172,11 +172,8 @@ def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> f
     White noise of deviation s has the power 2 s^2 / rate at each frequency up to the Nyquist frequency;
     differentiation weighs it by (2 pi f)^2, and the filter ends the integral near its cutoff.
     """
-    if len(position) < 8:
-        return 0.0
-    differences = np.abs(np.diff(position, n=4, axis=0))
-    deviation = np.median(differences, axis=0) / (0.6745 * np.sqrt(70.0))  # 70 = 1 + 16 + 36 + 16 + 1
-    return float(np.linalg.norm(deviation) * 2.0 * np.pi * np.sqrt(2.0 / rate * cutoff**3 / 3.0))
+    time = np.arange(len(position)) / rate
+    return resampling.noise(time, position) * 2.0 * np.pi * float(np.sqrt(2.0 / rate * cutoff**3 / 3.0))
 
 
 def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDArray[np.bool_]:

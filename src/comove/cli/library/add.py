@@ -33,6 +33,12 @@ def add(
     manipulator: r.Manipulator = None,
     episode: r.Episode = None,
     topic: r.Topic = None,
+    unit: r.Unit = None,
+    columns: r.Columns = None,
+    delimiter: r.Delimiter = None,
+    time: r.Time = None,
+    rate: r.Rate = None,
+    clean: r.Clean = False,
 ) -> int:
     """Learn movements from recordings, or take primitives, and keep them in the library."""
     from comove.primitives import Library, learn, read_primitive
@@ -41,12 +47,15 @@ def add(
     library, primitives = Library(folder), []
     library.require_room()
     options = r.learning_options(n_basis, variant, phase, period, poses)
+    reading = r.reading_options(unit, columns, delimiter, time, rate, clean)
     for demo in demos:
         if demo.endswith(".json"):
             primitive = read_primitive(demo)
             primitives.append(renamed(primitive, name or primitive.name))
             continue
-        for recording, source, its_name in r.read_recordings(demo, manipulator, episode, topic):
+        for recording, source, its_name in r.read_recordings(demo, manipulator, episode, topic, reading):
+            if unit is None:
+                r.require_metres(recording, demo)
             primitives.append(learn(recording, name=name or its_name, source=source, **options))
     names = [primitive.name for primitive in primitives]
     if name is not None and len(names) > 1:

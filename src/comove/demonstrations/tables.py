@@ -1,0 +1,300 @@
+"""Recordings as text tables of other programs: any separator, any names of columns, any unit of length and time.
+
+What the project's own CSV (`comove.demonstrations.csv`) asks for is found or named here: lines before the header are
+passed over, units may stand in brackets behind a name (`X [mm]`, `t (ms)`), and where columns are not separated by
+commas, numbers may have decimal commas.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.cleaning import UNIT_HINT, Origin, check, unit_hint
+from comove.demonstrations.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
+from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.files import MAX_ROWS, existing_file, telling
+from comove.demonstrations.units import TIMES, length
+from comove.errors import DemonstrationError, OptionError, near_name
+
+Array = NDArray[np.float64]
+
+PREAMBLE = 200  # lines before the header that are passed over at most
+POSITIONS = ("x", "y", "z")
+CLOCKS = ("time", "t", "timestamp", "stamp", "seconds", "sec", "zeit", "elapsed")
+SEPARATORS = (";", "\t", ",", " ")
+SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
+AS_SAID = f", though it {UNIT_HINT}"
+SLOW = 0.5  # s between samples: no recording of a movement is that slow
+_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]")
+
+
+@dataclass(frozen=True)
+class _TableOrigin(Origin):
+    """Names samples by the line of the file."""
+
+    lines: tuple[int, ...] = ()
+    columns: tuple[str, ...] = ()
+    clock: str = ""
+
+    def time(self, sample: int) -> str:
+        return f"line {self.lines[sample]}, column {self.clock}"
+
+    def position(self, sample: int, dim: int) -> str:
+        return f"line {self.lines[sample]}, column {self.columns[dim]}"
+
+
+def read_table(
+    path: str | os.PathLike[str],
+    *,
+    columns: Sequence[str] | None = None,
+    delimiter: str | None = None,
+    time: str | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+) -> Demonstration:
+    """Read one movement from a text table; its positions come back in metres.
+
+    Parameters
+    ----------
+    path : file, UTF-8, of up to 2,000,000 rows
+    columns : names, or numbers from 1, of the positions; x, y and z in upper or lower case unless given
+    delimiter : what separates columns: a character, "tab" or "space"; found unless given
+    time : name or number of the column of time, with a unit in brackets where the file does not say it
+        ("stamp [ms]"); found by its name unless given
+    rate : samples a second [Hz], where there is no column of time
+    unit : of the positions, "mm" for example; what the header says in brackets unless given, else metres
+
+    Raises
+    ------
+    DemonstrationError
+        The file cannot be read so; names line, column and way out.
+    OptionError
+        An option is out of range, or contradicts the file.
+    """
+    path = existing_file(Path(path), MAX_BYTES, f"keep up to {MAX_ROWS:,} rows")
+    delimiter = None if delimiter is None else _separator(delimiter)
+    if rate is not None and time is not None:
+        raise OptionError(
+            "both a column of time and a rate are given", key="rate", way_out="give one of them"
+        )
+    if rate is not None and (isinstance(rate, bool) or not 0 < rate < np.inf):
+        raise OptionError(f"{rate!r} is no rate", key="rate", way_out="give samples a second, such as 100")
+    with telling(path):
+        lines = _lines(path)
+    first, separator, names = _header(path, lines, columns, delimiter)
+    rows = [(number, line) for number, line in lines if number >= first]
+    places = _places(path, names, columns)
+    clock, time_unit = (None, "s") if rate is not None else _clock(path, names, time)
+    wanted = places if clock is None else [clock, *places]
+    table = _numbers(path, rows, separator, wanted, names)
+    seconds = np.arange(len(rows)) / rate if clock is None else table[:, 0] * TIMES[time_unit]
+    if (
+        clock is not None
+        and len(rows) > 2
+        and np.median(np.diff(seconds)) > SLOW
+        and not _says_unit(names, clock, time)
+    ):
+        raise DemonstrationError(
+            f"time passes in steps of {np.median(np.diff(seconds)):g} s, which looks like milliseconds",
+            file=path,
+            key=names[clock],
+            way_out=f"say so: time '{names[clock]} [ms]', or '{names[clock]} [s]' if it is right",
+        )
+    labels = tuple(names[place] for place in places)
+    said = {found["unit"].strip().lower() for name in labels if (found := _UNIT.fullmatch(name))}
+    factor = length(unit if unit is not None else (said.pop() if len(said) == 1 else "m"), path)
+    origin = _TableOrigin(path, tuple(n for n, _ in rows), labels, "" if clock is None else names[clock])
+    seconds, position = check(seconds, factor * table[:, -len(places) :], origin)
+    notes = () if factor == 1.0 else (f"converted to metres by {factor:g}",)
+    if unit == "m":
+        notes = (*notes, f"in metres, as was said{AS_SAID if unit_hint(position) else ''}")
+    return Demonstration(seconds, position, path.stem, notes)
+
+
+def _separator(text: str) -> str:
+    found = SPELT.get(text.lower(), text)
+    if len(found) != 1 or found.isalnum() or found in ".+-\"'#\n":
+        raise OptionError(
+            f"{text!r} cannot separate columns", key="delimiter", way_out="give ';', ',', 'tab' or 'space'"
+        )
+    return found
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """Lines that say something, with their numbers from 1."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DemonstrationError(
+            "the text is not UTF-8", file=path, way_out="save it again as UTF-8"
+        ) from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise DemonstrationError("the file is empty", file=path, way_out="name a recording")
+    if len(lines) > MAX_ROWS + PREAMBLE:
+        raise DemonstrationError(
+            f"it has more than {MAX_ROWS:,} rows", file=path, way_out="keep every n-th row"
+        )
+    return lines
+
+
+def _header(
+    path: Path, lines: list[tuple[int, str]], columns: Sequence[str] | None, delimiter: str | None
+) -> tuple[int, str, list[str]]:
+    """The number of the first line below the header, the separator, and the names; numbers where there are none."""
+    wanted = [name for name in columns or POSITIONS[:1] if not name.isdigit()]
+    seen: list[str] = []
+    for number, line in lines[:PREAMBLE]:
+        for separator in (delimiter,) if delimiter else SEPARATORS:
+            names = _cells(line, separator)
+            if len(names) > 1 and all(map(_is_number, names)) and not wanted:
+                return number, separator, [str(i + 1) for i in range(len(names))]
+            if wanted and len(names) > 1 and all(_found(name, names) is not None for name in wanted):
+                if len(names) > MAX_COLUMNS:
+                    raise DemonstrationError(
+                        f"there are {len(names)} columns",
+                        file=path,
+                        key=f"line {number}",
+                        way_out=f"keep {MAX_COLUMNS} at most",
+                    )
+                return number + 1, separator, names
+            if len(names) > len(seen) and not any(map(_is_number, names)):
+                seen = names
+    shown = ", ".join(name for name in seen[:12] if name)
+    raise DemonstrationError(
+        f"no line names the column{'s' * (len(wanted) > 1)} {', '.join(wanted) or POSITIONS[0]}",
+        file=path,
+        key="columns",
+        way_out=f"name those of the positions{f'; there are {shown}' if shown else ', or their numbers: 1,2,3'}",
+    )
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    parts = line.split() if separator == " " else line.split(separator)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _bare(name: str) -> str:
+    """A name without its unit, in lower case."""
+    found = _UNIT.fullmatch(name)
+    return (found["name"] if found else name).strip().lower()
+
+
+def _found(name: str, names: list[str]) -> int | None:
+    """Where a column stands: of that very name, or but for its unit and case, or of that number."""
+    if name in names:
+        return names.index(name)
+    alike = [i for i, other in enumerate(names) if _bare(other) == _bare(name)]
+    if len(alike) == 1:
+        return alike[0]
+    if name.isdigit() and 1 <= int(name) <= len(names):
+        return int(name) - 1
+    return None
+
+
+def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list[int]:
+    """The columns of the positions."""
+    if columns is None:
+        places = [_found(axis, names) for axis in POSITIONS]
+        return [place for place in places if place is not None]
+    places = []
+    for name in columns:
+        place = _found(name, names)
+        if place is None:
+            raise DemonstrationError(
+                f"there is no column {name!r}", file=path, key="columns", way_out=near_name(name, names[:12])
+            )
+        if place in places:
+            raise OptionError(f"{name!r} stands twice", key="columns", way_out="name every column once")
+        places.append(place)
+    return places
+
+
+def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str]:
+    """The column of time, and its unit."""
+    if time is not None:
+        place = _found(time, names)
+        place = _found(_bare(time), names) if place is None else place
+    else:
+        places = [_found(name, names) for name in CLOCKS]
+        place = next((place for place in places if place is not None), None)
+    if place is None:
+        raise DemonstrationError(
+            "there is no column of time" if time is None else f"there is no column {time!r}",
+            file=path,
+            key="time",
+            way_out=f"name it, of {', '.join(names[:12])}; or give the rate in samples a second",
+        )
+    for name in (time or "", names[place]):
+        if found := _UNIT.fullmatch(name):
+            unit = found["unit"].strip().lower()
+            if unit not in TIMES:
+                raise DemonstrationError(
+                    f"the unit of time {unit!r} is not known",
+                    file=path,
+                    key="time",
+                    way_out=near_name(unit, TIMES),
+                )
+            return place, unit
+    return place, "s"
+
+
+def _says_unit(names: list[str], clock: int, time: str | None) -> bool:
+    return any(_UNIT.fullmatch(name) for name in (time or "", names[clock]))
+
+
+def _numbers(
+    path: Path, rows: list[tuple[int, str]], separator: str, wanted: list[int], names: list[str]
+) -> Array:
+    """The wanted columns of all rows."""
+    if len(rows) * len(wanted) > MAX_CELLS:
+        raise DemonstrationError("it has too many numbers", file=path, way_out="keep every n-th row")
+    if not rows:
+        raise DemonstrationError(
+            "there are no rows below the header", file=path, way_out="record two at least"
+        )
+    texts = [line if separator == "," else line.replace(",", ".") for _, line in rows]
+    with contextlib.suppress(ValueError):
+        return np.loadtxt(
+            texts, delimiter=None if separator == " " else separator, usecols=wanted, comments=None, ndmin=2
+        )
+    for (number, _), text in zip(rows, texts, strict=True):  # the parser does not say where it stumbled
+        cells = _cells(text, separator)
+        if len(cells) <= max(wanted):
+            raise DemonstrationError(
+                f"it has {len(cells)} cells and the header has {len(names)}",
+                file=path,
+                key=f"line {number}",
+                way_out="fill in or remove the row",
+            )
+        for place in wanted:
+            if not _is_number(cells[place]):
+                raise DemonstrationError(
+                    f"{cells[place][:40]!r} is not a number" if cells[place] else "the cell is empty",
+                    file=path,
+                    key=f"line {number}, column {names[place]}",
+                    way_out="fill in what was measured, or remove the row",
+                )
+    raise DemonstrationError(
+        "it cannot be read as a table of numbers", file=path, way_out="write plain numbers"
+    )
