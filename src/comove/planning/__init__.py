@@ -5,7 +5,7 @@ from comove.planning.combination import Combination, combine
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
 from comove.planning.paper import Paper
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import carried_demonstration, solve
@@ -16,12 +16,14 @@ __all__ = [
     "Combination",
     "Comove",
     "Cost",
+    "Equality",
     "LeastJerk",
     "LeastTime",
     "Paper",
     "PaperCost",
     "Progress",
     "Projection",
+    "Samples",
     "Solution",
     "best_movement",
     "carried_demonstration",

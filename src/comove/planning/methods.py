@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import ClassVar
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.planning.configurations import Space, configuration_space, span
+from comove.planning.custom import improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastTime, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
-from comove.planning.search import SMALLEST_LOAD, Schedule, Search, improve, stricter
+from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
 from comove.planning.smooth import FASTEST, follows, hurry, smooth_demonstration, smooth_way
 from comove.planning.spacetime import (
@@ -43,6 +45,8 @@ RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
 WORTH_ANOTHER = 0.01  # of the value, that another way must gain
+SMOOTHING_SHARE = 0.4  # of the budget, before functions of the user are minimised
+N_STARTS = 2  # smooth motions from which they are
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
@@ -91,6 +95,9 @@ class Comove(Method):
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until nothing is to be gained or time is up (`OutOfTime`)."""
+        if search.own is not None:
+            self._customise(search, planner=planner)
+            return
         if search.taught is not None and search.objective.weights.resemblance > 0:
             self._grow(search, range(1))  # from the demonstration, to stay near it
         if (planner and self._plan(search)) or search.best is not None:
@@ -99,6 +106,23 @@ class Comove(Method):
             return
         while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
+
+    def _customise(self, search: Search, *, planner: bool) -> None:
+        """Smooth motions first, whatever the user's functions say of them; then from the best of them by these."""
+        base = replace(
+            search, own=None, checks=tuple(c for c in search.checks if c != search.own.reasons), kept=[]
+        )
+        base.deadline = min(base.deadline, base.started + SMOOTHING_SHARE * (base.deadline - base.started))
+        with suppress(OutOfTime):
+            self.run(base, planner=planner)
+        search.evaluations, search.generations = base.evaluations, base.generations
+        search.attempt, search.attempt_verdict = base.attempt, base.attempt_verdict
+        for motion in base.kept:
+            search.judge(motion)
+        search.stage = "minimising the objective given"
+        for motion in reversed(base.kept[-N_STARTS:]):
+            search.check_time()
+            improve_own(search, search.own, motion)
 
     def _plan(self, search: Search) -> bool:
         """Plan, fit and certify; then polish the best. False where no plan could be certified."""

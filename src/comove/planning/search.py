@@ -22,7 +22,7 @@ from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS, Evaluation, Objective
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, Own, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
@@ -121,6 +121,8 @@ class Search:
     compiled : what has been compiled since the start
     asked : the scene that was asked for, None where it is the one that is searched; for motions that are handed out,
         as fast as they may be where its duration is open
+    own : functions of the user, that decide and that must hold; None without any
+    kept : every motion that was the best, in order
     needed : shortest duration known to do where the one asked for is too short [s]
     checks : further checks that a motion must pass, on the scene that was asked for
     carrier : what moves the hands, None where nothing limits them but the scene
@@ -160,6 +162,8 @@ class Search:
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None
     needed: float | None = None
+    own: Own | None = None
+    kept: list[CoordinatedMotion] = field(default_factory=list)
 
     @property
     def scene(self) -> Scene:
@@ -218,11 +222,14 @@ class Search:
             cost = self.worth(motion)
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
+                self.kept.append(motion)
                 self._report(cost, 0.0)
         return verdict
 
     def worth(self, motion: CoordinatedMotion) -> float:
         """The value of the objective, the less the better."""
+        if self.own is not None and self.own.function is not None:
+            return self.own.value(Samples.of(self.handed(motion)))
         if isinstance(self.aim, LeastTime):
             return self.handed(motion).scene.duration
         if isinstance(self.aim, LeastJerk):

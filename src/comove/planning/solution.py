@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objective import Cost
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, Own, PaperCost
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, VerifiedMotion
@@ -74,7 +74,7 @@ class Solution:
     solve_time_s: float
     interrupted: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
-    objective: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
+    objective: LeastJerk | LeastTime | PaperCost | Own = field(default_factory=PaperCost)
     followed: float | None = None
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
@@ -19,7 +19,8 @@ from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective, Penalty
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
+from comove.planning.objectives.own import own
 from comove.planning.pace import comfortable, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
@@ -42,7 +43,8 @@ def solve(
     method: Method | None = None,
     planner: bool = True,
     budget: float = 30.0,
-    objective: LeastJerk | LeastTime | PaperCost | None = None,
+    objective: LeastJerk | LeastTime | PaperCost | Callable[[Samples], float] | None = None,
+    constraints: Sequence[Callable[[Samples], object]] = (),
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     carrier: Carrier | None = None,
@@ -72,6 +74,9 @@ def solve(
         `PaperCost()`, equation (4), where the method is not comove's own, the planner off, obstacles a cost or a
         `carrier` given. The motion of a scene that leaves its duration out is as fast as its limits allow; the
         solution's own scene says how long it takes.
+        Or a function of `Samples` that is to be least: constrained CMA-ES minimises it, from a smooth motion.
+    constraints
+        Functions of `Samples` that must be at most 0, or `Equality`; judged at samples, beside what the scene asks.
     obstacles
         Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
         cost is handed out, verified or not.
@@ -88,6 +93,10 @@ def solve(
     OptionError
         If an argument is out of range.
     """
+    functions = own(objective, _listed(constraints))
+    if functions is not None:
+        checks = (*checks, functions.reasons) if functions.constraints else checks
+        objective = None if functions.function is not None else objective
     _check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
@@ -106,9 +115,10 @@ def solve(
     if objective is None:
         hasty = not scene.is_timed and demonstration is None
         objective = (LeastTime() if hasty else LeastJerk()) if smooth else PaperCost()
-    if not isinstance(objective, PaperCost) and not smooth:
+    if (not isinstance(objective, PaperCost) or functions is not None) and not smooth:
+        what = type(objective).__name__ if functions is None else "a function of one's own"
         raise OptionError(
-            f"{type(objective).__name__} needs comove's own method, a planner, and obstacles that are constraints",
+            f"{what} needs comove's own method, a planner, and obstacles that are constraints",
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
@@ -136,6 +146,7 @@ def solve(
         progress=progress,
         aim=objective,
         limits=limits,
+        own=functions,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
     if (
@@ -176,7 +187,7 @@ def solve(
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
-        objective=objective,
+        objective=objective if functions is None else functions,
         followed=_followed(motion, objective, evaluated.demonstration),
     )
 
@@ -192,6 +203,14 @@ def _followed(
         return None
     hands = motion.hands(np.linspace(0.0, 1.0, len(demonstration)))[0]
     return float(np.linalg.norm(hands - demonstration[..., : hands.shape[2]], axis=2).mean())
+
+
+def _listed(constraints: object) -> tuple:
+    if not isinstance(constraints, (list, tuple)):
+        raise OptionError(
+            f"constraints = {constraints!r}", key="constraints", way_out="give a list of functions of Samples"
+        )
+    return tuple(constraints)
 
 
 def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
@@ -263,7 +282,7 @@ def _check_options(
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
         raise OptionError(
-            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime() or PaperCost()"
+            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime(), PaperCost() or a function"
         )
     if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
         raise OptionError(

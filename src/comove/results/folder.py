@@ -28,7 +28,8 @@ from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
 from comove.planning.objective import Objective
-from comove.planning.objectives import OBJECTIVES, PaperCost
+from comove.planning.objectives import OBJECTIVES, Own, PaperCost
+from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
@@ -260,7 +261,7 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "cost_terms": terms,
         "cost_weights": _weights_of(terms, solution.attempt),
         **{name: _finite(value) for name, value in report.asdict().items()},
-        "objective": {"type": NAMES[type(solution.objective)], **vars(solution.objective)},
+        "objective": _said_of(solution.objective),
         "demonstration_distance_m": solution.followed,
         "smoothness": {name: _finite(value) for name, value in vars(smoothness(solution.attempt)).items()},
         "evaluations": solution.evaluations,
@@ -271,6 +272,14 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "scene_sha256": solution.scene.sha256,
         "motion_sha256": checksum(arrays),
     }
+
+
+def _said_of(objective: object) -> dict[str, Any]:
+    """What a result says of its objective."""
+    if not isinstance(objective, Own):
+        return {"type": NAMES[type(objective)], **vars(objective)}
+    function = None if objective.function is None else name_of(objective.function)
+    return {"type": "own", "function": function, "constraints": [name_of(c) for c in objective.constraints]}
 
 
 def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:

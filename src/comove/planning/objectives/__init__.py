@@ -6,9 +6,19 @@ from pydantic import BaseModel
 
 from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
+from comove.planning.objectives.own import Equality, Own, Samples
 from comove.planning.objectives.paper import PaperCost
 
-__all__ = ["OBJECTIVES", "LeastJerk", "LeastTime", "PaperCost", "objective_of_scene"]
+__all__ = [
+    "OBJECTIVES",
+    "Equality",
+    "LeastJerk",
+    "LeastTime",
+    "Own",
+    "PaperCost",
+    "Samples",
+    "objective_of_scene",
+]
 
 OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCost}
 """By what scene files and results call them."""

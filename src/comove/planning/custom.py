@@ -1,0 +1,103 @@
+"""The search under the user's own functions: constrained CMA-ES, from smooth motions that are verified."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.optimisers import Minimiser, minimise
+from comove.planning.convex.limits import Limits
+from comove.planning.objective import N_STEPS
+from comove.planning.objectives.own import Own, Samples
+from comove.planning.search import Search
+from comove.primitives.basis import motion_basis
+
+Array = NDArray[np.float64]
+
+N_BASIS, N_FREE = 24, 8  # shape weights a column, and those that are changed: the smoothest
+STEP = 0.02  # m, the first step size: what the middle of a motion moves by
+MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance, more after a rejection
+SCALE = 0.01  # m of clearance, that count as much as a limit exceeded by its whole self
+PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
+
+
+def improve_own(search: Search, own: Own, start: CoordinatedMotion) -> bool:
+    """Improve a motion by the user's functions, and have the best judged; whether one is verified."""
+    for margin in MARGINS:
+        motion = _minimised(search, own, start, margin)
+        if search.judge(motion).verified is not None:
+            return True
+        start = motion
+    return False
+
+
+def _minimised(search: Search, own: Own, start: CoordinatedMotion, margin: float) -> CoordinatedMotion:
+    scene, coordinates = search.scene, load_coordinates(search.scene)
+    basis = motion_basis(N_BASIS, "jerk")
+    s = np.linspace(0.0, 1.0, len(basis.shape[0]))
+    inner = start.at(s)[0] - basis.boundary[0] @ start.boundary
+    weights = np.linalg.lstsq(basis.shape[0], inner, rcond=None)[0].T
+    blank = CoordinatedMotion(scene, coordinates, basis, start.boundary, weights)
+    limits = Limits.of(scene, scene.duration)
+    width = coordinates.search.shape[1] * N_FREE
+
+    def motion_of(x: Array) -> CoordinatedMotion:
+        moved = weights.copy()
+        moved[:, :N_FREE] += coordinates.search @ x.reshape(-1, N_FREE)
+        return replace(blank, weights=moved)
+
+    def values(x: Array) -> tuple[Array, Array]:
+        """Objectives, and constraints by rows: clearance, limits, and the user's."""
+        motions = [motion_of(point) for point in x]
+        q = np.stack([motion.at(np.linspace(0.0, 1.0, N_STEPS))[0].T for motion in motions])
+        clearance = search.objective.evaluate(q).clearance
+        nodes = coordinates.nodes(np.ascontiguousarray(q))
+        hands = nodes[:, :, : len(scene.manipulators), : scene.n_dims].reshape(len(x), N_STEPS, -1)
+        search.evaluations += len(x)
+        samples = [Samples.of(search.handed(motion)) for motion in motions]
+        fixed = np.column_stack(
+            [
+                (scene.clearance + margin - clearance) / SCALE,
+                [limits.excess(own_hands) for own_hands in hands],
+            ]
+        )
+        costs = [
+            own.value(one) if own.function else search.worth(m)
+            for one, m in zip(samples, motions, strict=True)
+        ]
+        return np.array(costs), np.column_stack([fixed, np.stack([own.violations(one) for one in samples])])
+
+    known: dict[bytes, tuple[Array, Array]] = {}
+
+    def cached(x: Array) -> tuple[Array, Array]:
+        key = x.tobytes()
+        if key not in known:
+            known.clear()
+            known[key] = values(x)
+        return known[key]
+
+    waited, reference = 0, np.inf
+
+    def over(state: Minimiser) -> bool:
+        nonlocal waited, reference
+        best = state.best_fun
+        search.tell(float(best), 0.0)
+        waited += 1
+        if best < reference - GAIN * abs(reference) or not np.isfinite(reference):
+            waited, reference = 0 if np.isfinite(best) else waited, min(best, reference)
+        enough = np.isfinite(best) or search.best is not None
+        return search.over() or (waited >= PATIENCE and bool(enough))
+
+    found = minimise(
+        lambda x: cached(x)[0],
+        np.zeros(width),
+        STEP,
+        constraints=lambda x: cached(x)[1],
+        seed=int(search.rng.integers(2**31)),
+        callback=over,
+    )
+    return motion_of(found.x)
