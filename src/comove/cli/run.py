@@ -56,7 +56,7 @@ def run(
     check_steps(budget, period)
     with progress_bar():
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
-        executor = Executor(loaded, seed=seed, pace=pace)
+        executor = Executor(loaded, seed=seed, pace=pace, demonstration=loaded.taught)
         record = executor.run(budget)
         report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
         if compare and not interrupted:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations import Demonstration
 from comove.execution.clouds import Clouds
 from comove.execution.evasion import MOMENT, evasive_course, prospect
 from comove.execution.sight import Known, Sight, going_on
@@ -25,6 +26,7 @@ from comove.planning.objective import Objective
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
+from comove.primitives.dmp import DMP
 from comove.primitives.rotations import matrices
 from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme, ProgrammeSettings
 from comove.reaction.twists import (
@@ -49,6 +51,7 @@ HURRY = 1.5  # times the way at the speed limit, of the shortest plan
 CATCH_UP = 0.1  # s, in which what is missing to a plan is made up for
 HOMING = 0.5  # s, in which what is missing to the goal would be made up for, without a plan
 CAUTION = 0.5  # of the speed limit, without a plan
+NEARLY_DONE, N_LEFT = 0.8, 200  # share of a demonstration after which it counts no more; its samples
 LOST = 0.03  # m, behind a plan that was meant for something else
 SPARE = 5e-4  # m, kept on top of the scene's clearance: what happens between two steps is judged as well
 NO_PLAN = "no plan yet"
@@ -146,6 +149,7 @@ class Executor:
     sight : what is seen of its obstacles; their known motions unless given
     seed : of the plans
     pace : how often things are done
+    demonstration : a movement of one hand that plans are to resemble, from wherever the load is by then
 
     Attributes
     ----------
@@ -155,8 +159,17 @@ class Executor:
     log : what happened
     """
 
-    def __init__(self, scene: Scene, sight: Sight | None = None, *, seed: int = 0, pace: Pace | None = None):
+    def __init__(
+        self,
+        scene: Scene,
+        sight: Sight | None = None,
+        *,
+        seed: int = 0,
+        pace: Pace | None = None,
+        demonstration: DMP | None = None,
+    ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
+        self.demonstration = demonstration
         self.sight = Known(scene) if sight is None else sight
         self.log, self.n_steps = Log(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
@@ -345,7 +358,13 @@ class Executor:
             later = expected.resumed(now, duration, starts, self.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
             budget = max((deadline - clock.perf_counter()) / (1 + (longer != LONGER[-1])), 1e-3)
-            found = solve(later, seed=self.seed + 7 * self.n_steps + k, method=method, budget=budget)
+            found = solve(
+                later,
+                demonstration=self._left_of_it(now),
+                seed=self.seed + 7 * self.n_steps + k,
+                method=method,
+                budget=budget,
+            )
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
             if found.motion is not None or (
@@ -360,6 +379,15 @@ class Executor:
         self.log.planning.append(clock.perf_counter() - begun)
         if self.plan is not None and self.log.first_plan is None:
             self.log.first_plan = sum(self.log.planning)
+
+    def _left_of_it(self, now: float) -> DMP | None:
+        """What is left of the demonstration, None where that is next to nothing."""
+        done = now / self.scene.duration
+        if self.demonstration is None or done > NEARLY_DONE:
+            return None
+        dmp = self.demonstration
+        time = np.linspace(done, 1.0, N_LEFT) * dmp.duration
+        return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))
 
     def _method(self, now: float) -> Quick:
         """How to plan: what is not certain only guides, and the programme sees to the limits."""

@@ -178,6 +178,8 @@ class Comove(Method):
             targets, goal = found  # the first is run with least jerk, or as it was planned in time
             ways += 1
             failures += not smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
+            if search.best is None and self._will_do(search):
+                return True
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
             gained |= (search.needed or np.inf) < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
@@ -287,12 +289,13 @@ class Comove(Method):
 
 @dataclass(frozen=True)
 class Quick(Comove):
-    """Plans only, of which the cheapest that is verified is taken as it is: for those who cannot wait."""
+    """Few ways, of which the best that is verified is taken: for those who cannot wait."""
 
     name: ClassVar[str] = "quick"
-    smooths: ClassVar[bool] = False
     n_plans: int = 2
     n_failures: int = 5
+    n_ways: int = 2
+    n_idle: int = 1
     polishing: Schedule = UNPOLISHED
 
     def run(self, search: Search, *, planner: bool) -> None:

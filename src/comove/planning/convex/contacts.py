@@ -91,7 +91,7 @@ def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
         scene.surfaces,
         *scene.workspace,
         *scene.kept_apart,
-        len(scene.file.obstacles),
+        int(scene.owners.max(initial=len(scene.file.obstacles) - 1)) + 1,  # more where some were only seen
     )
 
 

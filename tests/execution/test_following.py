@@ -1,0 +1,60 @@
+"""Executions follow what was taught, from the start and after every plan that is made anew, and move calmly."""
+
+import numpy as np
+import pytest
+
+from comove.execution import Executor
+from comove.planning import carried_demonstration
+from comove.scenes import Scene
+from comove.verification.record import judge
+from tests.solved import EXAMPLES, example
+
+
+def distance(record, scene, dmp):
+    """Mean distance of the hands from the demonstration at equal shares of the scene's time [m]."""
+    taught = carried_demonstration(dmp, scene)[..., : scene.n_dims]
+    hands = record.nodes[:, : len(scene.manipulators), : scene.n_dims]
+    share = np.clip(record.time / scene.duration, 0, 1) * (len(taught) - 1)
+    there = np.stack([taught[np.round(share).astype(int), i] for i in range(taught.shape[1])], axis=1)
+    return np.linalg.norm(hands - there, axis=2).mean()
+
+
+def test_the_demonstration_is_followed():
+    scene = example("narrow")
+    found = {}
+    for name, dmp in (("taught", scene.taught), ("free", None)):
+        executor = Executor(scene, demonstration=dmp)
+        record = executor.run(15.0)
+        report = judge(record, executor.blocker)
+        assert not report.reasons
+        assert report.acceleration_max < 0.5
+        found[name] = distance(record, scene, scene.taught)
+    assert found["taught"] < 0.03 < 0.08 < found["free"]
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_what_is_left_of_it_ends_where_all_of_it_does(share):
+    scene = example("narrow")
+    executor = Executor(scene, demonstration=scene.taught)
+    left = executor._left_of_it(share * scene.duration)
+    whole = scene.taught
+    assert left.duration == pytest.approx((1 - share) * whole.duration)
+    np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)
+    s = np.linspace(0.05, 1.0, 50)
+    rest = whole.at((share + (1 - share) * s) * whole.duration).position
+    off = np.linalg.norm(left.at(s * left.duration).position - rest, axis=1)
+    assert off.max() < 0.02 * np.ptp(whole.at(np.linspace(0, whole.duration, 50)).position, axis=0).max()
+
+
+def test_nearly_done_nothing_is_left():
+    scene = example("narrow")
+    assert Executor(scene, demonstration=scene.taught)._left_of_it(0.9 * scene.duration) is None
+
+
+def test_plans_among_what_moves_are_calm():
+    """With the paper's cost it was 1.5 m/s^2."""
+    scene = Scene.load(str(EXAMPLES.joinpath("..", "..", "..", "examples", "moving", "crossing.yaml")))
+    executor = Executor(scene)
+    report = judge(executor.run(10.0), executor.blocker)
+    assert not report.reasons
+    assert report.acceleration_max < 0.5
