@@ -135,7 +135,11 @@ class Comove(Method):
             _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
         if not isinstance(search.aim, PaperCost):
-            return self._smooth(search, targets_of, ends)
+            if self._smooth(search, targets_of, ends):
+                return True
+            if search.carrier is None:
+                return False
+            search.settle_for(search.objective.weights)  # nothing as smooth can be carried out
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
         while len(starts) < self.n_plans and failures < self.n_failures:
@@ -160,7 +164,7 @@ class Comove(Method):
 
     def _smooth(self, search: Search, targets_of: Targets, ends: Array) -> bool:
         """Smooth motions along several ways, and along the demonstration; False where none could be verified."""
-        failures = idle = ways = 0
+        failures = idle = ways = smooth = 0
         while ways < self.n_ways and idle < self.n_idle and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
@@ -177,7 +181,8 @@ class Comove(Method):
             search.stage = "smoothing"
             targets, goal = found  # the first is run with least jerk, or as it was planned in time
             ways += 1
-            failures += not smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
+            done = smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
+            smooth, failures = smooth + done, failures + (not done)
             if search.best is None and self._will_do(search):
                 return True
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
@@ -185,6 +190,8 @@ class Comove(Method):
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
         if search.best is not None and isinstance(search.aim, LeastTime):
             hurry(search, search.best_motion, FASTEST)
+        if search.carrier is not None:
+            return smooth > 0
         return search.best is not None or search.needed is not None  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:

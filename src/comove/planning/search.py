@@ -236,6 +236,13 @@ class Search:
             return jerk_cost(motion, self.aim, self.objective.demonstration)
         return self.objective.cost(motion).total
 
+    def settle_for(self, aim: PaperCost) -> None:
+        """Go on with another objective: the best so far is what it finds best from here on."""
+        self.aim, self.best, self.best_motion, self.best_cost = aim, None, None, np.inf
+        for motion in reversed(self.kept):
+            if self.judge(motion).verified is not None:
+                break
+
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         """A motion as it is handed out, on the scene that was asked for."""
         if self.asked is None:

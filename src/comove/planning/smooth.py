@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.planning.convex.jerk import squares
+from comove.planning.convex.jerk import Anchored, squares
 from comove.planning.convex.programme import Programme, Settings, optimise
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
@@ -30,6 +30,7 @@ MORE, MORE_BORDER = 1e-3, 2e-4  # m
 FAST = 24, 201  # weights a column, and samples, of motions in least time
 FASTEST = 49, 401  # of the best of them: what is fast uses its limits to the full
 MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
+PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned way, where arms must follow it
 HOPELESS = 0.01  # m inside something: no more margin will help
 UNMET = 1.5e-2  # of a limit, summed, beyond which the duration is too short
 GENTLE = 1e-3  # weight of the jerk beside the duration, both as shares of what they are at first
@@ -56,7 +57,12 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
             z = programme.fit(reference, ridge)
             off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()
             if off < NEAR:
-                return _verified(search, programme, z, reference)
+                break
+        else:
+            continue
+        break
+    if search.carrier is not None:
+        return _carried(search, programme, z, reference)
     return _verified(search, programme, z, reference)
 
 
@@ -104,6 +110,34 @@ def _verified(search: Search, programme: Programme, z: Array, reference: Array |
         detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # the one that is named once must do
         return hurry(search, programme.motion(z), detail) or verified
     return verified
+
+
+def _carried(search: Search, programme: Programme, z: Array, reference: Array) -> bool:
+    """Optimise for what moves the hands as well: it can go the planned way, and what is near enough to that.
+
+    The smoothest comes first; where it is rejected, hands are drawn more strongly to where they were planned to be.
+    """
+    step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
+    _, anchor = programme.hands(reference[::step])
+    smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
+    taught = squares(search.scene, smooth, search.objective.demonstration, len(anchor))
+    costs = [Anchored(taught, anchor, pull) for pull in PULLS]
+    if taught.demonstration is not None:  # which would draw against the planned way: only near to it at first
+        free = squares(search.scene, smooth, None, len(anchor))
+        costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
+    settings = replace(SETTINGS, wish=smooth.room)
+    for cost in costs:
+        search.check_time()
+        outcome = optimise(programme, cost, z, settings, reference, search.over)
+        z, reference = outcome.z, None
+        search.evaluations += outcome.iterations
+        search.tell(outcome.value, outcome.missed)
+        verdict = search.judge(programme.motion(z))
+        if verdict.verified is not None:
+            return True
+        if verdict.report.clearance_min < search.scene.clearance:
+            settings = _stricter(settings, 0)
+    return False
 
 
 def too_fast(programme: Programme, z: Array) -> bool:

@@ -102,13 +102,7 @@ def solve(
     scene = method.scene_of(scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
-    smooth = (
-        isinstance(method, Comove)
-        and method.smooths
-        and planner
-        and obstacles == "constraint"
-        and not carrier
-    )
+    smooth = isinstance(method, Comove) and method.smooths and planner and obstacles == "constraint"
     said = objective_of_scene(scene.file.objective)
     if objective is None and (smooth or isinstance(said, PaperCost)):
         objective = said
@@ -187,8 +181,8 @@ def solve(
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
-        objective=objective if functions is None else functions,
-        followed=_followed(motion, objective, evaluated.demonstration),
+        objective=search.aim if functions is None else functions,
+        followed=_followed(motion, search.aim, evaluated.demonstration),
     )
 
 

@@ -63,6 +63,38 @@ class JerkCost:
         return np.sqrt(self.weight * self.pull / (n_samples * self.way**2))
 
 
+@dataclass(frozen=True, eq=False)
+class Anchored:
+    """A cost, and a pull of all hands to where they were planned to be.
+
+    Attributes
+    ----------
+    cost : the cost
+    anchor : array, shape (n_samples, n_hands * n_dims), where hands are drawn to [m]
+    pull : how strongly, as of `JerkCost`
+    """
+
+    cost: JerkCost
+    anchor: Array
+    pull: float
+
+    @property
+    def haste(self) -> float:
+        """That of the cost."""
+        return self.cost.haste
+
+    def residuals(self, hands: Array) -> Array:
+        """As of `JerkCost`."""
+        return np.concatenate([self.cost.residuals(hands), self._weight() * (hands - self.anchor).ravel()])
+
+    def slopes(self, moves: Array) -> Array:
+        """As of `JerkCost`."""
+        return np.concatenate([self.cost.slopes(moves), self._weight() * moves.reshape(-1, moves.shape[2])])
+
+    def _weight(self) -> float:
+        return np.sqrt(self.pull / (len(self.anchor) * self.cost.way**2))
+
+
 def squares(
     scene: Scene, objective: LeastJerk, demonstration: Array | None, n_samples: int = N_SAMPLES
 ) -> JerkCost:

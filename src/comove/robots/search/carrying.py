@@ -340,5 +340,7 @@ def robot_method() -> Comove:
         n_restarts=8,
         n_unfit=8,
         n_polishings=4,
+        n_ways=3,
+        n_idle=1,
         polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01),
     )
