@@ -46,6 +46,13 @@ def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     assert off.max() < 0.02 * np.ptp(whole.at(np.linspace(0, whole.duration, 50)).position, axis=0).max()
 
 
+def test_each_hand_keeps_what_is_left_of_its_own():
+    scene = example("narrow")
+    left = Executor(scene, demonstration=(scene.taught, scene.taught))._left_of_it(0.3 * scene.duration)
+    assert len(left) == 2
+    assert left[0].duration == left[1].duration
+
+
 def test_nearly_done_nothing_is_left():
     scene = example("narrow")
     assert Executor(scene, demonstration=scene.taught)._left_of_it(0.9 * scene.duration) is None

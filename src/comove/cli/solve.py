@@ -113,13 +113,7 @@ def solve(
             plane = None if source is None else source.plane
             chosen_movement = best_movement(Library(library), loaded, plane=plane, budget=0.25 * budget).best
         dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
-        if resemblance and dmp is None:
-            raise OptionError(
-                "the scene has no demonstration to resemble",
-                file=scene,
-                key="--resemblance",
-                way_out="add a demonstration to the scene",
-            )
+        require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         solution = solve(
             loaded,
@@ -149,6 +143,17 @@ def solve(
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED
+
+
+def require_taught(resemblance: float | None, dmp: object, scene: Path) -> None:
+    """Refuse a resemblance to nothing."""
+    if resemblance and dmp is None:
+        raise OptionError(
+            "the scene has no demonstration to resemble",
+            file=scene,
+            key="--resemblance",
+            way_out="add a demonstration to the scene",
+        )
 
 
 def budget_left(budget: float, saving: float, scene) -> float:

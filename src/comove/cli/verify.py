@@ -58,6 +58,8 @@ def verify(
     print(
         f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
     )
+    if report.jerk_max is not None:
+        print(f"  jerk                         <= {report.jerk_max:.3f} m/s^3")
     if joints is not None:
         from comove.cli.robot.report import joints_text
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -215,23 +216,17 @@ class CoordinatedDMP:
 
     @classmethod
     def from_demonstration(
-        cls, dmp: DMP, scene: Scene, coordinates: Coordinates, basis: MotionBasis
+        cls, dmp: DMP | Sequence[DMP], scene: Scene, coordinates: Coordinates, basis: MotionBasis
     ) -> CoordinatedDMP:
         """Modulate one single-manipulator movement to every manipulator's start and goal (paper, III-B).
 
         Parameters
         ----------
         dmp
-            The demonstrated movement, of the scene's dimension.
+            The demonstrated movement, of the scene's dimension; or one for each manipulator.
         """
         s = np.linspace(0.0, 1.0, 201)
-        hands = np.stack(
-            [
-                modulate(dmp, start, goal).at(s * dmp.duration).position
-                for start, goal in zip(scene.start, scene.goal, strict=True)
-            ],
-            axis=1,
-        )
+        hands = carried_to_hands(dmp, scene, s)
         return cls(scene, coordinates, basis, coordinates.boundary(), np.zeros(0)).fitted(
             s, coordinates.from_hands(hands)
         )
@@ -283,6 +278,27 @@ class CoordinatedDMP:
         array, shape (n_rollouts, n_columns, n_steps)
         """
         return rollouts(self.basis, self.boundary, weights, n_steps)
+
+
+def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
+    """Return a movement, or one for each manipulator, modulated to the hands' ends.
+
+    Parameters
+    ----------
+    s : array, shape (n_steps,), shares of the duration
+
+    Returns
+    -------
+    array, shape (n_steps, n_manipulators, n_dims) [m]
+    """
+    each = [dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp
+    return np.stack(
+        [
+            modulate(own, start, goal).at(s * own.duration).position
+            for own, start, goal in zip(each, scene.start, scene.goal, strict=True)
+        ],
+        axis=1,
+    )
 
 
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:

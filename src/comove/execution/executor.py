@@ -149,7 +149,7 @@ class Executor:
     sight : what is seen of its obstacles; their known motions unless given
     seed : of the plans
     pace : how often things are done
-    demonstration : a movement of one hand that plans are to resemble, from wherever the load is by then
+    demonstration : a movement of one hand, or one for each, that plans are to resemble from wherever the load is
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class Executor:
         *,
         seed: int = 0,
         pace: Pace | None = None,
-        demonstration: DMP | None = None,
+        demonstration: DMP | tuple[DMP, ...] | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = demonstration
@@ -380,14 +380,14 @@ class Executor:
         if self.plan is not None and self.log.first_plan is None:
             self.log.first_plan = sum(self.log.planning)
 
-    def _left_of_it(self, now: float) -> DMP | None:
+    def _left_of_it(self, now: float) -> DMP | tuple[DMP, ...] | None:
         """What is left of the demonstration, None where that is next to nothing."""
         done = now / self.scene.duration
         if self.demonstration is None or done > NEARLY_DONE:
             return None
-        dmp = self.demonstration
-        time = np.linspace(done, 1.0, N_LEFT) * dmp.duration
-        return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))
+        if isinstance(self.demonstration, tuple):
+            return tuple(_rest(own, done) for own in self.demonstration)
+        return _rest(self.demonstration, done)
 
     def _method(self, now: float) -> Quick:
         """How to plan: what is not certain only guides, and the programme sees to the limits."""
@@ -420,3 +420,9 @@ class Executor:
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))
+
+
+def _rest(dmp: DMP, done: float) -> DMP:
+    """What is left of a movement after a share of it."""
+    time = np.linspace(done, 1.0, N_LEFT) * dmp.duration
+    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))

@@ -114,7 +114,7 @@ class Search:
     objective : equation (4) on the scene
     aim : what decides which motion is best
     limits : of the hands, as scene and duration have them; in a second where the duration is open
-    taught : the demonstrated movement, None without one
+    taught : the demonstrated movement, or one for each manipulator; None without any
     hard : obstacles are constraints, not only costs
     rng : source of all random numbers
     started, deadline : on the clock of `time.perf_counter`, which stands still while a kernel is compiled [s]
@@ -137,7 +137,7 @@ class Search:
     """
 
     objective: Objective
-    taught: DMP | None
+    taught: DMP | tuple[DMP, ...] | None
     hard: bool
     rng: np.random.Generator
     started: float

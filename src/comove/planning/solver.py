@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion, modulate
+from comove.coordination.motion import CoordinatedMotion, carried_to_hands
+from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
@@ -30,6 +31,8 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
+Movements = DMP | tuple[DMP, ...]
+"""One for all hands, or one for each."""
 
 OBSTACLES = ("constraint", "cost")
 COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
@@ -38,7 +41,7 @@ COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
 def solve(
     scene: Scene,
     *,
-    demonstration: DMP | None = None,
+    demonstration: DMP | Demonstration | Mapping[str, DMP | Demonstration] | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
@@ -57,8 +60,8 @@ def solve(
     scene
         What to solve.
     demonstration
-        A movement of a single manipulator, of the scene's dimension: a start for the search, and what
-        the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it.
+        A movement of a single manipulator, of the scene's dimension, or one for each by its name: a start for the
+        search, and what the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it.
     seed
         Of all random numbers: the same inputs, seed and version give the same motion unless time runs
         short, which makes the planner modest before it ends the search.
@@ -97,6 +100,7 @@ def solve(
     if functions is not None:
         checks = (*checks, functions.reasons) if functions.constraints else checks
         objective = None if functions.function is not None else objective
+    demonstration = movements_of(demonstration, scene)
     _check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
@@ -225,7 +229,7 @@ def _too_short(scene: Scene, needed: float) -> str:
     return f"{scene.duration:g} s are too short for the limits: {comfortable(needed):g} s would do"
 
 
-def of_common_size(scene: Scene, demonstration: DMP | None) -> tuple[Scene, DMP | None]:
+def of_common_size(scene: Scene, demonstration: Movements | None) -> tuple[Scene, Movements | None]:
     """The scene a metre wide, if it is much smaller or larger, and a demonstration that is made so along with it.
 
     Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
@@ -234,7 +238,8 @@ def of_common_size(scene: Scene, demonstration: DMP | None) -> tuple[Scene, DMP 
     begun = scene.begins > 0 or any(group.start_twist.any() for group in scene.groups)
     if COMMON[0] <= side <= COMMON[1] or begun:
         return scene, demonstration
-    return scene.scaled(1.0 / side), None if demonstration is None else scale(demonstration, 1.0 / side)
+    scaled = tuple(scale(one, 1.0 / side) for one in _each(demonstration))
+    return scene.scaled(1.0 / side), scaled[0] if isinstance(demonstration, DMP) else scaled or None
 
 
 def _times(value: float | list[float], ratio: float) -> float | list[float]:
@@ -260,12 +265,13 @@ def _check_options(
         raise OptionError(
             f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
         )
-    if demonstration is not None and not isinstance(demonstration, DMP):
-        raise OptionError(
-            f"the demonstration is {type(demonstration).__name__}",
-            key="demonstration",
-            way_out="give a primitive: DMP.fit(demonstration)",
-        )
+    for one in _each(demonstration):
+        if not isinstance(one, DMP):
+            raise OptionError(
+                f"the demonstration is {type(one).__name__}",
+                key="demonstration",
+                way_out="give a primitive, DMP.fit(demonstration), or a Demonstration, or one for each manipulator",
+            )
     if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
         raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -288,16 +294,49 @@ def _check_options(
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
 
 
-def carried_demonstration(dmp: DMP, scene: Scene) -> Array:
+def carried_demonstration(dmp: Movements, scene: Scene) -> Array:
     """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
-    if len(dmp.start) != scene.n_dims:
-        raise OptionError(
-            f"the demonstration has {len(dmp.start)} dimensions, the scene {scene.n_dims}",
-            key="demonstration",
-            way_out="give one of the scene's dimension",
-        )
-    s = np.linspace(0.0, 1.0, N_STEPS)
+    for one in _each(dmp):
+        if one.n_dims != scene.n_dims:
+            raise OptionError(
+                f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
+                key="demonstration",
+                way_out="give one of the scene's dimension",
+            )
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
-    for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True)):
-        hands[:, i, : scene.n_dims] = modulate(dmp, start, goal).at(s * dmp.duration).position
+    hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
     return hands
+
+
+def movements_of(demonstration: object, scene: Scene) -> Movements | None:
+    """A demonstration as primitives: one for all hands, or one for each in the order of the manipulators.
+
+    Raises
+    ------
+    OptionError
+        A manipulator has none, or there is one for nobody.
+    """
+    if isinstance(demonstration, Mapping):
+        others = [name for name in demonstration if name not in scene.manipulators]
+        missing = [name for name in scene.manipulators if name not in demonstration]
+        if others or missing:
+            what = (
+                f"a movement is for {others[0]!r}" if others else f"there is no movement for {missing[0]!r}"
+            )
+            raise OptionError(
+                what, key="demonstration", way_out=f"give one for each of {', '.join(scene.manipulators)}"
+            )
+        demonstration = tuple(demonstration[name] for name in scene.manipulators)
+    if isinstance(demonstration, tuple):
+        return tuple(DMP.fit(one) if isinstance(one, Demonstration) else one for one in demonstration)
+    return DMP.fit(demonstration) if isinstance(demonstration, Demonstration) else demonstration
+
+
+def _each(demonstration: Movements | None) -> tuple:
+    return (
+        ()
+        if demonstration is None
+        else demonstration
+        if isinstance(demonstration, tuple)
+        else (demonstration,)
+    )

@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 from comove.planning.compiling import compiling
+from comove.planning.objectives import LeastJerk, PaperCost
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
@@ -57,6 +58,7 @@ def carry(
     demonstration: DMP | None = None,
     seed: int = 0,
     budget: float = 30.0,
+    objective: LeastJerk | PaperCost | None = None,
     progress: ProgressCallback | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and judge its joints.
@@ -67,7 +69,7 @@ def carry(
         With a grasp; its manipulators are arms of the robot.
     robot
         `Robot.load("baxter")`, for example.
-    demonstration, seed, progress
+    demonstration, seed, objective, progress
         As for `comove.planning.solve`.
     budget
         Seconds after which the best so far is returned; compiling, once after installation, is apart.
@@ -91,6 +93,7 @@ def carry(
         budget=max(0.5 * budget, budget - spent),
         carrier=task,
         checks=[check],
+        objective=objective,
         progress=progress,
     )
     done = check.carried_out(solution.attempt)

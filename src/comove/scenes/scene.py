@@ -40,7 +40,7 @@ from comove.scenes.polytopes import rows_of
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
 from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.surfaces import Placed, Surfaces, signed_distance, surfaces_of
-from comove.scenes.taught import read_demonstration, read_movement
+from comove.scenes.taught import read_demonstration, read_hands, read_movement
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
@@ -356,8 +356,10 @@ class Scene:
         return read_demonstration(source, self.folder, self.n_dims, self.path)
 
     @cached_property
-    def taught(self) -> DMP | None:
+    def taught(self) -> DMP | tuple[DMP, ...] | None:
         """The movement that the scene names, as a primitive: fitted to its recording, or as a library holds it.
+
+        One for each manipulator where the recording holds movements of all of them.
 
         Raises
         ------
@@ -367,6 +369,13 @@ class Scene:
         source = self.file.demonstration
         if source is not None and source.library is not None:
             return read_movement(source, self.folder, self.n_dims, self.path)
+        hands = (
+            None
+            if source is None
+            else read_hands(source, self.folder, self.n_dims, self.manipulators, self.path)
+        )
+        if hands is not None:
+            return tuple(map(DMP.fit, hands))
         return None if self.demonstration is None else DMP.fit(self.demonstration)
 
     @cached_property

@@ -53,6 +53,29 @@ def read_demonstration(
     return replace(recording, position=position, axes=axes)
 
 
+def read_hands(
+    source: DemonstrationSource, folder: Path, n_dims: int, names: tuple[str, ...], file: object = None
+) -> tuple[Demonstration, ...] | None:
+    """Read the recording of all hands of a scene, each its own; None where it is not one of all of them.
+
+    Parameters
+    ----------
+    source, folder, n_dims, file : as for `read_demonstration`
+    names : of the manipulators
+    """
+    if source.file is None or source.manipulator is not None or len(names) < 2:
+        return None
+    recordings = []
+    for name in names:
+        try:
+            Demonstration.load(folder / source.file, name, episode=source.episode, topic=source.topic)
+        except DemonstrationError:
+            return None  # of one movement, or of others: said by whoever reads one
+        each = source.model_copy(update={"manipulator": name})
+        recordings.append(read_demonstration(each, folder, n_dims, file))
+    return tuple(recordings)
+
+
 def read_movement(source: DemonstrationSource, folder: Path, n_dims: int, file: object = None) -> DMP:
     """Read the primitive of a scene: NAME of the folder `library`, or FOLDER/NAME.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb_of
+from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.cli.robot.app import robot_app
 
 SAVING = 2.0  # s, kept back from the budget for the files and pictures
@@ -28,13 +29,29 @@ def solve(
             help="Seconds after which the best so far is taken; compiling, once after installation, is apart."
         ),
     ] = 30.0,
+    objective: Annotated[
+        str | None,
+        typer.Option(help="As of 'comove solve': 'least-jerk' unless SCENE or this says 'paper'."),
+    ] = None,
+    resemblance: Annotated[
+        float | None, typer.Option(help="How near to the demonstration, as of 'comove solve'.")
+    ] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(metavar="GOAL,VELOCITY,OBSTACLE", help="Weights of equation (4) for 'paper'."),
+    ] = None,
+    duration: Duration = None,
+    speed: Speed = None,
+    acceleration: Acceleration = None,
+    jerk: Jerk = None,
+    clearance: Clearance = None,
     json: Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")] = False,
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
     from comove.cli.progress import progress_bar
     from comove.cli.robot.report import duration_offer, joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
-    from comove.cli.solve import budget_left, check_budget, write_result
+    from comove.cli.solve import budget_left, check_budget, objective_of, require_taught, write_result
     from comove.planning import load_kernels
     from comove.results import check_target, whole_folder
     from comove.robots import carry, write_joints
@@ -44,9 +61,11 @@ def solve(
     check_budget(budget)
     check_target(out)
     with progress_bar(budget) as progress:
-        loaded = Scene.load(scene)
+        loaded = Scene.load(scene, changes_of(duration, speed, acceleration, jerk, clearance))
+        wanted = objective_of(objective, resemblance, weights, loaded, smooth=True)
         carrier, named = robot_named(robot, loaded, scene)
         dmp = loaded.taught
+        require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         with of_scene(scene):
             found = carry(
@@ -56,6 +75,7 @@ def solve(
                 seed=seed,
                 budget=budget_left(budget, SAVING, loaded),
                 progress=progress,
+                objective=wanted,
             )
     solution = found.solution
     with whole_folder(out) as draft:

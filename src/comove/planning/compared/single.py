@@ -106,7 +106,10 @@ class Single(Method):
         left = 0.25 * search.time_left()
         ranking = best_movement(suited, scene, objective=search.objective.weights, budget=left).ranking
         chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
-        return chosen if search.taught is None else {TAUGHT: search.taught, **chosen}
+        if search.taught is None:
+            return chosen
+        first = search.taught if isinstance(search.taught, DMP) else search.taught[0]
+        return {TAUGHT: first, **chosen}
 
     def _optimised(self, search: Search, dmp: CoordinatedDMP) -> None:
         """Improve the weights, more strictly each time the result is rejected."""

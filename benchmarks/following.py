@@ -1,0 +1,129 @@
+"""How near motions stay to what was taught: the 30 LASA shapes as demonstrations for two hands with a bar.
+
+    python benchmarks/following.py [--shapes 30] [--seed 72]
+
+Scenes: narrow, wide, and five easy planar draws with this seed. Rows: least jerk with its default resemblance, and
+the paper's cost with a resemblance of 10. Columns, medians over shapes and scenes: verified; mean distance of hands
+from the demonstration over the way from start to goal; mean angle between their velocity and the demonstration's
+(where both move); the largest jerk more than 5 cm away from everything, over the demonstration's own; acceleration
+over that of the straight motion of least jerk; seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+
+import numpy as np
+from timing import on_one_thread, print_table
+
+import comove
+from comove import LeastJerk, PaperCost
+from comove.demonstrations import lasa_names
+from comove.experiments.bench.sets import draw_scene
+from comove.experiments.examples import example_path
+from comove.planning import carried_demonstration
+from comove.scenes.distances import configuration_distance
+
+N_STEPS = 401
+FREE = 0.05  # m from everything
+STRAIGHT = 10 / np.sqrt(3)  # peak acceleration of minimum jerk over one metre in one second [m/s^2]
+TRIED = {"least jerk": LeastJerk(), "paper, resemblance 10": PaperCost(resemblance=10.0)}
+HEADER = (
+    "scenes",
+    "objective",
+    "verified",
+    "off / way",
+    "direction",
+    "jerk, free",
+    "95 %",
+    "acceleration",
+    "s",
+)
+
+
+def main() -> None:
+    """Solve and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--shapes", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=72)
+    asked = parser.parse_args()
+    on_one_thread()
+    warnings.simplefilter("ignore")
+    scenes = {name: [comove.Scene.load(example_path(name))] for name in ("narrow", "wide")}
+    drawn = [draw_scene("easy", 2 * i, asked.seed)[0] for i in range(5)]
+    scenes["easy"] = [comove.Scene.from_dict(data) for data in drawn]
+    primitives = [
+        comove.DMP.fit(comove.Demonstration.from_lasa(name)) for name in lasa_names()[: asked.shapes]
+    ]
+    rows = []
+    for words, group in scenes.items():
+        for name, objective in TRIED.items():
+            figures = np.array([measured(scene, dmp, objective) for scene in group for dmp in primitives])
+            passed = figures[:, 0] > 0
+            off, angle, jerk, acceleration, spent = np.nanmedian(figures[passed, 1:], axis=0)
+            rows.append(
+                [
+                    words,
+                    name,
+                    f"{int(passed.sum())} of {len(passed)}",
+                    f"{100 * off:.1f} %",
+                    f"{angle:.0f} deg",
+                    f"{jerk:.2f}",
+                    f"{np.nanquantile(figures[passed, 3], 0.95):.2f}",
+                    f"{acceleration:.1f}",
+                    f"{spent:.2f}",
+                ]
+            )
+            print_table(HEADER, rows[-1:])
+    print()
+    print_table(HEADER, rows)
+
+
+def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperCost) -> tuple[float, ...]:
+    """Verified, distance over the way, angle [deg], jerk ratio in free parts, acceleration ratio, seconds."""
+    solution = comove.solve(scene, demonstration=dmp, objective=objective, budget=20.0)
+    motion, s = solution.attempt, np.linspace(0.0, 1.0, N_STEPS)
+    hands, velocity, acceleration = motion.hands(s)
+    taught = resampled(carried_demonstration(dmp, scene)[..., : scene.n_dims])
+    way = np.linalg.norm(scene.goal - scene.start, axis=1).max()
+    heading = np.gradient(taught, s, axis=0)
+    speeds = np.linalg.norm(velocity, axis=2), np.linalg.norm(heading, axis=2)
+    moving = (speeds[0] > 0.05 * speeds[0].max()) & (speeds[1] > 0.05 * speeds[1].max())
+    cosine = (velocity * heading).sum(axis=2)[moving] / (speeds[0] * speeds[1])[moving]
+    free = (
+        np.array([clearance_of(scene, nodes) for nodes in motion.coordinates.motion(motion.at(s))[0]]) > FREE
+    )
+    jerk = np.linalg.norm(np.gradient(acceleration, s, axis=0), axis=2).max(axis=1)
+    own = np.linalg.norm(third(taught, s), axis=2).max()
+    return (
+        float(solution.verified),
+        float(np.linalg.norm(hands - taught, axis=2).mean() / way),
+        float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean()),
+        float(jerk[free].max() / own) if free.any() else np.nan,
+        float(np.linalg.norm(acceleration, axis=2).max() / (STRAIGHT * way)),
+        solution.solve_time_s,
+    )
+
+
+def resampled(taught: np.ndarray) -> np.ndarray:
+    """A demonstration at as many even times as motions are looked at."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(np.linspace(0, 1, len(taught)), taught)(np.linspace(0, 1, N_STEPS))
+
+
+def third(taught: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Third derivatives, but for the very ends, where a demonstration need not rest."""
+    jerk = np.gradient(np.gradient(np.gradient(taught, s, axis=0), s, axis=0), s, axis=0)
+    return jerk[4:-4]
+
+
+def clearance_of(scene: comove.Scene, nodes: np.ndarray) -> float:
+    """Clearance of one configuration of a bar [m]."""
+    body = scene.body
+    return configuration_distance(nodes, body.edges, body.radii, scene.obstacles, *scene.workspace)[0]
+
+
+if __name__ == "__main__":
+    main()
