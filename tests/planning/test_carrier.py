@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from comove.planning import Comove, solve
+from comove.planning import Comove, PaperCost, solve
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, profiles
@@ -60,6 +60,21 @@ def test_a_search_stays_where_its_carrier_can_go():
         assert found.verified and highest(found.attempt) <= 0.72 + 1e-3
 
 
+def test_smooth_motions_stay_where_their_carrier_can_go():
+    """Nearer to the planned way than a free motion would be, and far smoother than the paper's objective asks."""
+    free = solve(SCENE, seed=3, budget=3)
+    low = highest(free.attempt) - 0.01
+    carrier = Ceiling(low)
+    found = solve(
+        SCENE, budget=10, carrier=carrier, checks=[lambda m: [] if highest(m) <= low else ["too high"]]
+    )
+    unchecked = solve(SCENE, budget=10, carrier=carrier)
+    paper = solve(SCENE, budget=10, carrier=carrier, objective=PaperCost())
+    for motion in (found, unchecked):
+        assert motion.verified and highest(motion.attempt) <= low + 1e-3
+        assert motion.report.acceleration_max < 0.2 * paper.report.acceleration_max
+
+
 def test_what_a_check_rejects_makes_the_carrier_careful():
     carrier, judged = Ceiling(0.72), []
 
@@ -67,7 +82,9 @@ def test_what_a_check_rejects_makes_the_carrier_careful():
         judged.append(motion)
         return ["not like this"] if len(judged) == 2 else []  # the first motion stands, polishing it does not
 
-    found = solve(SCENE, method=Comove(n_plans=1), budget=20, carrier=carrier, checks=[check])
+    found = solve(
+        SCENE, method=Comove(n_plans=1), budget=20, objective=PaperCost(), carrier=carrier, checks=[check]
+    )
     assert found.verified and len(judged) >= 3
     assert max(carrier.asked) == 1
 
@@ -98,7 +115,9 @@ def test_where_a_carrier_only_doubts_its_check_is_asked():
         return [] if len(judged) == 3 else ["not like this"]
 
     method = Comove(n_plans=1, n_unfit=np.inf, n_polishings=1, polishing=UNPOLISHED)
-    found = solve(SCENE, budget=600, method=method, carrier=Doubtful(0.72), checks=[check])
+    found = solve(
+        SCENE, budget=600, method=method, objective=PaperCost(), carrier=Doubtful(0.72), checks=[check]
+    )
     assert found.verified
     assert len(judged) == 4  # two of the first plan, one of the second, and what comes of polishing
     assert found.evaluations <= 5 * len(profiles(2)) * len(RIDGES)

@@ -132,7 +132,12 @@ def _carried(search: Search, programme: Programme, z: Array, reference: Array) -
         z, reference = outcome.z, None
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
-        verdict = search.judge(programme.motion(z))
+        motion = programme.motion(z)
+        if not search.checks:  # then nobody else knows
+            nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STEPS)))[0]
+            if not search.carrier.ask(nodes[None])[1].all():
+                continue
+        verdict = search.judge(motion)
         if verdict.verified is not None:
             return True
         if verdict.report.clearance_min < search.scene.clearance:
