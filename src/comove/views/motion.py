@@ -45,16 +45,24 @@ def save(figure: Figure, path: Path) -> None:
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
     """The scene, the hands' paths and the load at equal steps (the paper's Figure 6); below, speed and acceleration.
 
+    In space in perspective, and along the three axes.
+
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
     """
     views = views_of(motion.scene)
-    figure = new_figure(*((6.0, 7.6) if len(views) == 1 else (13.0, 6.6)))
+    figure = new_figure(*((6.0, 7.6) if len(views) == 1 else (16.5, 6.4)))
     figure.suptitle(title or motion.scene.name)
     above, below = figure.subfigures(2, 1, height_ratios=[5, 1.4])
+    columns = len(views) + (len(views) > 1)
     for i, view in enumerate(views):
-        draw_panel(above.add_subplot(1, len(views), i + 1), motion, view, demonstration)
+        draw_panel(above.add_subplot(1, columns, columns - len(views) + i + 1), motion, view, demonstration)
+    if len(views) > 1:
+        from comove.views.perspective import draw_perspective
+
+        nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STATES)))[0]
+        draw_perspective(above, (1, columns, 1), motion, nodes, COLOURS, demonstration)
     draw_legend(above)
     draw_rates(below, motion)
     return figure

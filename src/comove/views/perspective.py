@@ -1,0 +1,159 @@
+"""A spatial scene seen by somebody who stands beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import FigureBase
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.scenes import distances as sd
+from comove.scenes.polytopes import vertices_in
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+ELEVATION, ASIDE = 24.0, 62.0  # deg: of the camera above the ground, and from the way as seen from above
+LIGHT = np.array([0.35, -0.55, 0.75])  # where it comes from
+N_ROUND = 20  # directions of a round body's outline
+GREY, ALPHA = 0.72, 0.42
+FRONT = 0.16  # alpha of what stands between the camera and the way
+
+
+def draw_perspective(
+    figure: FigureBase,
+    position: tuple[int, int, int],
+    motion: CoordinatedMotion,
+    nodes: Array,
+    colours: tuple[str, ...],
+    demonstration: Array | None = None,
+) -> None:
+    """Draw obstacles, the hands' paths and the load at some instants in perspective.
+
+    Parameters
+    ----------
+    position : of the panel, as `add_subplot` takes it
+    nodes : array, shape (n_states, n_nodes, 3), where the load is drawn [m]
+    colours : of the hands
+    demonstration : array, shape (n_steps, n_manipulators, 3), [m], drawn dashed where given
+    """
+    scene = motion.scene
+    axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
+    way = (scene.goal - scene.start).mean(axis=0)
+    azimuth = float(np.degrees(np.arctan2(way[1], way[0]))) - ASIDE
+    axes.view_init(elev=ELEVATION, azim=azimuth)
+    axes.set_proj_type("persp", focal_length=0.8)
+    camera = np.array(
+        [np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), np.tan(np.radians(ELEVATION))]
+    )
+    middle = nodes.reshape(-1, 3).mean(axis=0)
+    for faces in _obstacles(scene):
+        in_front = float((faces.reshape(-1, 3).mean(axis=0) - middle) @ camera) > 0
+        axes.add_collection3d(
+            Poly3DCollection(
+                faces,
+                facecolors=_shaded(faces, FRONT if in_front else ALPHA),
+                edgecolors="none",
+                zorder=4 if in_front else 1,
+            )
+        )
+    _draw_load(axes, scene, nodes)
+    if demonstration is not None:
+        for hand in range(demonstration.shape[1]):
+            axes.plot(*demonstration[:, hand].T, "--", color="0.45", linewidth=0.9, zorder=3)
+    path = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, 201)))[0]
+    for hand in range(len(scene.manipulators)):
+        axes.plot(*path[:, hand].T, color=colours[hand % len(colours)], linewidth=1.6, zorder=3)
+        axes.plot(*path[:1, hand].T, "o", color="#2ca02c", markersize=5, zorder=5)
+        axes.plot(*scene.goal[hand][:, None], "s", color="#d62728", markersize=5, zorder=5)
+    axes.set(
+        xlim=(scene.lower[0], scene.upper[0]),
+        ylim=(scene.lower[1], scene.upper[1]),
+        zlim=(scene.lower[2], scene.upper[2]),
+    )
+    for label, name in ((axes.set_xlabel, "x"), (axes.set_ylabel, "y"), (axes.set_zlabel, "z")):
+        label(name, labelpad=-10, fontsize="small")
+    axes.set_box_aspect(scene.upper - scene.lower, zoom=1.15)
+    axes.tick_params(labelsize=6, pad=-2)
+    axes.locator_params(nbins=4)
+
+
+def _draw_load(axes, scene: Scene, nodes: Array) -> None:
+    """The load's edges at every state, and its solids as the outlines of their hulls."""
+    edges = [tuple(edge) for edge in scene.body.edges if edge[0] != edge[1]]
+    if not edges and not len(scene.body.solids):
+        edges = [(c.first, c.second) for c in scene.distances]
+    lines = [state[list(edge)] for state in nodes for edge in edges]
+    axes.add_collection3d(Line3DCollection(lines, colors="0.1", linewidths=1.0, alpha=0.7, zorder=2))
+    for state in nodes[:: max(1, len(nodes) // 8)]:
+        for solid in scene.body.solids:
+            faces = hull_faces(state[solid])
+            axes.add_collection3d(
+                Poly3DCollection(
+                    faces,
+                    facecolors=_shaded(faces, 0.25),
+                    edgecolors=(0.1, 0.1, 0.1, 0.25),
+                    linewidths=0.3,
+                    zorder=2,
+                )
+            )
+
+
+def _obstacles(scene: Scene) -> list[Array]:
+    """Faces of every obstacle at 0 s, cut off at the border; arrays, shape (n_faces, 3, 3) [m]."""
+    found = [scene.surfaces.of(mesh) for mesh in range(len(scene.surfaces.owner))]
+    found += [hull_faces(_points(row)) for row in scene.obstacles[scene.convex_rows]]
+    return [np.clip(faces, scene.lower, scene.upper) for faces in found]
+
+
+def _points(row: Array) -> Array:
+    """Points whose convex hull is an obstacle, or nearly; array, shape (n, 3) [m]."""
+    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
+    size, kind = row[sd.SIZE : sd.SIZE + 3], int(row[sd.KIND])
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, N_ROUND, endpoint=False), np.linspace(-1, 1, N_ROUND // 2))
+    ring = np.sqrt(np.maximum(0.0, 1 - np.sin(0.5 * np.pi * v) ** 2))
+    ball = np.stack([ring * np.cos(u), ring * np.sin(u), np.sin(0.5 * np.pi * v)], axis=-1).reshape(-1, 3)
+    if kind == sd.BOX:
+        local = size * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    elif kind == sd.POLYTOPE:
+        local = vertices_in(row)
+    elif kind == sd.SPHERE:
+        local = size[0] * ball
+    elif kind == sd.CAPSULE:
+        shift = np.array([0.0, 0.0, size[1]])
+        local = np.concatenate([size[0] * ball + shift, size[0] * ball - shift])
+    elif kind == sd.CYLINDER:
+        turn = np.linspace(0, 2 * np.pi, 2 * N_ROUND, endpoint=False)
+        rim = size[0] * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+        local = np.concatenate([rim + [0, 0, size[1]], rim - [0, 0, size[1]]])
+    else:
+        local = size * ball
+    return row[sd.CENTER : sd.CENTER + 3] + local @ rotation.T
+
+
+def hull_faces(points: Array) -> Array:
+    """Return the triangles of the convex hull of points, outwards; array, shape (n_faces, 3, 3).
+
+    Of points in a plane there are none.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return np.zeros((0, 3, 3))
+    faces = points[hull.simplices]
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    inward = (normal * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces
+
+
+def _shaded(faces: Array, alpha: float) -> Array:
+    """Grey by how faces are turned to the light; array, shape (n_faces, 4)."""
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    bright = np.clip(normal / length @ (LIGHT / np.linalg.norm(LIGHT)), -1.0, 1.0)
+    grey = np.clip(GREY + 0.22 * bright, 0.0, 1.0)[:, None]
+    return np.concatenate([grey, grey, grey, np.full((len(faces), 1), alpha)], axis=1)
