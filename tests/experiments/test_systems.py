@@ -84,6 +84,8 @@ def test_a_straight_line_is_measured():
     assert outcome.path_length == pytest.approx(1.2)
     assert outcome.acceleration_max == pytest.approx(10 / np.sqrt(3) * 0.6 / 4, rel=1e-3)
     assert outcome.jerk_max == pytest.approx(60 * 0.6 / 8, rel=1e-2)
+    assert outcome.jerk_ratio == pytest.approx(1.0, rel=1e-2)
+    assert outcome.duration == free().duration
 
 
 def test_what_runs_into_a_wall_is_not_verified(narrow):

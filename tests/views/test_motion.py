@@ -98,7 +98,7 @@ def test_the_pipeline_has_four_steps(tmp_path):
 
 def test_speed_and_acceleration_are_drawn_below_the_motion():
     """Of minimum jerk along the straight way: peaks of 1.875 L/T and 10/sqrt(3) L/T^2."""
-    assert len(draw_motion(CoordinatedMotion.straight(example("window"))).axes) == 3 + 2
+    assert len(draw_motion(CoordinatedMotion.straight(example("window"))).axes) == 4 + 2
     motion = CoordinatedMotion.straight(example("narrow"))
     _, speed, acceleration = draw_motion(motion).axes
     ways = np.linalg.norm(motion.scene.goal - motion.scene.start, axis=1)

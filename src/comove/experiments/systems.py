@@ -172,6 +172,8 @@ class Outcome:
     path_length : of all hands together [m]
     acceleration_max : from step to step [m/s^2]
     jerk_max : from step to step [m/s^3]
+    jerk_ratio : squared jerk of all hands, integrated, over that of straight motions of minimum jerk
+    duration : of the motion [s]
     distance_error_max : [m]
     clearance_min : certified [m]
     """
@@ -185,6 +187,8 @@ class Outcome:
     path_length: float
     acceleration_max: float
     jerk_max: float
+    jerk_ratio: float
+    duration: float
     distance_error_max: float
     clearance_min: float
 
@@ -206,6 +210,7 @@ def measured(system: System, problem: Problem) -> Outcome | None:
     last, report = offers.taken[-1][1], reports[-1]
     step = problem.scene.duration / (N_SAMPLES - 1)
     jerk = np.diff(last, n=3, axis=0) / step**3
+    way = float(((problem.scene.goal - problem.scene.start) ** 2).sum())
     return Outcome(
         verified=not report.reasons,
         reasons=report.reasons,
@@ -216,6 +221,8 @@ def measured(system: System, problem: Problem) -> Outcome | None:
         path_length=float(np.linalg.norm(np.diff(last, axis=0), axis=2).sum()),
         acceleration_max=report.acceleration_max,
         jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
+        jerk_ratio=float((jerk**2).sum() * step * problem.scene.duration**5 / (720.0 * max(way, 1e-12))),
+        duration=problem.scene.duration,
         distance_error_max=report.distance_error_max,
         clearance_min=report.clearance_min,
     )

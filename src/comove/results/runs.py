@@ -75,6 +75,8 @@ class Figures:
     path_length: float | None = None
     acceleration_max: float | None = None
     jerk_max: float | None = None
+    jerk_ratio: float | None = None
+    duration: float | None = None
     distance_error_max: float | None = None
     clearance_min: float | None = None
 

@@ -36,6 +36,8 @@ FIGURES = {  # column: figure, factor
     "path [m]": ("path_length", 1.0),
     "peak acceleration [m/s²]": ("acceleration_max", 1.0),
     "peak jerk [m/s³]": ("jerk_max", 1.0),
+    "squared jerk / straight": ("jerk_ratio", 1.0),
+    "duration [s]": ("duration", 1.0),
     "distance error [mm]": ("distance_error_max", 1e3),
     "clearance [mm]": ("clearance_min", 1e3),
 }
