@@ -3,7 +3,7 @@
     python benchmarks/smooth.py [--planar 100] [--spatial 50] [--seed 71]
 
 Half of the draws are easy, half hard; no scene was looked at before with this seed. Every scene is solved twice by
-``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with up to seven times the ways, from
+``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with four times the ways, from
 other random numbers too, for 20 s each, whose best counts as the best known; with the default wish for room; and for
 the paper's objective. Columns: verified; first verified motion and whole search, medians and 95 % [ms]; squared jerk
 over the best known, median and 95 %; largest acceleration over that of minimum jerk along the straight way, median;

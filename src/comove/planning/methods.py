@@ -88,8 +88,8 @@ class Comove(Method):
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
-    n_ways: int = 6
-    n_idle: int = 2
+    n_ways: int = 10
+    n_idle: int = 4
     polishing: Schedule = POLISHING
     before: ClassVar[Array | None] = None
 
