@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.changes import Acceleration, Clearance, Duration, Speed, changes_of
 from comove.cli.solve import check_budget
 from comove.errors import OptionError
 
@@ -34,6 +35,10 @@ def run(
             "--compare", help="Do it with every other method too, draw all side by side and judge them alike."
         ),
     ] = False,
+    duration: Duration = None,
+    speed: Speed = None,
+    acceleration: Acceleration = None,
+    clearance: Clearance = None,
     json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, record and draw it."""
@@ -51,7 +56,7 @@ def run(
     if budget is not None:
         check_budget(budget)
     check_target(out)
-    loaded = Scene.load(scene)
+    loaded = Scene.load(scene, changes_of(duration, speed, acceleration, clearance=clearance))
     budget = LONGEST * loaded.duration if budget is None else budget
     check_steps(budget, period)
     with progress_bar():

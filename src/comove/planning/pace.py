@@ -44,6 +44,6 @@ def comfortable(duration: float) -> float:
 def _rounded_up(duration: float, digits: int = DIGITS) -> float:
     """A duration in few digits, no shorter than the one given."""
     if not 0.0 < duration < MAX_DURATION:
-        return min(duration, MAX_DURATION)
+        return duration if duration <= 0.0 else MAX_DURATION  # also where an orientation is not defined
     decimals = digits - 1 - floor(log10(duration))
     return round(ceil(duration * (1 + ROUNDING) * 10**decimals) / 10**decimals, decimals)
