@@ -55,7 +55,7 @@ def test_a_constraint_holds_beside_the_scene_s(scene):
 
     free = Samples.of(comove.solve(scene).attempt)
     limit = 0.9 * free.velocity[..., 0].max()
-    solution = comove.solve(scene, constraints=[bounded], budget=20.0)
+    solution = comove.solve(scene, constraints=[bounded], budget=8.0)
     assert solution.verified
     assert bounded(Samples.of(solution.attempt)) <= 0
     assert verify(solution.attempt).verified is not None

@@ -510,7 +510,7 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
     [
         ({"scene": "narrow.yaml"}, "Scene.load"),
         ({"scene": {}}, "Scene.load"),
-        ({"demonstration": Demonstration.from_lasa("Angle")}, "DMP.fit"),
+        ({"demonstration": "Angle"}, "DMP.fit"),
         ({"budget": "3"}, "budget"),
         ({"budget": None}, "budget"),
         ({"checks": print}, "checks"),

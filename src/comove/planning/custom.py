@@ -22,17 +22,29 @@ N_BASIS, N_FREE = 24, 8  # shape weights a column, and those that are changed: t
 STEP = 0.02  # m, the first step size: what the middle of a motion moves by
 MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance, more after a rejection
 SCALE = 0.01  # m of clearance, that count as much as a limit exceeded by its whole self
+MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # and the relative gain for which a run is worth it
 PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
 
 
 def improve_own(search: Search, own: Own, start: CoordinatedMotion) -> bool:
-    """Improve a motion by the user's functions, and have the best judged; whether one is verified."""
-    for margin in MARGINS:
-        motion = _minimised(search, own, start, margin)
-        if search.judge(motion).verified is not None:
-            return True
-        start = motion
-    return False
+    """Improve a motion by the user's functions, and have the best judged; whether one is verified.
+
+    A run that has come to rest is taken up again from where it is, as long as that brings something.
+    """
+    margins, verified, before = iter(MARGINS), False, np.inf
+    margin = next(margins)
+    for _ in range(MOST_RUNS):
+        start = _minimised(search, own, start, margin)
+        if search.judge(start).verified is None:
+            margin = next(margins, None)
+            if margin is None:
+                break
+            continue
+        verified, value = True, search.worth(start)
+        if search.over() or (np.isfinite(before) and value > before - WORTH_ANOTHER * abs(before)):
+            break
+        before = value
+    return verified
 
 
 def _minimised(search: Search, own: Own, start: CoordinatedMotion, margin: float) -> CoordinatedMotion:

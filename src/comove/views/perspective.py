@@ -85,7 +85,8 @@ def _draw_load(axes, scene: Scene, nodes: Array) -> None:
     if not edges and not len(scene.body.solids):
         edges = [(c.first, c.second) for c in scene.distances]
     lines = [state[list(edge)] for state in nodes for edge in edges]
-    axes.add_collection3d(Line3DCollection(lines, colors="0.1", linewidths=1.0, alpha=0.7, zorder=2))
+    if lines:
+        axes.add_collection3d(Line3DCollection(lines, colors="0.1", linewidths=1.0, alpha=0.7, zorder=2))
     for state in nodes[:: max(1, len(nodes) // 8)]:
         for solid in scene.body.solids:
             faces = hull_faces(state[solid])
