@@ -45,6 +45,7 @@ RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
 WORTH_ANOTHER = 0.01  # of the value, that another way must gain
+HASTY_IDLE = 2  # ways that may bring nothing where each is made as fast as it can be
 SMOOTHING_SHARE = 0.4  # of the budget, before functions of the user are minimised
 N_STARTS = 2  # smooth motions from which they are
 HOPELESS = 0.03  # m inside something: another start is better than a stricter search
@@ -165,7 +166,10 @@ class Comove(Method):
     def _smooth(self, search: Search, targets_of: Targets, ends: Array) -> bool:
         """Smooth motions along several ways, and along the demonstration; False where none could be verified."""
         failures = idle = ways = smooth = 0
+        hasty = isinstance(search.aim, LeastTime)
         while ways < self.n_ways and idle < self.n_idle and failures < self.n_failures:
+            if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed is not None)):
+                break  # seconds a way, and ways differ less in time than in jerk
             search.check_time()
             search.stage = "planning"
             found, before = targets_of(failures, self._nodes(failures)), search.best_cost
@@ -188,7 +192,7 @@ class Comove(Method):
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
             gained |= (search.needed or np.inf) < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
-        if search.best is not None and isinstance(search.aim, LeastTime):
+        if search.best is not None and hasty:
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0
