@@ -36,7 +36,7 @@ def test_the_demonstration_is_followed():
 def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     scene = example("narrow")
     executor = Executor(scene, demonstration=scene.taught)
-    left = executor._left_of_it(share * scene.duration)
+    left, _ = executor._left_of_it(share * scene.duration)
     whole = scene.taught
     assert left.duration == pytest.approx((1 - share) * whole.duration)
     np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)

@@ -128,9 +128,7 @@ def solve(
         )
     with whole_folder(out) as draft:
         summary = write_result(solution, draft, None if smooth and solution.followed is None else dmp)
-        if (
-            changes or solution.scene is not loaded
-        ):  # what was judged, so that `comove verify` can judge it again
+        if changes or solution.scene is not loaded:  # what was judged
             (draft / "scene.json").write_bytes(canonical(solution.scene.file) + b"\n")
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")

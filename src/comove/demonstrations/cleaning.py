@@ -28,6 +28,8 @@ UNIT_HINTS = {
 }
 """What a movement in this unit looks like when its numbers are too large."""
 UNIT_HINT = UNIT_HINTS["m"]
+IN_ANY_CASE = f"in metres, as was said, though it {UNIT_HINT}"
+"""Noted where somebody insists: then nothing is warned of."""
 _UNIT_EXTENTS = {"m": MILLIMETRE_EXTENT, "rad": TURNS_EXTENT}
 NORM_TOLERANCE = 1e-3
 """Quaternions whose norm is off by more than this are no rounding, but a mistake."""

@@ -199,8 +199,7 @@ class Demonstration:
         others = tuple(note for note in self.notes if cleaning.UNIT_HINT not in note)
         if unit == "m":
             hint = cleaning.unit_hint(self.position, "m")
-            said = f"in metres, as was said, though it {cleaning.UNIT_HINT}"
-            return replace(self, notes=(*others, said)) if hint else self
+            return replace(self, notes=(*others, cleaning.IN_ANY_CASE)) if hint else self
         notes = (*others, f"converted from {unit} to m")
         return replace(self, position=factor * self.position, unit="m", notes=notes)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import UNIT_HINT, Origin, check, unit_hint
+from comove.demonstrations.cleaning import IN_ANY_CASE, Origin, check, unit_hint
 from comove.demonstrations.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
 from comove.demonstrations.demonstration import Demonstration
 from comove.demonstrations.files import MAX_ROWS, existing_file, telling
@@ -31,7 +31,6 @@ POSITIONS = ("x", "y", "z")
 CLOCKS = ("time", "t", "timestamp", "stamp", "seconds", "sec", "zeit", "elapsed")
 SEPARATORS = (";", "\t", ",", " ")
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
-AS_SAID = f", though it {UNIT_HINT}"
 SLOW = 0.5  # s between samples: no recording of a movement is that slow
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]")
 
@@ -96,27 +95,22 @@ def read_table(
     wanted = places if clock is None else [clock, *places]
     table = _numbers(path, rows, separator, wanted, names)
     seconds = np.arange(len(rows)) / rate if clock is None else table[:, 0] * TIMES[time_unit]
-    if (
-        clock is not None
-        and len(rows) > 2
-        and np.median(np.diff(seconds)) > SLOW
-        and not _says_unit(names, clock, time)
-    ):
+    step = float(np.median(np.diff(seconds))) if len(rows) > 2 else 0.0
+    if clock is not None and step > SLOW and not _says_unit(names, clock, time):
         raise DemonstrationError(
-            f"time passes in steps of {np.median(np.diff(seconds)):g} s, which looks like milliseconds",
+            f"time passes in steps of {step:g} s, which looks like milliseconds",
             file=path,
             key=names[clock],
             way_out=f"say so: time '{names[clock]} [ms]', or '{names[clock]} [s]' if it is right",
         )
     labels = tuple(names[place] for place in places)
     said = {found["unit"].strip().lower() for name in labels if (found := _UNIT.fullmatch(name))}
-    factor = length(unit if unit is not None else (said.pop() if len(said) == 1 else "m"), path)
+    own = unit if unit is not None else (said.pop() if len(said) == 1 else "m")
+    length(own, path)
     origin = _TableOrigin(path, tuple(n for n, _ in rows), labels, "" if clock is None else names[clock])
-    seconds, position = check(seconds, factor * table[:, -len(places) :], origin)
-    notes = () if factor == 1.0 else (f"converted to metres by {factor:g}",)
-    if unit == "m":
-        notes = (*notes, f"in metres, as was said{AS_SAID if unit_hint(position) else ''}")
-    return Demonstration(seconds, position, path.stem, notes)
+    seconds, position = check(seconds, table[:, -len(places) :], origin)
+    notes = (IN_ANY_CASE,) if unit == "m" and unit_hint(position) else ()
+    return Demonstration(seconds, position, path.stem, notes, unit=own).in_metres(own)
 
 
 def _separator(text: str) -> str:

@@ -24,7 +24,7 @@ from comove.execution.sight import Known, Sight, going_on
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
-from comove.planning.solver import solve
+from comove.planning.solver import movements_of, solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.rotations import matrices
@@ -169,7 +169,7 @@ class Executor:
         demonstration: DMP | tuple[DMP, ...] | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
-        self.demonstration = demonstration
+        self.demonstration = movements_of(demonstration, scene)
         self.sight = Known(scene) if sight is None else sight
         self.log, self.n_steps = Log(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
@@ -380,14 +380,13 @@ class Executor:
         if self.plan is not None and self.log.first_plan is None:
             self.log.first_plan = sum(self.log.planning)
 
-    def _left_of_it(self, now: float) -> DMP | tuple[DMP, ...] | None:
+    def _left_of_it(self, now: float) -> tuple[DMP, ...] | None:
         """What is left of the demonstration, None where that is next to nothing."""
         done = now / self.scene.duration
         if self.demonstration is None or done > NEARLY_DONE:
             return None
-        if isinstance(self.demonstration, tuple):
-            return tuple(_rest(own, done) for own in self.demonstration)
-        return _rest(self.demonstration, done)
+        rest = {own: _rest(own, done) for own in set(self.demonstration)}
+        return tuple(rest[own] for own in self.demonstration)
 
     def _method(self, now: float) -> Quick:
         """How to plan: what is not certain only guides, and the programme sees to the limits."""

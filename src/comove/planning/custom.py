@@ -14,7 +14,7 @@ from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives.own import Own, Samples
 from comove.planning.search import Search
-from comove.primitives.basis import motion_basis
+from comove.primitives.basis import motion_basis, rollouts
 
 Array = NDArray[np.float64]
 
@@ -57,17 +57,19 @@ def _minimised(search: Search, own: Own, start: CoordinatedMotion, margin: float
     limits = Limits.of(scene, scene.duration)
     width = coordinates.search.shape[1] * N_FREE
 
-    def motion_of(x: Array) -> CoordinatedMotion:
-        moved = weights.copy()
-        moved[:, :N_FREE] += coordinates.search @ x.reshape(-1, N_FREE)
-        return replace(blank, weights=moved)
+    def moved(x: Array) -> Array:
+        """Weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
+        all_weights = np.repeat(weights[None], len(x), axis=0)
+        all_weights[:, :, :N_FREE] += coordinates.search @ x.reshape(len(x), -1, N_FREE)
+        return all_weights
 
     def values(x: Array) -> tuple[Array, Array]:
         """Objectives, and constraints by rows: clearance, limits, and the user's."""
-        motions = [motion_of(point) for point in x]
-        q = np.stack([motion.at(np.linspace(0.0, 1.0, N_STEPS))[0].T for motion in motions])
+        population = moved(x)
+        motions = [replace(blank, weights=own_weights) for own_weights in population]
+        q = rollouts(basis, start.boundary, population, N_STEPS)
         clearance = search.objective.evaluate(q).clearance
-        nodes = coordinates.nodes(np.ascontiguousarray(q))
+        nodes = coordinates.nodes(q)
         hands = nodes[:, :, : len(scene.manipulators), : scene.n_dims].reshape(len(x), N_STEPS, -1)
         search.evaluations += len(x)
         samples = [Samples.of(search.handed(motion)) for motion in motions]
@@ -112,4 +114,4 @@ def _minimised(search: Search, own: Own, start: CoordinatedMotion, margin: float
         seed=int(search.rng.integers(2**31)),
         callback=over,
     )
-    return motion_of(found.x)
+    return replace(blank, weights=moved(found.x[None])[0])

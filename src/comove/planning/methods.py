@@ -117,6 +117,7 @@ class Comove(Method):
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
+        search.needed = base.needed
         search.attempt, search.attempt_verdict = base.attempt, base.attempt_verdict
         for motion in base.kept:
             search.judge(motion)
@@ -168,12 +169,12 @@ class Comove(Method):
         failures = idle = ways = smooth = 0
         hasty = isinstance(search.aim, LeastTime)
         while ways < self.n_ways and idle < self.n_idle and failures < self.n_failures:
-            if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed is not None)):
+            if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed < np.inf)):
                 break  # seconds a way, and ways differ less in time than in jerk
             search.check_time()
             search.stage = "planning"
             found, before = targets_of(failures, self._nodes(failures)), search.best_cost
-            needed = search.needed or np.inf
+            needed = search.needed
             if found is None:
                 failures += 1
                 continue
@@ -190,13 +191,13 @@ class Comove(Method):
             if search.best is None and self._will_do(search):
                 return True
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
-            gained |= (search.needed or np.inf) < (1 - WORTH_ANOTHER) * needed
+            gained |= search.needed < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
         if search.best is not None and hasty:
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0
-        return search.best is not None or search.needed is not None  # which no other way would shorten much
+        return search.best is not None or search.needed < np.inf  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:
         """Whether what is not verified is good enough."""

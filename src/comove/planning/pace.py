@@ -9,11 +9,8 @@ from comove.scenes.model import MAX_DURATION, MIN_DURATION
 from comove.scenes.scene import Scene
 from comove.verification.rates import largest_rates
 
-LIMITS = {
-    "speed": 1.0,
-    "acceleration": 1.0,
-    "jerk": 5.0,
-}  # m/s, m/s^2, m/s^3, of hands, where a scene has none
+# m/s, m/s^2 and m/s^3, of hands, where a scene has none.
+LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 DIGITS = 5  # of a duration that is found
 EASE = 1.02  # times the shortest found, that is named to somebody who asked for less
 ROUNDING = 1e-9  # relative, by which bounds may differ from one computation to the next

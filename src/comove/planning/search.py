@@ -114,7 +114,7 @@ class Search:
     objective : equation (4) on the scene
     aim : what decides which motion is best
     limits : of the hands, as scene and duration have them; in a second where the duration is open
-    taught : the demonstrated movement, or one for each manipulator; None without any
+    taught : the demonstrated movement of every manipulator; None without any
     hard : obstacles are constraints, not only costs
     rng : source of all random numbers
     started, deadline : on the clock of `time.perf_counter`, which stands still while a kernel is compiled [s]
@@ -123,7 +123,7 @@ class Search:
         as fast as they may be where its duration is open
     own : functions of the user, that decide and that must hold; None without any
     kept : every motion that was the best, in order
-    needed : shortest duration known to do where the one asked for is too short [s]
+    needed : shortest duration known to do where the one asked for is too short [s]; inf else
     checks : further checks that a motion must pass, on the scene that was asked for
     carrier : what moves the hands, None where nothing limits them but the scene
     progress : called once a generation, and for every motion that is the best so far
@@ -137,7 +137,7 @@ class Search:
     """
 
     objective: Objective
-    taught: DMP | tuple[DMP, ...] | None
+    taught: tuple[DMP, ...] | None
     hard: bool
     rng: np.random.Generator
     started: float
@@ -161,7 +161,7 @@ class Search:
     log: dict[str, float | list[float]] = field(default_factory=dict)
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None
-    needed: float | None = None
+    needed: float = np.inf
     own: Own | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
 
@@ -206,9 +206,8 @@ class Search:
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion; keep it if it is the best. Further checks, which may be slow, come last."""
-        is_open = self.asked is not None and not self.asked.is_timed
-        verdict = verify(self.handed(motion), self.checks) if is_open else verify(motion)
-        if verdict.verified is not None and not is_open and (self.checks or self.asked is not None):
+        verdict = verify(motion)
+        if verdict.verified is not None and (self.checks or self.asked is not None):
             handed = verify(self.handed(motion), self.checks)
             if handed.verified is None:
                 verdict = replace(verdict, verified=None, reasons=handed.reasons)
@@ -237,11 +236,10 @@ class Search:
         return self.objective.cost(motion).total
 
     def settle_for(self, aim: PaperCost) -> None:
-        """Go on with another objective: the best so far is what it finds best from here on."""
-        self.aim, self.best, self.best_motion, self.best_cost = aim, None, None, np.inf
-        for motion in reversed(self.kept):
-            if self.judge(motion).verified is not None:
-                break
+        """Go on with another objective, from the best so far."""
+        self.aim = aim
+        if self.best_motion is not None:
+            self.best_cost = self.worth(self.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         """A motion as it is handed out, on the scene that was asked for."""

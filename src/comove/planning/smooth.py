@@ -45,7 +45,14 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     way : array, shape (N_STEPS, n_columns), in load coordinates, at even times
     boundary : array, shape (4, n_columns), as `CoordinatedMotion` has it
     """
-    programme = z = None
+    programme, z, reference = _along(search, way, boundary)
+    if search.carrier is not None:
+        return _carried(search, programme, z, reference)
+    return _verified(search, programme, z, reference)
+
+
+def _along(search: Search, way: Array, boundary: Array) -> tuple[Programme, Array, Array]:
+    """A programme, weights near to a way, and the way at its samples; more weights where few cannot follow it."""
     for n_basis in N_BASIS:
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
@@ -57,13 +64,8 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
             z = programme.fit(reference, ridge)
             off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()
             if off < NEAR:
-                break
-        else:
-            continue
-        break
-    if search.carrier is not None:
-        return _carried(search, programme, z, reference)
-    return _verified(search, programme, z, reference)
+                return programme, z, reference
+    return programme, z, reference
 
 
 def smooth_demonstration(search: Search) -> bool:
@@ -80,11 +82,12 @@ def follows(search: Search) -> bool:
 
 
 def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
-    coordinates, basis = load_coordinates(search.scene), motion_basis(n_basis, "jerk")
     scene = search.scene
     peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # where such limits are used to the full
     n_coarse = 201 if peaky else 101
-    return Programme(search.scene, coordinates, basis, boundary, n_coarse=n_coarse)
+    return Programme(
+        scene, load_coordinates(scene), motion_basis(n_basis, "jerk"), boundary, n_coarse=n_coarse
+    )
 
 
 def _verified(search: Search, programme: Programme, z: Array, reference: Array | None) -> bool:
@@ -186,7 +189,7 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
         if search.scene.is_limited and not search.scene.moving.any():
             slower = in_least_time(motion, search.asked or search.scene)
             if verify(slower, search.checks).verified is not None:
-                search.needed = min(slower.scene.duration, search.needed or np.inf)
+                search.needed = min(slower.scene.duration, search.needed)
                 return False
         settings = _stricter(settings, attempt)
     return False

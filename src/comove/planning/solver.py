@@ -31,8 +31,6 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
-Movements = DMP | tuple[DMP, ...]
-"""One for all hands, or one for each."""
 
 OBSTACLES = ("constraint", "cost")
 COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
@@ -74,9 +72,9 @@ def solve(
     objective
         What the motion shall be best in; what the scene says unless given. Where that says nothing, `LeastJerk()`,
         smooth and near to the demonstration; `LeastTime()` for a scene without duration and demonstration;
-        `PaperCost()`, equation (4), where the method is not comove's own, the planner off, obstacles a cost or a
-        `carrier` given. The motion of a scene that leaves its duration out is as fast as its limits allow; the
-        solution's own scene says how long it takes.
+        `PaperCost()`, equation (4), where the method is not comove's own, the planner off or obstacles a cost. The
+        motion of a scene that leaves its duration out is as fast as its limits allow; the solution's own scene says
+        how long it takes.
         Or a function of `Samples` that is to be least: constrained CMA-ES minimises it, from a smooth motion.
     constraints
         Functions of `Samples` that must be at most 0, or `Equality`; judged at samples, beside what the scene asks.
@@ -100,10 +98,10 @@ def solve(
     if functions is not None:
         checks = (*checks, functions.reasons) if functions.constraints else checks
         objective = None if functions.function is not None else objective
-    demonstration = movements_of(demonstration, scene)
     _check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
+    demonstration = movements_of(demonstration, scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     started = time.perf_counter()
     smooth = isinstance(method, Comove) and method.smooths and planner and obstacles == "constraint"
@@ -174,7 +172,7 @@ def solve(
         attempt=motion,
         report=verdict.report,
         reasons=verdict.reasons
-        if search.needed is None
+        if search.needed == np.inf or verdict.verified is not None
         else (*verdict.reasons, _too_short(asked, search.needed)),
         cost=evaluated.cost(motion),
         method=method.name,
@@ -229,7 +227,9 @@ def _too_short(scene: Scene, needed: float) -> str:
     return f"{scene.duration:g} s are too short for the limits: {comfortable(needed):g} s would do"
 
 
-def of_common_size(scene: Scene, demonstration: Movements | None) -> tuple[Scene, Movements | None]:
+def of_common_size(
+    scene: Scene, demonstration: tuple[DMP, ...] | None
+) -> tuple[Scene, tuple[DMP, ...] | None]:
     """The scene a metre wide, if it is much smaller or larger, and a demonstration that is made so along with it.
 
     Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
@@ -238,8 +238,9 @@ def of_common_size(scene: Scene, demonstration: Movements | None) -> tuple[Scene
     begun = scene.begins > 0 or any(group.start_twist.any() for group in scene.groups)
     if COMMON[0] <= side <= COMMON[1] or begun:
         return scene, demonstration
-    scaled = tuple(scale(one, 1.0 / side) for one in _each(demonstration))
-    return scene.scaled(1.0 / side), scaled[0] if isinstance(demonstration, DMP) else scaled or None
+    if demonstration is not None:
+        demonstration = tuple(scale(own, 1.0 / side) for own in demonstration)
+    return scene.scaled(1.0 / side), demonstration
 
 
 def _times(value: float | list[float], ratio: float) -> float | list[float]:
@@ -265,13 +266,6 @@ def _check_options(
         raise OptionError(
             f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
         )
-    for one in _each(demonstration):
-        if not isinstance(one, DMP):
-            raise OptionError(
-                f"the demonstration is {type(one).__name__}",
-                key="demonstration",
-                way_out="give a primitive, DMP.fit(demonstration), or a Demonstration, or one for each manipulator",
-            )
     if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
         raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -294,9 +288,9 @@ def _check_options(
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
 
 
-def carried_demonstration(dmp: Movements, scene: Scene) -> Array:
+def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
     """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
-    for one in _each(dmp):
+    for one in [dmp] if isinstance(dmp, DMP) else dmp:
         if one.n_dims != scene.n_dims:
             raise OptionError(
                 f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
@@ -308,35 +302,45 @@ def carried_demonstration(dmp: Movements, scene: Scene) -> Array:
     return hands
 
 
-def movements_of(demonstration: object, scene: Scene) -> Movements | None:
-    """A demonstration as primitives: one for all hands, or one for each in the order of the manipulators.
+def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
+    """Return the movement of every manipulator, in their order; None without a demonstration.
 
     Raises
     ------
     OptionError
-        A manipulator has none, or there is one for nobody.
+        A manipulator has none, there is one for nobody, or it is no movement.
     """
+    if demonstration is None:
+        return None
+    names, each = scene.manipulators, demonstration
     if isinstance(demonstration, Mapping):
-        others = [name for name in demonstration if name not in scene.manipulators]
-        missing = [name for name in scene.manipulators if name not in demonstration]
+        others = [name for name in demonstration if name not in names]
+        missing = [name for name in names if name not in demonstration]
         if others or missing:
-            what = (
-                f"a movement is for {others[0]!r}" if others else f"there is no movement for {missing[0]!r}"
-            )
             raise OptionError(
-                what, key="demonstration", way_out=f"give one for each of {', '.join(scene.manipulators)}"
+                f"a movement is for {others[0]!r}" if others else f"there is no movement for {missing[0]!r}",
+                key="demonstration",
+                way_out=f"give one for each of {', '.join(names)}",
             )
-        demonstration = tuple(demonstration[name] for name in scene.manipulators)
-    if isinstance(demonstration, tuple):
-        return tuple(DMP.fit(one) if isinstance(one, Demonstration) else one for one in demonstration)
-    return DMP.fit(demonstration) if isinstance(demonstration, Demonstration) else demonstration
+        each = [demonstration[name] for name in names]
+    elif not isinstance(demonstration, (list, tuple)):
+        each = [_movement(demonstration)] * len(names)
+    if len(each) != len(names):
+        raise OptionError(
+            f"there are {len(each)} movements for {len(names)} manipulators",
+            key="demonstration",
+            way_out=f"give one for each of {', '.join(names)}",
+        )
+    return tuple(map(_movement, each))
 
 
-def _each(demonstration: Movements | None) -> tuple:
-    return (
-        ()
-        if demonstration is None
-        else demonstration
-        if isinstance(demonstration, tuple)
-        else (demonstration,)
-    )
+def _movement(demonstration: object) -> DMP:
+    if isinstance(demonstration, Demonstration):
+        return DMP.fit(demonstration)
+    if not isinstance(demonstration, DMP):
+        raise OptionError(
+            f"the demonstration is {type(demonstration).__name__}",
+            key="demonstration",
+            way_out="give a primitive, DMP.fit(demonstration), or a Demonstration, or one for each manipulator",
+        )
+    return demonstration

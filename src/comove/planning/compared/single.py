@@ -108,8 +108,7 @@ class Single(Method):
         chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
         if search.taught is None:
             return chosen
-        first = search.taught if isinstance(search.taught, DMP) else search.taught[0]
-        return {TAUGHT: first, **chosen}
+        return {TAUGHT: search.taught[0], **chosen}
 
     def _optimised(self, search: Search, dmp: CoordinatedDMP) -> None:
         """Improve the weights, more strictly each time the result is rejected."""

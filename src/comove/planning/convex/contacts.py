@@ -23,10 +23,8 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CLOSE = 0.03  # m, nearer than which a part is looked at closely: in all samples, and at the ends of rods and corners
-FINE, COARSE = (
-    2,
-    4,
-)  # one sample of so many is kept when close, and up to three times as far; beyond one in 12
+# One sample of so many is kept when close, and up to three times as far; beyond one in 12.
+FINE, COARSE = 2, 4
 TOLERANCE = 1e-6  # m, of the distance of a rod
 HALVINGS = 3  # of the step in which a nearest place between samples is looked for
 

@@ -15,12 +15,9 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 ACTIVE = 0.7  # of a limit, from which on it is part of a programme
-LITTLE = 1.003
-SHARES = (
-    0.99,
-    0.97,
-    0.97,
-)  # of the limits of speed, acceleration and jerk, kept to: samples miss their peaks
+LITTLE = 1.003  # more than a limit was exceeded by, that it is lowered by
+# Of the limits of speed, acceleration and jerk, kept to: samples miss their peaks.
+SHARES = (0.99, 0.97, 0.97)
 
 
 @dataclass(frozen=True)

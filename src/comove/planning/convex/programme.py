@@ -419,7 +419,7 @@ def _stand(
     slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
     square = slopes.T @ slopes
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
-    # All by numpy: its threads and those of scipy stand in each other's way, ten times longer than the work takes.
+    # All by numpy: its threads and those of scipy stand in each other's way for longer than the work takes.
     whiten = np.linalg.inv(np.linalg.cholesky(square))
     gradient = whiten @ (slopes.T @ residuals)
     own = p.fine.q(z)
