@@ -31,6 +31,22 @@ def peer(name: str) -> ModuleType:
         sys.exit(f"{error.name or name} is not installed; run: pip install 'comove[bench]'")
 
 
+class Watch:
+    """A `progress` callback of `comove.solve` that notes when the best got better."""
+
+    def __init__(self) -> None:
+        self.begun, self.seen = time.perf_counter(), [(0.0, float("inf"))]
+
+    def __call__(self, progress: Any) -> None:
+        if progress.best is not None and progress.best < self.seen[-1][1]:
+            self.seen.append((time.perf_counter() - self.begun, progress.best))
+
+    def converged(self, within: float = 0.01) -> float:
+        """When the best was first within a share of the last [s]; nan where there is none."""
+        last = self.seen[-1][1]
+        return next((t for t, best in self.seen if best <= (1 + within) * last < float("inf")), float("nan"))
+
+
 def elapsed(function: Callable[[], Any]) -> float:
     """Wall time of one call [s]."""
     started = time.perf_counter()

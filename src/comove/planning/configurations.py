@@ -57,6 +57,7 @@ class Space(NamedTuple):
     required : clearance asked for [m]
     cap : clearances above it are not told apart [m]
     clock : until when there is time, see `clock_until`
+    narrow : array, shape (1,), 1 once a path was found where uniform samples had found none, which the planner writes
     """
 
     blocks: Blocks
@@ -74,6 +75,7 @@ class Space(NamedTuple):
     required: float
     cap: float
     clock: Array
+    narrow: Array
 
 
 def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float = np.inf) -> Space:
@@ -94,6 +96,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float 
         scene.clearance,
         CAP + scene.clearance,
         clock_until(deadline),
+        np.zeros(1),
     )
 
 

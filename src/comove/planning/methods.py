@@ -173,7 +173,8 @@ class Comove(Method):
                 break  # seconds a way, and ways differ less in time than in jerk
             search.check_time()
             search.stage = "planning"
-            found, before = targets_of(failures, self._nodes(failures)), search.best_cost
+            nodes = self._nodes(failures if search.best is None else 0)
+            found, before = targets_of(failures, nodes), search.best_cost
             needed = search.needed
             if found is None:
                 failures += 1

@@ -31,11 +31,14 @@ Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
 FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
-BRIEF_NODES = 200  # of a look whether a way in space is easy to find, before the forest
+BRIEF_NODES = 200  # of a look whether a way in space is easy to find, before the forest, once that was not so
 N_SHORTCUTS = 100
 N_BRIDGES, BRIDGES = 32, 0.3  # nodes of the forest before others are added, and the share of them afterwards
 SLIDES = (2.4, 1.8, 1.2, 0.6)  # of the reach, through what is between two obstacles
-RETRACTIONS = 30  # random steps by which a pose in collision may escape
+RETRACTIONS, SETTLING = (
+    30,
+    16,
+)  # random steps by which a pose in collision may escape; by which a bridge finds room
 PROJECTIONS = 4  # onto each of two obstacles, for points of theirs that face each other
 IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: what is in a window stays there
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
@@ -70,9 +73,13 @@ def plan(
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1  # samples do, or are all there is
-    path = _rrt_connect(space, start, goal, margin, rng, max_nodes if uniform else BRIEF_NODES)
+    # Of the two planners for space, each much faster where the other hardly finds a way, the forest takes over once
+    # it has found one.
+    brief = not uniform and space.narrow[0] > 0
+    path = _rrt_connect(space, start, goal, margin, rng, BRIEF_NODES if brief else max_nodes)
     if len(path) == 0 and not uniform:
         path = forest(space, start, goal, margin, rng, max_nodes)
+        space.narrow[0] = max(space.narrow[0], len(path) > 0)
     if len(path) == 0:
         return None
     return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
@@ -376,7 +383,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
             random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
             if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
                 _fit(space, j, flat, rng, out[n_dims:])
-            if not _retract(space, out, margin, space.cap, 2 * RETRACTIONS, IN_PLACE, rng, scratch, nodes):
+            if not _retract(space, out, margin, space.cap, SETTLING, IN_PLACE, rng, scratch, nodes):
                 continue
             moved = 0.0
             for axis in range(n_dims):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.planning.convex.jerk import Anchored, squares
-from comove.planning.convex.programme import Programme, Settings, optimise
+from comove.planning.convex.optimise import optimise
+from comove.planning.convex.programme import Programme, Settings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
@@ -103,12 +104,12 @@ def _verified(search: Search, programme: Programme, z: Array, reference: Array |
         search.tell(outcome.value, outcome.missed)
         verdict = search.judge(programme.motion(z))
         verified = verdict.verified is not None
+        if verdict.report.clearance_min < search.scene.clearance - HOPELESS:
+            return False
         if verified or too_fast(programme, z):
             break
         settings = _stricter(settings, attempt)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    if verdict.report.clearance_min < search.scene.clearance - HOPELESS:
-        return False
     if isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z)):
         detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # the one that is named once must do
         return hurry(search, programme.motion(z), detail) or verified

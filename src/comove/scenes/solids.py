@@ -164,9 +164,21 @@ def solid_distance(table, j, solid, cutoff, normal):
     """
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         return hull_distance(table, j, solid, cutoff, normal, np.empty(3))
+    u, v, w, reach = _ball(solid)
+    far = point_distance(table, j, u, v, w) - reach
+    if far > cutoff:
+        return far, far
     wide, upper = gap(table, j, solid, normal[0], normal[1], normal[2]), np.inf
     if wide > cutoff:
         return wide, wide
+    if table[j, 0] == BOX:  # across whose faces the gap often is widest, and tells soon
+        for k in range(3):
+            x, y, z = table[j, 4 + k], table[j, 7 + k], table[j, 10 + k]
+            side = x * (table[j, 1] - u) + y * (table[j, 2] - v) + z * (table[j, 3] - w)
+            side = 1.0 if side >= 0.0 else -1.0
+            wide = _widened(table, j, solid, side * x, side * y, side * z, wide, normal)
+        if wide > cutoff:
+            return wide, wide
     for k in range(1, 4):
         x, y, z = solid[k, 0], solid[k, 1], solid[k, 2]
         half = sqrt(x * x + y * y + z * z)

@@ -7,7 +7,8 @@ from comove.coordination import load_coordinates
 from comove.planning import LeastJerk
 from comove.planning.convex.jerk import N_SAMPLES, jerk_cost, squares, third_differences
 from comove.planning.convex.limits import Limits
-from comove.planning.convex.programme import Programme, Settings, optimise
+from comove.planning.convex.optimise import optimise
+from comove.planning.convex.programme import Programme, Settings
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify

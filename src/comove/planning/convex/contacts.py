@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
-from comove.scenes.closest_points import distance_and_gradient, near_on_solid, solid_gradient
+from comove.scenes.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
 from comove.scenes.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
 from comove.scenes.scene import Scene
 from comove.scenes.surfaces import Surfaces, near_on_surface
@@ -195,7 +195,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
     n_samples, any_near, far = nodes.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
-        if _apart_at_least(around, part, thing, nodes, offsets, row, s) < far:
+        if _apart_at_least(around, part, thing, nodes, offsets, row, s, far) < far:
             distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, far, points)
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
@@ -204,7 +204,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
         worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
-            if worth and _apart_at_least(around, part, thing, nodes, offsets, row, s) < cutoff:
+            if worth and _apart_at_least(around, part, thing, nodes, offsets, row, s, cutoff) < cutoff:
                 distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
     for s in range(n_samples):
         distance[s] = min(distance[s], cutoff)
@@ -229,8 +229,8 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _apart_at_least(around, part, thing, nodes, offsets, row, s):
-    """A lower bound [m] of the distance of a part from a thing, by balls about them."""
+def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
+    """A lower bound [m] of the distance of a part from a thing, by a ball about the part; no better than `enough`."""
     n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
     middle, reach = np.zeros(3), 0.0
     if part < n_rods:
@@ -252,9 +252,12 @@ def _apart_at_least(around, part, thing, nodes, offsets, row, s):
     square = 0.0
     if thing < n_rows:
         for axis in range(3):
-            moved = offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
-            square += (middle[axis] - moved - around.table[thing, CENTER + axis]) ** 2
-        return sqrt(square) - reach - around.table[thing, REACH]
+            middle[axis] -= offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
+            square += (middle[axis] - around.table[thing, CENTER + axis]) ** 2
+        bound = sqrt(square) - reach - around.table[thing, REACH]
+        if bound >= enough:
+            return bound
+        return point_distance(around.table, thing, middle[0], middle[1], middle[2]) - reach
     root = around.surfaces.root[thing - n_rows]
     for axis in range(3):
         x = middle[axis] - (offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0)
@@ -293,7 +296,10 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
         for axis in range(3):
             near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
     else:
-        distance = near_on_solid(around.table, thing, points, np.arange(n_corners), cutoff, near)
+        corners = np.arange(n_corners)
+        distance = near_on_hull(around.table, thing, points, corners, cutoff, near)
+        if distance <= 0.0:  # of boxes that cut each other, their edges tell more
+            distance = near_on_solid(around.table, thing, points, corners, cutoff, near)
     return min(distance - radius, cutoff)
 
 

@@ -1,0 +1,170 @@
+"""One step: the model of where a search stands, and the trial that its programme leads to.
+
+The cost is a sum of squares in the shape weights, taken to first order inside (Gauss-Newton), and distances are taken
+to first order. A step is as good as its trial: what it comes too near to is added to the programme, linearised there,
+before the step is shortened. Steps end in a trust region, in configurations at even times.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.planning.convex.limits import LinearLimits
+from comove.planning.convex.programme import LIMIT, Cost, Programme, Seen, Settings
+from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
+
+Array = NDArray[np.float64]
+
+SOUND = 1e-9  # m, by which margins may be missed
+HASTIER = 0.5  # of the pace, that a step may save
+
+
+class Stand(NamedTuple):
+    """Where a search stands.
+
+    Attributes
+    ----------
+    z : array, shape (n_columns * n_basis,)
+    value : of the cost
+    wish : how much of the wish for clearance is not met
+    gradient : of its model in the variables w, ``dz = whiten' w``, in which its matrix is the identity
+    whiten : array, shape (n_columns * n_basis, n_columns * n_basis)
+    seen : the clearances that are linearised
+    off : array, shape (n_samples, n_columns), how far they are from those of `z`
+    limits : those of the hands, linearised
+    pace : in how many durations they are kept; 1 where the duration is given
+    missed : how far margins are missed beyond the tolerance, summed [m]; inf where nobody has looked
+    """
+
+    z: Array
+    value: float
+    wish: float
+    gradient: Array
+    whiten: Array
+    seen: Seen
+    off: Array
+    limits: LinearLimits
+    pace: float
+    missed: float
+
+
+class Step(NamedTuple):
+    """What a step leads to.
+
+    Attributes
+    ----------
+    dz : array, shape (n_columns * n_basis,)
+    value, missed : of the cost after it, with what it gains of the wish, and of the margins
+    seen : clearances there
+    predicted : gain of the merit
+    slack : by how much its programme misses the margins [m]
+    programmes : quadratic programmes that were solved for it
+    """
+
+    dz: Array
+    value: float
+    missed: float
+    seen: Seen
+    predicted: float
+    slack: float
+    programmes: int
+
+
+def stand(
+    p: Programme, cost: Cost, z: Array, settings: Settings, radius: float, reference: Array | None = None
+) -> Stand:
+    """Look around at weights `z`, or at a `reference` near to them."""
+    q = p.coarse.q(z)
+    nodes, hands = p.hands(q)
+    moves = p.moves_of_hands(q, nodes)
+    residuals = np.concatenate([cost.residuals(hands), p.gauge(q, settings.gauge)])
+    slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
+    square = slopes.T @ slopes
+    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
+    # All by numpy: its threads and those of scipy stand in each other's way for longer than the work takes.
+    whiten = np.linalg.inv(np.linalg.cholesky(square))
+    gradient = whiten @ (slopes.T @ residuals)
+    own = p.fine.q(z)
+    cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
+    seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
+    missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
+    pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
+    value = float(residuals @ residuals) + cost.haste * pace
+    wish = _wish(p, seen, settings)
+    limits = p.limits.linear(hands, moves, pace)
+    return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
+
+
+def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
+    """How much of the wish for clearance is not met: the squared share of every obstacle, summed."""
+    if settings.wish <= 0:
+        return 0.0
+    n = p.around.n_owners
+    least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
+    return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
+
+
+def _further(
+    p: Programme, owner: NDArray[np.int64], bound: Array, settings: Settings, radius: float
+) -> Array:
+    """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`.
+
+    Nothing is wished of obstacles that are as far as no step is likely to come.
+    """
+    near = bound > -settings.wish - 0.5 * radius
+    wished = near & (owner < p.around.n_owners) & (settings.wish > settings.margin)
+    return np.where(wished, settings.wish - settings.margin, -np.inf)
+
+
+def step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: float, mu: float) -> Step | None:
+    """One step, corrected where its trial comes too near; None where a programme has no solution."""
+    need = p.need(settings)
+    rows, bound, owner = p.linear(here.seen, here.off, need)
+    clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
+    trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)
+    hasty = cost.haste > 0
+    worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
+    duration = cost.haste if hasty else mu * LIMIT
+    prices = Prices(mu, worth / wished, duration, here.pace, HASTIER if hasty else 0.0)
+    known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
+    while True:
+        found = minimum(here.gradient, here.whiten, clearances, trust, here.limits, prices)
+        programmes += 1
+        if found is None:
+            return None
+        w, slack, short, slower = found
+        dz = w @ here.whiten
+        if not hasty:
+            slack += LIMIT * slower
+        gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
+        gain -= cost.haste * slower
+        value, hands = p.value(cost, here.z + dz, settings.gauge)
+        near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
+        there = p.look(p.fine.q(here.z + dz), near, need)
+        wish = _wish(p, there, settings)
+        missed = p.missed(there, hands, settings, cost)
+        near_enough = missed == 0.0
+        predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
+        trial = Step(dz, value + worth * (wish - here.wish), missed, there, predicted, slack, programmes)
+        if known:
+            worse = predicted < -settings.gain * here.value and here.missed < SOUND
+            if corrections == 0 and not lenient and worse:
+                lenient = True  # what is too near may stay so, but not come nearer
+                clearances = clearances._replace(bound=np.minimum(clearances.bound, 0.0))
+                continue
+            actual = here.value - trial.value + mu * (here.missed - missed)
+            if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
+                return trial
+            if near_enough and here.value - trial.value < 0.5 * abs(gain):
+                return trial  # the cost's model is what fails
+            if corrections and slack > settings.margin:
+                return trial
+        if corrections == settings.corrections or near_enough:
+            return trial
+        corrections += 1
+        more, least, whose = p.linear(there, np.zeros_like(here.off), need)
+        further = _further(p, whose, least, settings, radius)
+        clearances = clearances.with_more(more, least + more @ dz, whose, further)

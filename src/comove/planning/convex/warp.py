@@ -1,0 +1,58 @@
+"""Warps of time: the same way, at other times.
+
+Linearised clearances hold every sample in front of a plane of its own, so that the moment in which a load passes a
+corner moves by hardly more than a sample a step. Yet what a movement does not touch none of its warps touches: they
+need no planes, and are looked for by themselves between steps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from comove.planning.convex.programme import Cost, Programme, Settings
+
+Array = NDArray[np.float64]
+
+N_WAVES = 12
+SMOOTH = 1e-8  # of the mean curvature of the cost, times the squared slope of a wave
+STEEPEST = 0.5  # by which time may run faster or slower
+SHARES = (1.0, 0.5, 0.25)  # of a warp that are tried in turn
+RIDGE = 1e-12  # of the fit
+
+
+def warped(programme: Programme, cost: Cost, z: Array, settings: Settings) -> Array:
+    """Weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z` itself.
+
+    The waves ``sin(k pi t)`` by which time is shifted minimise the cost to first order.
+    """
+    if cost.haste > 0:
+        return z
+    value, hands = programme.value(cost, z, settings.gauge)
+    t = np.linspace(0.0, 1.0, len(hands))
+    rate = np.gradient(hands, t, axis=0)
+    slopes = cost.slopes(rate[:, :, None] * _waves(t)[:, None, :])
+    square = slopes.T @ slopes
+    order = np.arange(1, N_WAVES + 1)
+    square[np.diag_indices(N_WAVES)] += SMOOTH * np.trace(square) / N_WAVES * (np.pi * order) ** 2
+    heights = -np.linalg.solve(square, slopes.T @ cost.residuals(hands))
+    t = np.linspace(0.0, 1.0, len(programme.fine.base))
+    shift = _waves(t) @ heights
+    shift *= min(1.0, STEEPEST / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
+    way = CubicSpline(t, programme.fine.q(z))
+    near = settings.margin + 1e-3 + programme.scene.clearance
+    for share in SHARES:
+        later = programme.fit(way(t + share * shift), RIDGE)
+        cheaper, hands = programme.value(cost, later, settings.gauge)
+        if cheaper > (1 - settings.gain) * value:
+            continue
+        seen = programme.look(programme.fine.q(later), near, programme.need(settings))
+        if programme.missed(seen, hands, settings, cost) == 0.0:
+            return later
+    return z
+
+
+def _waves(t: Array) -> Array:
+    """Waves that rest at both ends of unit duration; array, shape (len(t), N_WAVES)."""
+    return np.sin(np.pi * np.outer(t, np.arange(1, N_WAVES + 1)))
