@@ -6,8 +6,8 @@ Half of the draws are easy, half hard; no scene was looked at before with this s
 ``comove.solve(scene, objective=LeastJerk(room=0.0))``, the second run counts; with four times the ways, from
 other random numbers too, for 20 s each, whose best counts as the best known; with the default wish for room; and for
 the paper's objective. Columns: verified; first verified motion, the first whose objective is within 1 % of the last
-one's, and whole search, medians and 95 % [ms]; squared jerk over the best known, median and 95 %; largest acceleration
-over that of minimum jerk along the straight way, median; clearance, median [mm].
+one's, and whole search, medians and 95 % [ms]; squared jerk over the best known, median and 95 %; largest
+acceleration over that of minimum jerk along the straight way, median; clearance, median [mm].
 """
 
 from __future__ import annotations
