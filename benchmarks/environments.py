@@ -3,11 +3,11 @@
     python benchmarks/environments.py PROBLEMS [--scenes 84] [--seed 5]
 
 PROBLEMS is what MotionBenchMaker's problems for the Panda unpack to (Chamzas et al., 2022; BSD-3-Clause): the
-archive ``resources/panda/problems.tar.bz2`` of the repository KavrakiLab/vamp. Of each environment, planning scenes are
-drawn; in each, a bar of 0.4 m, a solid box and a tray that stays level go from a pose in front to one inside what
+archive ``resources/panda/problems.tar.bz2`` of the repository KavrakiLab/vamp. Of each environment, planning scenes
+are drawn; in each, a bar of 0.4 m, a solid box and a tray that stays level go from a pose in front to one inside what
 stands there, both drawn until they are 2 cm clear. Scenes that no run solves within 60 s, from two further seeds
-either, are counted and left out: nobody knows whether they can be solved. Columns: verified; first verified motion, the
-first whose objective is within 1 % of the last one's, and whole search, medians, 95 % and most [s]; largest
+either, are counted and left out: nobody knows whether they can be solved. Columns: verified; first verified motion,
+the first whose objective is within 1 % of the last one's, and whole search, medians, 95 % and most [s]; largest
 acceleration, as a share of that of minimum jerk along a straight way, median.
 """
 
