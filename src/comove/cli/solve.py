@@ -84,7 +84,7 @@ def solve(
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.planning import best_movement, load_kernels, solve
+    from comove.planning import best_movement, load_kernels, movements_of, solve
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
@@ -112,7 +112,7 @@ def solve(
             source = loaded.file.demonstration
             plane = None if source is None else source.plane
             chosen_movement = best_movement(Library(library), loaded, plane=plane, budget=0.25 * budget).best
-        dmp = loaded.taught if chosen_movement is None else chosen_movement.dmp
+        dmp = movements_of(loaded.taught if chosen_movement is None else chosen_movement.dmp, loaded)
         require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         solution = solve(

@@ -8,7 +8,7 @@ from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
 from comove.planning.paper import Paper
 from comove.planning.solution import Progress, Solution
-from comove.planning.solver import carried_demonstration, solve
+from comove.planning.solver import carried_demonstration, movements_of, solve
 
 __all__ = [
     "Candidate",
@@ -29,5 +29,6 @@ __all__ = [
     "carried_demonstration",
     "combine",
     "load_kernels",
+    "movements_of",
     "solve",
 ]

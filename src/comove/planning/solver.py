@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion, carried_to_hands
+from comove.coordination.poses import hands_of_poses
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.compiling import compiling
@@ -27,6 +28,7 @@ from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
+from comove.primitives.poses import PoseDMP
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
@@ -39,7 +41,7 @@ COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
 def solve(
     scene: Scene,
     *,
-    demonstration: DMP | Demonstration | Mapping[str, DMP | Demonstration] | None = None,
+    demonstration: DMP | PoseDMP | Demonstration | Mapping[str, DMP | Demonstration] | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
@@ -59,7 +61,8 @@ def solve(
         What to solve.
     demonstration
         A movement of a single manipulator, of the scene's dimension, or one for each by its name: a start for the
-        search, and what the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it.
+        search, and what the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it. Poses
+        are those of the load, where all hands hold one that turns.
     seed
         Of all random numbers: the same inputs, seed and version give the same motion unless time runs
         short, which makes the planner modest before it ends the search.
@@ -324,6 +327,10 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
             )
         each = [demonstration[name] for name in names]
     elif not isinstance(demonstration, (list, tuple)):
+        if isinstance(demonstration, Demonstration):
+            demonstration = scene.learned(demonstration)
+        if isinstance(demonstration, PoseDMP):
+            return hands_of_poses(demonstration, scene)
         each = [_movement(demonstration)] * len(names)
     if len(each) != len(names):
         raise OptionError(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, SceneError
-from comove.primitives import DMP
+from comove.primitives import DMP, PoseDMP
 from comove.primitives.rotations import matrices
 from comove.scenes import distances as sd
 from comove.scenes.constraints import (
@@ -355,11 +355,21 @@ class Scene:
             return None
         return read_demonstration(source, self.folder, self.n_dims, self.path)
 
+    @property
+    def turns_as_one(self) -> bool:
+        """Whether one body, which turns, is all that moves."""
+        return len(self.groups) == 1 and self.groups[0].orientation not in ("none", "fixed")
+
+    def learned(self, recording: Demonstration) -> DMP | PoseDMP:
+        """A primitive of a recording: of poses where it holds orientations, and a body turns with all hands."""
+        posed = recording.orientation is not None and self.turns_as_one
+        return PoseDMP.fit(recording) if posed else DMP.fit(recording)
+
     @cached_property
-    def taught(self) -> DMP | tuple[DMP, ...] | None:
+    def taught(self) -> DMP | PoseDMP | tuple[DMP, ...] | None:
         """The movement that the scene names, as a primitive: fitted to its recording, or as a library holds it.
 
-        One for each manipulator where the recording holds movements of all of them.
+        One for each manipulator where the recording holds movements of all of them; poses are those of the load.
 
         Raises
         ------
@@ -368,7 +378,7 @@ class Scene:
         """
         source = self.file.demonstration
         if source is not None and source.library is not None:
-            return read_movement(source, self.folder, self.n_dims, self.path)
+            return read_movement(source, self.folder, self.n_dims, self.path, posed=self.turns_as_one)
         hands = (
             None
             if source is None
@@ -376,7 +386,7 @@ class Scene:
         )
         if hands is not None:
             return tuple(map(DMP.fit, hands))
-        return None if self.demonstration is None else DMP.fit(self.demonstration)
+        return None if self.demonstration is None else self.learned(self.demonstration)
 
     @cached_property
     def sha256(self) -> str:

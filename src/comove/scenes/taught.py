@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, LibraryError, SceneError
-from comove.primitives import DMP, Library, Variant
+from comove.primitives import DMP, Library, PoseDMP, Variant
 from comove.primitives.operations import PLANES, in_space, scale
 from comove.scenes.model import DemonstrationSource
 
@@ -76,12 +76,16 @@ def read_hands(
     return tuple(recordings)
 
 
-def read_movement(source: DemonstrationSource, folder: Path, n_dims: int, file: object = None) -> DMP:
+def read_movement(
+    source: DemonstrationSource, folder: Path, n_dims: int, file: object = None, *, posed: bool = False
+) -> DMP | PoseDMP:
     """Read the primitive of a scene: NAME of the folder `library`, or FOLDER/NAME.
 
     Parameters
     ----------
-    source, folder, n_dims : as for `read_demonstration`; of a primitive of poses the positions are taken
+    source, folder, n_dims : as for `read_demonstration`
+    posed : whether a primitive of poses is taken as it is, where it need not be scaled or laid into space; else of
+        one the positions are taken
 
     Raises
     ------
@@ -103,9 +107,12 @@ def read_movement(source: DemonstrationSource, folder: Path, n_dims: int, file: 
             way_out="move the library into it",
         )
     try:
-        dmp = Library(folder / inner).get(place.name).positions
+        primitive = Library(folder / inner).get(place.name)
     except LibraryError as error:
         raise SceneError(str(error), file=file, key=key) from error
+    if posed and primitive.kind == "pose" and primitive.dmp.n_dims == n_dims and source.scale is None:
+        return primitive.dmp
+    dmp = primitive.positions
     if dmp.variant is Variant.RHYTHMIC:
         raise SceneError(
             f"the primitive {place.name!r} is rhythmic and never ends",

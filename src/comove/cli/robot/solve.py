@@ -52,7 +52,7 @@ def solve(
     from comove.cli.robot.report import duration_offer, joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
     from comove.cli.solve import budget_left, check_budget, objective_of, require_taught, write_result
-    from comove.planning import load_kernels
+    from comove.planning import load_kernels, movements_of
     from comove.results import check_target, whole_folder
     from comove.robots import carry, write_joints
     from comove.scenes import Scene
@@ -64,7 +64,7 @@ def solve(
         loaded = Scene.load(scene, changes_of(duration, speed, acceleration, jerk, clearance))
         wanted = objective_of(objective, resemblance, weights, loaded, smooth=True)
         carrier, named = robot_named(robot, loaded, scene)
-        dmp = loaded.taught
+        dmp = movements_of(loaded.taught, loaded)
         require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         with of_scene(scene):

@@ -1,0 +1,75 @@
+"""A taught movement of a load that turns, as the movements of the hands that hold it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import modulate
+from comove.demonstrations.demonstration import Demonstration
+from comove.errors import OptionError
+from comove.primitives.dmp import DMP
+from comove.primitives.poses import Pose, PoseDMP
+from comove.primitives.rotations import conjugate, matrices, quaternion_product, similarity
+from comove.scenes.groups import RigidGroup, quaternion_of_rotation
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_STEPS, N_BASIS = 401, 50
+
+
+def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
+    """Return the movements of all hands that carry the load as it was taught, from the scene's start to its goal.
+
+    The way is carried to the load's ends by a similarity, as that of a single hand is (paper, III-B), and the axes of
+    turning turn with it; then turning is led to the load's own ends. What the load cannot do, such as to tilt where
+    it stays upright, is left out.
+
+    Parameters
+    ----------
+    dmp : poses of the load; only by how much it turns from its start matters
+
+    Raises
+    ------
+    OptionError
+        If not one body is all that moves, or the movement has another dimension.
+    """
+    if not scene.turns_as_one:
+        raise OptionError(
+            "a movement of poses is for one load that turns, held by all hands",
+            key="demonstration",
+            way_out="give a movement of positions",
+        )
+    if dmp.n_dims != scene.n_dims:
+        raise OptionError(
+            f"the demonstration has {dmp.n_dims} dimensions, the scene {scene.n_dims}",
+            key="demonstration",
+            way_out="give one of the scene's dimension",
+        )
+    group, n_dims = scene.groups[0], scene.n_dims
+    start, goal = group.start.center[:n_dims], group.goal.center[:n_dims]
+    s = np.linspace(0.0, 1.0, N_STEPS)
+    middle = modulate(dmp.translation, start, goal).at(s * dmp.duration).position
+    along, frame = dmp.goal.position - dmp.start.position, np.eye(3)
+    if n_dims == 3 and np.linalg.norm(along) > 0 and np.linalg.norm(goal - start) > 0:
+        frame = similarity(along, goal - start) * (np.linalg.norm(along) / np.linalg.norm(goal - start))
+    wanted = quaternion_of_rotation(frame.T @ _turned(group) @ frame)
+    begin, end = dmp.start, dmp.goal
+    led = dmp.towards(start=begin, goal=Pose(end.position, quaternion_product(wanted, begin.orientation)))
+    turns = quaternion_product(led.at(s * dmp.duration).orientation, conjugate(begin.orientation))
+    turns[:, 1:] = turns[:, 1:] @ frame.T
+    if group.orientation == "vertical":
+        angle = np.unwrap(2 * np.arctan2(turns[:, 3], turns[:, 0]))
+        turns = np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], axis=1)
+    away = scene.nodes_at("start")[: len(scene.manipulators)] - group.start.center
+    hands = middle[:, None] + np.einsum("tab,ib->tia", matrices(turns), away)[..., :n_dims]
+    time = s * dmp.duration
+    return tuple(DMP.fit(Demonstration(time, hands[:, i]), n_basis=N_BASIS) for i in range(len(away)))
+
+
+def _turned(group: RigidGroup) -> Array:
+    """By what a group turns from start to goal, as little as its hands allow; array, shape (3, 3)."""
+    if group.orientation == "axis":
+        return similarity(group.start.rotation[:, 0], group.goal.rotation[:, 0])
+    return group.goal.rotation @ group.start.rotation.T
