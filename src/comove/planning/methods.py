@@ -21,7 +21,7 @@ from comove.planning.objectives import LeastTime, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
-from comove.planning.smooth import FASTEST, follows, hurry, smooth_demonstration, smooth_way
+from comove.planning.smooth import FASTEST, cheaper, follows, hurry, smooth_demonstration, smooth_way
 from comove.planning.spacetime import (
     MARGINS,
     SHARES,
@@ -45,6 +45,7 @@ RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
 WORTH_ANOTHER = 0.01  # of the value, that another way must gain
+N_POLISHED = 3  # of the cheapest fits of different plans, by convex programmes
 HASTY_IDLE = 2  # ways that may bring nothing where each is made as fast as it can be
 SMOOTHING_SHARE = 0.4  # of the budget, before functions of the user are minimised
 N_STARTS = 2  # smooth motions from which they are
@@ -160,8 +161,16 @@ class Comove(Method):
                 break  # one way is known: others that are hard to find are not worth the time
             else:
                 failures += 1
-        if starts:
-            self._polish(search, min(starts, key=lambda start: start[0])[1])
+        starts.sort(key=lambda start: start[0])
+        if starts and search.hard and search.carrier is None and starts[0][1].coordinates.kind == "load":
+            search.stage = "polishing"
+            for _, dmp in starts[:N_POLISHED]:
+                before = search.best_cost
+                cheaper(search, dmp)
+                if search.best_cost > (1 - WORTH_ANOTHER) * before:
+                    break
+        elif starts:
+            self._polish(search, starts[0][1])
         return bool(starts)
 
     def _smooth(self, search: Search, targets_of: Targets, ends: Array) -> bool:

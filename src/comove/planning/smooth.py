@@ -11,6 +11,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.planning.convex.jerk import Anchored, squares
 from comove.planning.convex.optimise import optimise
+from comove.planning.convex.paper import PaperSquares
 from comove.planning.convex.programme import Programme, Settings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
@@ -147,6 +148,26 @@ def _carried(search: Search, programme: Programme, z: Array, reference: Array) -
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
     return False
+
+
+def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
+    """Make a motion the best of its way by equation (4), and have it judged."""
+    scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
+    if taught is not None:
+        taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
+    programme = Programme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
+    cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), SETTINGS
+    for attempt in range(ATTEMPTS):
+        search.check_time()
+        outcome = optimise(programme, cost, z, settings, None, search.over)
+        z = outcome.z
+        search.evaluations += outcome.iterations
+        search.tell(outcome.value, outcome.missed)
+        verdict = search.judge(programme.motion(z))
+        if verdict.verified is not None:
+            return
+        settings = _stricter(settings, attempt)
+        programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
 
 
 def too_fast(programme: Programme, z: Array) -> bool:
