@@ -2,10 +2,12 @@
 
     python benchmarks/fast.py
 
-Rows: least time; least jerk, made as fast as the limits allow; the paper's cost, likewise; TOPP-RA on the path of the
-first (limits of speed and acceleration only, by the hands' axes; it knows no jerk); and the jerk-limited straight
-motion of the hand that has farthest to go, through whatever stands there: a bound from below. Durations [s] hold at
-every instant for all rows but the last two.
+Rows: least time; least jerk, made as fast as the limits allow; the paper's cost, likewise; Drake's
+`KinematicTrajectoryOptimization` from the path of the first, for least duration, slowed down or sped up until the
+largest sampled speed, acceleration or jerk of a hand is its limit; TOPP-RA on the path of the first (limits of speed
+and acceleration only, by the hands' axes; it knows no jerk); and Ruckig's straight motion of the hand that has
+farthest to go, through whatever stands there: a bound from below. Durations [s] hold at every instant for the first
+three.
 """
 
 from __future__ import annotations
@@ -13,15 +15,20 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from timing import on_one_thread, print_table
+from timing import on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
 from comove.experiments.examples import example_path
+from comove.experiments.peers.common import clearances
+from comove.experiments.peers.drake import constrained
+from comove.experiments.systems import Offers, Problem
 
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 NAMES = ("narrow", "complex", "window", "triangle")
 N_PATH = 200  # points of the path that TOPP-RA gets
+N_CONTROL, ORDER, N_SAMPLES = 30, 6, 2001  # of Drake's splines, and of what is made of them
+DRAKE_BUDGET = 120.0  # s
 
 
 def main() -> None:
@@ -44,8 +51,9 @@ def main() -> None:
             if words == "least time":
                 path = solution.attempt
         rows.setdefault("TOPP-RA on its path, no limit of jerk", []).append(toppra_duration(path))
+        rows.setdefault("Drake, from its path", []).append(drake_duration(path))
         way = float(np.linalg.norm(scene.goal - scene.start, axis=1).max())
-        rows.setdefault("straight, through obstacles", []).append(f"{s_curve(way, **LIMITS):.3f}")
+        rows.setdefault("Ruckig, straight through obstacles", []).append(ruckig_duration(way))
     print_table(("s (found within)", *NAMES), [[words, *told] for words, told in rows.items()])
 
 
@@ -75,21 +83,58 @@ def toppra_duration(motion: comove.CoordinatedMotion) -> str:
     return "-" if found is None else f"{found.duration:.3f}"
 
 
-def s_curve(length: float, speed: float, acceleration: float, jerk: float) -> float:
-    """Shortest time for a straight way from rest to rest, by phases of constant jerk [s]."""
+def drake_duration(motion: comove.CoordinatedMotion) -> str:
+    """Shortest duration by Drake, from the path of a motion; what it misses of distance and clearance, if it does."""
+    solvers = peer("pydrake.solvers")
+    scene = motion.scene
+    problem, offers = Problem(scene, budget=DRAKE_BUDGET), Offers()
+    optimisation = constrained(problem, offers, N_CONTROL, ORDER)
+    n, (n_hands, n_dims) = scene.start.size, scene.start.shape
+    share = 1.0 / np.sqrt(n_dims)  # of a hand's limit, that each of its axes may use
+    for bound, limit in (
+        (optimisation.AddVelocityBounds, LIMITS["speed"]),
+        (optimisation.AddAccelerationBounds, LIMITS["acceleration"]),
+        (optimisation.AddJerkBounds, LIMITS["jerk"]),
+    ):
+        bound(np.full(n, -share * limit), np.full(n, share * limit))
+    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 0.0)
+    optimisation.AddDurationConstraint(0.5, 10.0)
+    optimisation.AddDurationCost(1.0)
+    s = np.linspace(0.0, 1.0, N_SAMPLES)
+    basis, programme = optimisation.basis(), optimisation.get_mutable_prog()
+    values = np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
+    guess = np.linalg.lstsq(values, motion.hands(s)[0].reshape(N_SAMPLES, -1), rcond=None)[0].T
+    programme.SetInitialGuess(optimisation.control_points(), guess)
+    programme.SetInitialGuess(optimisation.duration(), scene.duration)
+    begun = time.perf_counter()
+    try:
+        found = solvers.SnoptSolver().Solve(programme)
+    except RuntimeError:  # its own, about what is raised when time is up
+        return f"- ({DRAKE_BUDGET:.0f} s)"
+    spent = time.perf_counter() - begun
+    hands = values @ found.GetSolution(optimisation.control_points()).T
+    apart = np.abs(np.linalg.norm(np.diff(hands.reshape(-1, n_hands, n_dims), axis=1), axis=2))
+    missed = np.ptp(apart, axis=0).max() if n_hands == 2 else 0.0
+    least = clearances(scene, hands.reshape(-1, n_hands, n_dims)).min()
+    rates = [np.diff(hands, n=k, axis=0) * (N_SAMPLES - 1) ** k for k in (1, 2, 3)]
+    sizes = [np.linalg.norm(rate.reshape(len(rate), n_hands, n_dims), axis=2).max() for rate in rates]
+    duration = max(
+        (size / limit) ** (1 / k)
+        for k, (size, limit) in enumerate(zip(sizes, LIMITS.values(), strict=True), 1)
+    )
+    sound = found.is_success() and least >= 0 and missed < 1e-3
+    return f"{duration:.3f} ({spent:.1f} s)" + ("" if sound else f", {1e3 * min(least, -missed):.0f} mm off")
 
-    def side(peak: float) -> float:
-        if peak >= acceleration**2 / jerk:
-            return peak / acceleration + acceleration / jerk
-        return 2.0 * float(np.sqrt(peak / jerk))
 
-    if speed * side(speed) <= length:
-        return side(speed) + length / speed
-    low, high = 0.0, speed
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if middle * side(middle) < length else (low, middle)
-    return 2.0 * side(low)
+def ruckig_duration(length: float) -> str:
+    """Shortest time for a straight way from rest to rest, by Ruckig (Berscheid and Kroeger, 2021)."""
+    ruckig = peer("ruckig")
+    asked, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    asked.target_position = [length]
+    asked.max_velocity, asked.max_acceleration = [LIMITS["speed"]], [LIMITS["acceleration"]]
+    asked.max_jerk = [LIMITS["jerk"]]
+    ruckig.Ruckig(1).calculate(asked, found)
+    return f"{found.duration:.3f}"
 
 
 if __name__ == "__main__":

@@ -94,24 +94,37 @@ def _values(basis: Any, s: Array) -> Array:
 
 
 def _optimisation(problem: Problem, offers: Offers) -> Any:
-    planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
     scene = problem.scene
-    (n_hands, n_dims), n = scene.start.shape, scene.start.size
-    optimisation = planning.KinematicTrajectoryOptimization(n, N_CONTROL, ORDER, scene.duration)
+    n_dims, n = scene.n_dims, scene.start.size
+    optimisation = constrained(problem, offers, N_CONTROL, ORDER)
     programme, points = optimisation.get_mutable_prog(), optimisation.control_points()
     optimisation.AddDurationConstraint(scene.duration, scene.duration)
-    for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
-        optimisation.AddPathPositionConstraint(end, end, s)
-        optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
-    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
-    low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
-    optimisation.AddPositionBounds(low, high)
     most = np.full(n, LIMIT * scene.speed_limit / np.sqrt(n_dims))
     if scene.speed_limit < np.inf:
         optimisation.AddVelocityBounds(-most, most)
     if scene.acceleration_limit < np.inf:
         most = np.full(n, LIMIT * scene.acceleration_limit / np.sqrt(n_dims))
         optimisation.AddAccelerationBounds(-most, most)
+    values = _values(optimisation.basis(), np.linspace(0.0, 1.0, N_COST))
+    steps = np.diff(values, axis=0) * (N_COST - 1)
+    square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / N_COST
+    for row, goal in zip(points, scene.goal.ravel(), strict=True):
+        programme.AddQuadraticCost(square, -2 * WEIGHTS.goal * goal * values.mean(axis=0), row)
+    return optimisation
+
+
+def constrained(problem: Problem, offers: Offers, n_control: int, order: int) -> Any:
+    """Drake's programme for a scene, from rest to rest: what hands must hold, but neither duration nor cost."""
+    planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
+    scene = problem.scene
+    (n_hands, n_dims), n = scene.start.shape, scene.start.size
+    optimisation = planning.KinematicTrajectoryOptimization(n, n_control, order, scene.duration)
+    for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
+        optimisation.AddPathPositionConstraint(end, end, s)
+        optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
+    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
+    low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
+    optimisation.AddPositionBounds(low, high)
 
     def apart(first: int, second: int, least: float, greatest: float) -> Any:
         square = np.zeros((n, n))
@@ -130,11 +143,6 @@ def _optimisation(problem: Problem, offers: Offers) -> Any:
     for s in np.linspace(0.0, 1.0, N_INSTANTS + 2)[2:-2]:
         for demand in demands:
             optimisation.AddPathPositionConstraint(demand, s)
-    values = _values(optimisation.basis(), np.linspace(0.0, 1.0, N_COST))
-    steps = np.diff(values, axis=0) * (N_COST - 1)
-    square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / N_COST
-    for row, goal in zip(points, scene.goal.ravel(), strict=True):
-        programme.AddQuadraticCost(square, -2 * WEIGHTS.goal * goal * values.mean(axis=0), row)
     return optimisation
 
 
