@@ -3,8 +3,9 @@
     pip install 'comove[bench]'; python benchmarks/walls.py [--scenes 10] [--seed 1]
 
 Walls are 2 cm thick and up to 0.4 m wide, in a cube of 3 m (in the plane, sixty of them in a square). comove's
-default is timed to its first verified motion, to the first whose objective is within 1 % of the last one's, and in all;
-OMPL until its path, given a time from rest to rest, is offered, and that is judged like any. Medians, and the most [s].
+default is timed to its first verified motion, to the first whose objective is within 1 % of the last one's, and in
+all; OMPL until its path, given a time from rest to rest, is offered, and that is judged like any. Medians, and the
+most [s].
 """
 
 from __future__ import annotations
