@@ -7,6 +7,8 @@ need no planes, and are looked for by themselves between steps.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -30,15 +32,16 @@ def warped(programme: Programme, cost: Cost, z: Array, settings: Settings) -> Ar
     if cost.haste > 0:
         return z
     value, hands = programme.value(cost, z, settings.gauge)
-    t = np.linspace(0.0, 1.0, len(hands))
-    rate = np.gradient(hands, t, axis=0)
-    slopes = cost.slopes(rate[:, :, None] * _waves(t)[:, None, :])
-    square = slopes.T @ slopes
+    rate = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
+    slopes = cost.slopes(rate[:, :, None] * _waves(len(hands))[:, None, :])
+    square, gradient = slopes.T @ slopes, slopes.T @ cost.residuals(hands)
     order = np.arange(1, N_WAVES + 1)
     square[np.diag_indices(N_WAVES)] += SMOOTH * np.trace(square) / N_WAVES * (np.pi * order) ** 2
-    heights = -np.linalg.solve(square, slopes.T @ cost.residuals(hands))
+    heights = -np.linalg.solve(square, gradient)
+    if -gradient @ heights < settings.gain * value:  # what it promises
+        return z
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
-    shift = _waves(t) @ heights
+    shift = _waves(len(t)) @ heights
     shift *= min(1.0, STEEPEST / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
     way = CubicSpline(t, programme.fine.q(z))
     near = settings.margin + 1e-3 + programme.scene.clearance
@@ -53,6 +56,9 @@ def warped(programme: Programme, cost: Cost, z: Array, settings: Settings) -> Ar
     return z
 
 
-def _waves(t: Array) -> Array:
-    """Waves that rest at both ends of unit duration; array, shape (len(t), N_WAVES)."""
-    return np.sin(np.pi * np.outer(t, np.arange(1, N_WAVES + 1)))
+@lru_cache(maxsize=8)
+def _waves(n: int) -> Array:
+    """Waves that rest at both ends of unit duration, at even samples; array, shape (n, N_WAVES)."""
+    waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, N_WAVES + 1)))
+    waves.setflags(write=False)
+    return waves

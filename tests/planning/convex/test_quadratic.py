@@ -1,0 +1,56 @@
+"""Programmes that begin with few rows end where those with all of them do."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from comove.planning.convex.limits import LinearLimits
+from comove.planning.convex.quadratic import Prices, Rows, Trust, minimum
+
+N = 5
+NO_LIMITS = LinearLimits(np.zeros((0, 2)), np.zeros((0, 2, N)), np.zeros(0), np.zeros(0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), n_rows=st.integers(1, 120))
+def test_the_solution_is_that_of_all_rows(seed, n_rows):
+    """SLSQP, which is told all rows, finds none that is cheaper."""
+    rng = np.random.default_rng(seed)
+    gradient, whiten = 0.1 * rng.normal(size=N), np.linalg.inv(np.tril(rng.uniform(0.5, 1.5, (N, N))))
+    rows = rng.normal(size=(n_rows, N))
+    bound = -rng.uniform(0.0, 0.1, n_rows)  # dz = 0 is allowed
+    moves, radius = rng.normal(size=(8, N)), np.full(8, 0.2)
+    clearances = Rows(rows, bound, np.zeros(n_rows, dtype=np.int64), np.full(n_rows, -np.inf))
+    prices = Prices(1e6, 0.0, 1.0, 1.0, 0.0)
+    found = minimum(gradient, whiten, clearances, Trust(moves, np.zeros(8), radius), NO_LIMITS, prices)
+    dz = found.w @ whiten
+    assert (rows @ dz - bound).min() > -1e-5
+    assert (np.abs(moves @ dz) - radius).max() < 1e-5
+    assert found.slack < 1e-5
+
+    def value(w):
+        return 0.5 * w @ w + gradient @ w
+
+    oracle = minimize(
+        value,
+        np.zeros(N),
+        method="SLSQP",
+        constraints=[
+            {"type": "ineq", "fun": lambda w: rows @ (w @ whiten) - bound},
+            {"type": "ineq", "fun": lambda w: radius - np.abs(moves @ (w @ whiten))},
+        ],
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    assert value(found.w) <= oracle.fun + 1e-6
+
+
+def test_what_cannot_be_had_is_missed_by_as_little_as_possible():
+    """Two walls that face each other, 2 cm too near: each is missed by one."""
+    rows = np.array([[1.0, 0, 0, 0, 0], [-1.0, 0, 0, 0, 0]])
+    clearances = Rows(rows, np.full(2, 0.01), np.arange(2), np.full(2, -np.inf))
+    trust = Trust(np.eye(N), np.zeros(N), np.ones(N))
+    found = minimum(np.zeros(N), np.eye(N), clearances, trust, NO_LIMITS, Prices(1e6, 0.0, 1.0, 1.0, 0.0))
+    assert found.slack == pytest.approx(0.01, abs=1e-6)
+    assert found.w == pytest.approx(np.zeros(N), abs=1e-5)

@@ -1,0 +1,71 @@
+"""Warps of time keep the way and make it cheaper."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import comove
+from comove.coordination.coordinates import load_coordinates
+from comove.planning.convex.jerk import squares
+from comove.planning.convex.programme import Programme, Settings
+from comove.planning.convex.warp import warped
+from comove.planning.objectives import LeastJerk
+from comove.primitives.basis import motion_basis
+
+SCENE = {
+    "name": "open",
+    "duration": 5.0,
+    "workspace": {"lower": [-1, -1], "upper": [2, 2]},
+    "load": {"shape": "bar", "length": 0.2},
+    "manipulators": [
+        {"name": "a", "start": [0, 0], "goal": [1, 0.4]},
+        {"name": "b", "start": [0, 0.2], "goal": [1, 0.6]},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def programme():
+    scene = comove.Scene.from_dict(SCENE)
+    coordinates = load_coordinates(scene)
+    return Programme(scene, coordinates, motion_basis(24, "jerk"), coordinates.boundary())
+
+
+def along(programme, s):
+    """Weights of a curved way that is run through as the shares `s` say, array of shape (n_fine,)."""
+    base = programme.fine.base
+    q = base[0] + s[:, None] * (base[-1] - base[0])
+    q[:, 1] += 0.3 * np.sin(np.pi * s) ** 2
+    return programme.fit(q, 1e-12)
+
+
+def cost_of(programme):
+    return squares(programme.scene, LeastJerk(), None)
+
+
+def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
+    t = np.linspace(0.0, 1.0, len(programme.fine.base))
+    rest = t**3 * (10 - 15 * t + 6 * t**2)
+    late = along(programme, rest**1.3)
+    cost, settings = cost_of(programme), Settings()
+    again = warped(programme, cost, late, settings)
+    before, after = (programme.value(cost, z, 0.0)[0] for z in (late, again))
+    assert after < 0.8 * before
+    path, moved = programme.fine.q(late), programme.fine.q(again)
+    away = np.linalg.norm(moved[:, None, :2] - path[None, :, :2], axis=2).min(axis=1)
+    assert away.max() < 4e-3  # samples of the path are up to 5 mm apart
+    for _ in range(6):
+        again = warped(programme, cost, again, settings)
+    even = along(programme, rest)
+    assert programme.value(cost, again, 0.0)[0] <= 1.01 * programme.value(cost, even, 0.0)[0]
+
+
+def test_what_cannot_be_better_is_left_alone(programme):
+    straight = np.zeros(programme.n)
+    assert warped(programme, cost_of(programme), straight, Settings()) is straight
+
+
+def test_where_time_has_its_price_nothing_is_warped(programme):
+    late = along(programme, np.linspace(0.0, 1.0, len(programme.fine.base)) ** 2)
+    assert warped(programme, replace(cost_of(programme), haste=1.0), late, Settings()) is late
