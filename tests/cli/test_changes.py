@@ -57,6 +57,12 @@ def test_options_stand_for_what_the_scene_says(folder):
     without = invoke("verify", folder / "test.yaml", folder / "out")
     assert without.exit_code == 1
     assert "must be given again" in without.stderr
+    told = without.stderr.splitlines()[-1]
+    assert "--duration 4.0 --speed 0.9 --acceleration 1.0 --jerk 5.0 --clearance 0.004: give that" in told
+    (folder / "out" / "scene.json").write_text('{"duration": [], "limits": 7}')  # the folder is not trusted
+    again = invoke("verify", folder / "test.yaml", folder / "out")
+    assert again.exit_code == 1
+    assert "give that" not in again.stderr
 
 
 def test_too_short_a_duration_is_answered_by_one_that_does(folder):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +13,8 @@ import typer
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
 from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.errors import OptionError
+
+LIMITS = ("speed", "acceleration", "jerk", "clearance")
 
 
 @verb
@@ -47,6 +51,8 @@ def verify(
         print(f"{folder}: rejected", file=sys.stderr)
         for reason in dict.fromkeys(reasons):
             print(f"  - {reason}", file=sys.stderr)
+        if options := _options_of(stored, scene, loaded):
+            print(f"  it was solved with {options}: give that again", file=sys.stderr)
         return NOT_VERIFIED
     report = verdict.report
     print(f"{folder}: verified")
@@ -67,6 +73,37 @@ def verify(
     elif loaded.file.robot is not None:
         print("  the hands alone: the folder holds no motion of a robot's joints")
     return VERIFIED
+
+
+def _options_of(stored, scene: Path, loaded) -> str | None:
+    """The options that make of a scene file the scene that was solved; None where there are none."""
+    from comove.errors import InputError
+    from comove.results.folder import SCENE
+    from comove.scenes import Scene
+
+    solved = stored.summary.get("scene_sha256")
+    if loaded.sha256 == solved:
+        return None
+    try:
+        found = json.loads((stored.folder / SCENE).read_text(encoding="utf-8"))
+        limits, own = found.get("limits") or {}, loaded.file.limits
+        options = {
+            key: limits[key] for key in LIMITS if limits.get(key, math.nan) not in (None, getattr(own, key))
+        }
+        if found.get("duration") != loaded.file.duration:
+            options = {"duration": found.get("duration")} | options
+        if Scene.load(scene, changes_of(**({"duration": None} | options))).sha256 != solved:
+            return None
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        KeyError,
+        InputError,
+    ):  # the folder is not trusted
+        return None
+    return " ".join(f"--{key} {value}" for key, value in options.items())
 
 
 def _joints_verdict(folder: Path, scene, file: Path, named: str | None):
