@@ -288,7 +288,7 @@ def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[s
     for name, unit in _unit_terms(motion).items():
         usual = getattr(USUAL, name)
         weight = terms[name] / unit if unit > 0 else usual
-        weights[name] = usual if abs(weight - usual) <= SAME * usual else weight
+        weights[name] = usual if abs(weight - usual) <= SAME * usual else float(f"{weight:.12g}")
     return weights
 
 
