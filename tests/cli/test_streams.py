@@ -70,7 +70,7 @@ SAYING = [
     ("show", "good"),
     ("solve", "good.yaml", "--out", "again", "--json"),
     ("solve", "good.yaml", "--out", "again"),
-    ("run", "good.yaml", "--out", "ran"),
+    pytest.param(("run", "good.yaml", "--out", "ran"), marks=pytest.mark.slow),
     ("library", "list", "--json"),
     ("--version",),
 ]

@@ -19,7 +19,10 @@ N_FILES = 3
 WATCHED = {drafts.__file__, files.__file__}
 
 
-@pytest.fixture(params=["exchange", "two renames", "no locks"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("two renames", "no locks")]
+
+
+@pytest.fixture(params=["exchange", *SLOW])
 def system(request, monkeypatch):
     """What the system can do."""
     if request.param != "exchange":

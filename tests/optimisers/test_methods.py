@@ -311,7 +311,7 @@ def test_linear_equalities_may_be_lists():
 # --- Constrained CMA-ES ---
 
 
-@pytest.mark.parametrize("n", [10, 40, 400])
+@pytest.mark.parametrize("n", [10, 40, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("form", [MatrixForm, FactorForm])
 def test_ten_thousand_reductions_leave_the_distribution_regular(form, n):
     """Every reduction multiplies the determinant by 1 - share or so; singular it never gets."""

@@ -568,7 +568,7 @@ def test_a_file_system_that_takes_no_folders():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
-@pytest.mark.parametrize("exchange", [True, False])
+@pytest.mark.parametrize("exchange", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path, exchange, monkeypatch):
     folder, step = written(tmp_path / "result", solved("narrow")), 0
     old = (folder / "solution.json").read_bytes()

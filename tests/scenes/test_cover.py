@@ -168,7 +168,7 @@ def test_what_is_left_of_triangles_is_what_no_polytope_holds(seed):
 RUBBISH = st.sampled_from(["flip", "double", "drop", "sliver", "fin", "unwelded", "line", "crossing", "far"])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seeds, st.lists(RUBBISH, max_size=4), st.booleans())
 def test_every_triangle_is_held_whatever_is_done_to_a_mesh(seed, done, few):
     rng = np.random.default_rng(seed)
