@@ -76,7 +76,8 @@ def plan(
     # Of the two planners for space, each much faster where the other hardly finds a way, the forest takes over once
     # it has found one.
     brief = not uniform and space.narrow[0] > 0
-    path = _rrt_connect(space, start, goal, margin, rng, BRIEF_NODES if brief else max_nodes)
+    few = max_nodes if uniform else min(max_nodes, BRIEF_NODES if brief else FEW_NODES)
+    path = _rrt_connect(space, start, goal, margin, rng, few)
     if len(path) == 0 and not uniform:
         path = forest(space, start, goal, margin, rng, max_nodes)
         space.narrow[0] = max(space.narrow[0], len(path) > 0)
