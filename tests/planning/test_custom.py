@@ -42,7 +42,7 @@ def test_samples_are_the_motion_in_plain_units():
 
 def test_a_function_decides_what_is_best():
     smooth = comove.solve(example("narrow"))
-    lower = comove.solve(example("narrow"), objective=height, budget=15.0)
+    lower = comove.solve(example("narrow"), objective=height, budget=60.0)
     assert lower.verified
     assert height(Samples.of(lower.attempt)) < height(Samples.of(smooth.attempt)) - 0.05
     assert lower.report.clearance_min >= 0
@@ -55,7 +55,7 @@ def test_a_constraint_holds_beside_the_scene_s(scene):
 
     free = Samples.of(comove.solve(scene).attempt)
     limit = 0.9 * free.velocity[..., 0].max()
-    solution = comove.solve(scene, constraints=[bounded], budget=8.0)
+    solution = comove.solve(scene, constraints=[bounded], budget=60.0)
     assert solution.verified
     assert bounded(Samples.of(solution.attempt)) <= 0
     assert verify(solution.attempt).verified is not None
