@@ -173,8 +173,9 @@ def test_a_taught_motion(tmp_path):
 
     usual, loose, close = solved(), solved("--resemblance", 0), solved("--resemblance", 1)
     assert usual["objective"] == {"type": "least_jerk", "resemblance": None, "room": 0.01}
-    assert loose["demonstration_distance_m"] is None
-    assert usual["demonstration_distance_m"] > close["demonstration_distance_m"] > 0
+    assert loose["demonstration"] is None
+    for measure in ("distance", "direction", "share"):
+        assert usual["demonstration"][measure] > close["demonstration"][measure] > 0
     plain, alike = (solved("--objective", "paper", "--resemblance", weight) for weight in (0, 10))
     assert plain["objective"]["type"] == "paper"
     assert plain["cost_terms"]["resemblance"] == 0.0

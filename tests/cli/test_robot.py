@@ -3,7 +3,6 @@
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +13,7 @@ from typer.testing import CliRunner
 from comove.cli import app as _  # noqa: F401
 from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
-from comove.cli.robot import export, report
+from comove.cli.robot import export
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
 from comove.robots import description as robot_files
@@ -187,17 +186,6 @@ def test_what_cannot_be_exported_is_told_before_ways_are_planned(copy, monkeypat
     (copy / "motion_release.npz").write_text("of somebody else")
     result = run("robot", "export", copy, *arguments)
     assert result.exit_code == 2 and word in text_of(result)
-
-
-def test_a_duration_is_offered_that_the_hands_can_keep_as_well(solved):
-    """Limits of hands bind as those of joints do; the motion itself keeps both, and is offered nothing."""
-    stored = read_joints(solved)
-    baxter, scene = Robot.load("baxter"), stored.scene
-    fast = SimpleNamespace(speed_max=0.1, acceleration_max=4 * scene.file.limits.acceleration)
-    offer = report.duration_offer(baxter, scene, stored.joints, fast)
-    assert "the hands 20.00 s" in offer and "set duration: 26 " in offer
-    slow = SimpleNamespace(speed_max=0.1, acceleration_max=0.1)
-    assert report.duration_offer(baxter, scene, stored.joints, slow) is None
 
 
 def test_simulate_delivers(copy):

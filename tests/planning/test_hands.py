@@ -44,7 +44,7 @@ def test_each_hand_follows_its_own():
     hands = solution.attempt.hands(np.linspace(0, 1, 101))[0]
     assert hands[50, 0, 1] == pytest.approx(0.2, abs=0.02)
     assert hands[50, 1, 1] == pytest.approx(0.8, abs=0.02)
-    assert solution.followed < 0.01
+    assert solution.followed.distance < 0.01
 
 
 def test_recordings_do_as_well_as_primitives():

@@ -125,12 +125,36 @@ def test_an_open_duration_is_told_by_what_needs_one():
         _ = hasty("narrow").duration
 
 
-def test_moving_obstacles_need_a_duration():
-    obstacle = {
-        "shape": "circle",
-        "center": [0.5, 0.5],
-        "radius": 0.05,
-        "motion": {"velocity": [0.0, 0.1]},
-    }
-    with pytest.raises(OptionError, match="obstacles move"):
-        comove.solve(Scene.from_dict(lone_hand(obstacles=[obstacle])))
+CORRIDOR = {"lower": [-0.5, -0.05], "upper": [1.5, 0.05]}
+
+
+def gate(velocity):
+    """A wall 10 cm thick across the way of a hand, with a gap 12 cm wide that comes along."""
+    return [
+        {"shape": "box", "center": [0.5, y], "size": [0.1, 2.0], "motion": {"velocity": velocity}}
+        for y in (-1.5, 0.62)
+    ]
+
+
+def test_it_waits_no_longer_than_a_gate_stays_shut():
+    """The gap's upper edge, at -0.38 m and with 0.1 m/s, reaches the corridor after 3.3 s, its lower one after 4.5 s."""
+    scene = Scene.from_dict(lone_hand(limits=HARD, obstacles=gate([0.0, 0.1]), workspace=CORRIDOR))
+    free = comove.solve(Scene.from_dict(lone_hand(limits=HARD, workspace=CORRIDOR)))
+    solution = comove.solve(scene)
+    assert solution.verified and isinstance(solution.objective, LeastTime)
+    assert 3.3 + 0.4 < solution.scene.duration < 5.5
+    crossed = np.interp(0.45, solution.trajectory.position[:, 0, 0], solution.trajectory.time)
+    assert crossed > 3.3
+    assert verify(solution.attempt).verified is not None
+
+
+def test_what_moves_out_of_the_way_costs_no_time():
+    scene = Scene.from_dict(lone_hand(limits=HARD, obstacles=gate([0.0, 0.1])[:1], workspace=CORRIDOR))
+    free = comove.solve(Scene.from_dict(lone_hand(limits=HARD, workspace=CORRIDOR)))
+    assert comove.solve(scene).scene.duration < 1.2 * free.scene.duration
+
+
+def test_functions_of_ones_own_need_a_duration_where_something_moves():
+    scene = Scene.from_dict(lone_hand(limits=HARD, obstacles=gate([0.0, 0.1])))
+    with pytest.raises(OptionError, match="need a duration"):
+        comove.solve(scene, objective=lambda motion: 0.0)

@@ -14,6 +14,7 @@ from comove.errors import OptionError
 
 SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
 MAX_STEPS = 2_000_000  # that a run may take
+PLANNING = 10.0  # s, for the duration of a scene that leaves it out
 LONGEST = 3.0  # times the scene's duration, that a run may last unless it is said
 
 
@@ -45,7 +46,7 @@ def run(
     from comove.cli.progress import progress_bar, time_spent
     from comove.execution import Executor, Pace, write_comparison, write_run
     from comove.execution.comparison import compare as compare_all
-    from comove.planning import load_kernels
+    from comove.planning import load_kernels, solve
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
     from comove.verification.record import judge
@@ -57,10 +58,12 @@ def run(
         check_budget(budget)
     check_target(out)
     loaded = Scene.load(scene, changes_of(duration, speed, acceleration, clearance=clearance))
-    budget = LONGEST * loaded.duration if budget is None else budget
-    check_steps(budget, period)
     with progress_bar():
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        if not loaded.is_timed:  # as long as it takes if all goes as foreseen
+            loaded = solve(loaded, demonstration=loaded.taught, seed=seed, budget=PLANNING).scene
+        budget = LONGEST * loaded.duration if budget is None else budget
+        check_steps(budget, period)
         executor = Executor(loaded, seed=seed, pace=pace, demonstration=loaded.taught)
         record = executor.run(budget)
         report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []

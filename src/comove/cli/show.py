@@ -66,13 +66,7 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
         f"  speed, acceleration     {_number(summary.get('speed_max'))} m/s, "
         f"{_number(summary.get('acceleration_max'))} m/s^2 at most",
         *_smoothness(summary),
-        *(
-            [
-                f"  what was taught         {_number(summary['demonstration_distance_m'], 100)} cm away in the mean"
-            ]
-            if summary.get("demonstration_distance_m") is not None
-            else []
-        ),
+        *_followed(summary),
         f"  noted, not proven       by {summary.get('method')}, seed {summary.get('seed')}, first verified motion "
         f"after {_number(summary.get('time_to_first_verified_s'), 1e3)} ms, all of it "
         f"{_number(summary.get('wall_time_s'))} s",
@@ -86,13 +80,23 @@ def _smoothness(summary: dict[str, Any]) -> list[str]:
     measures = summary.get("smoothness")
     if not measures:
         return []
-    certified = summary.get("jerk_max")
-    peak = "m/s^3 at the samples" if certified is None else "m/s^3 at most"
     return [
-        f"  jerk                    {_number(certified or measures.get('jerk_max'))} {peak}; its square "
+        f"  jerk                    {_number(summary.get('jerk_max'))} m/s^3 at most; its square "
         f"{_number(measures.get('jerk_ratio'))} times that of straight motions",
         f"  half, 95 % of the way   after {_number(measures.get('halfway'), 100)} and "
         f"{_number(measures.get('nearly_there'), 100)} % of the time",
+    ]
+
+
+def _followed(summary: dict[str, Any]) -> list[str]:
+    """How near the motion is to what was taught, in words; nothing where nothing was followed."""
+    near = summary.get("demonstration")
+    if not near:
+        return []
+    return [
+        f"  what was taught         {_number(near.get('distance'), 100)} cm away in the mean "
+        f"({_number(near.get('share'), 100)} % of the way), its direction "
+        f"{_number(near.get('direction'), 180 / math.pi)} deg off",
     ]
 
 

@@ -44,7 +44,14 @@ class OutOfTime(Exception):
 
 
 class Carrier(Protocol):
-    """What moves the hands, a robot for example: a search asks it what is possible."""
+    """What moves the hands, a robot for example: a search asks it what is possible.
+
+    Attributes
+    ----------
+    scene : on which it does so, with the duration that is searched in
+    """
+
+    scene: Scene
 
     def plan(
         self,
@@ -73,6 +80,9 @@ class Carrier(Protocol):
 
     def stricter(self) -> Carrier:
         """The same, but more careful, after a movement that it took for possible was rejected."""
+
+    def shortest(self, motion: CoordinatedMotion) -> float:
+        """Return the least duration in which this movement can be carried out [s], inf if it cannot at all."""
 
 
 class Interruption:
@@ -164,6 +174,7 @@ class Search:
     needed: float = np.inf
     own: Own | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
+    _handed: tuple[CoordinatedMotion, CoordinatedMotion] | None = field(default=None, init=False, repr=False)
 
     @property
     def scene(self) -> Scene:
@@ -242,10 +253,17 @@ class Search:
             self.best_cost = self.worth(self.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        """A motion as it is handed out, on the scene that was asked for."""
+        """A motion as it is handed out, on the scene that was asked for; the last answer is remembered."""
         if self.asked is None:
             return motion
-        return motion.on(self.asked) if self.asked.is_timed else in_least_time(motion, self.asked)
+        if self._handed is None or self._handed[0] is not motion:
+            self._handed = motion, self._on_time(motion)
+        return self._handed[1]
+
+    def _on_time(self, motion: CoordinatedMotion) -> CoordinatedMotion:
+        if self.asked.is_timed:
+            return motion.on(self.asked)
+        return in_least_time(motion, self.asked, 0.0 if self.carrier is None else self.carrier.shortest(motion))
 
     def _violation(self, verdict: Verdict) -> float:
         """How far a rejected motion is from being verified: contact counts before limits."""

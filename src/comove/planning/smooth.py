@@ -147,6 +147,7 @@ def _carried(search: Search, programme: Programme, z: Array, reference: Array) -
             return True
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
+    _note_slower(search, motion)
     return False
 
 
@@ -208,13 +209,22 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
         motion = programme.motion(z)
         if search.judge(motion).verified is not None:
             return True
-        if search.scene.is_limited and not search.scene.moving.any():
-            slower = in_least_time(motion, search.asked or search.scene)
-            if verify(slower, search.checks).verified is not None:
-                search.needed = min(slower.scene.duration, search.needed)
-                return False
+        if _note_slower(search, motion):
+            return False
         settings = _stricter(settings, attempt)
     return False
+
+
+def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
+    """Note the duration in which a motion would do that is too fast, proven by judging it; whether there is one."""
+    asked, carrier = search.asked or search.scene, search.carrier
+    if not asked.is_timed or asked.moving.any() or not (asked.is_limited or carrier is not None):
+        return False
+    slower = in_least_time(motion, asked, 0.0 if carrier is None else carrier.shortest(motion))
+    if slower.scene.duration <= asked.duration or verify(slower, search.checks).verified is None:
+        return False
+    search.needed = min(slower.scene.duration, search.needed)
+    return True
 
 
 def _stricter(settings: Settings, attempt: int) -> Settings:

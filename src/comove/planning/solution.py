@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.planning.followed import Followed
 from comove.planning.objective import Cost
 from comove.planning.objectives import LeastJerk, LeastTime, Own, PaperCost
 from comove.scenes.scene import Scene
@@ -57,7 +58,7 @@ class Solution:
     interrupted : stopped by the user
     log : what the method tells of its run, numbers or lists of them by name
     objective : what it is best in
-    followed : mean distance of the hands from the demonstration over time [m], None where none was followed
+    followed : how near the hands are to the demonstration, None where none was followed
     """
 
     scene: Scene
@@ -75,7 +76,7 @@ class Solution:
     interrupted: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
     objective: LeastJerk | LeastTime | PaperCost | Own = field(default_factory=PaperCost)
-    followed: float | None = None
+    followed: Followed | None = None
 
     @property
     def verified(self) -> bool:

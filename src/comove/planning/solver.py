@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,16 @@ from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
+from comove.planning.followed import Followed, followed
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
-from comove.planning.methods import Comove
+from comove.planning.methods import Comove, Quick
 from comove.planning.objective import N_STEPS, Objective, Penalty
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
-from comove.planning.objectives.own import own
-from comove.planning.pace import comfortable, with_limits
+from comove.planning.objectives.own import Own, own
+from comove.planning.pace import EASE, ROOM, comfortable, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
+from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
@@ -35,6 +37,7 @@ from comove.verification.verify import Check, verify
 Array = NDArray[np.float64]
 
 OBSTACLES = ("constraint", "cost")
+TRY, SHORT = 0.2, 0.1  # share of the budget that a try of a duration may take, and the least that it has [s]
 COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
 
 
@@ -123,6 +126,20 @@ def solve(
         )
     asked = scene
     if not scene.is_timed or isinstance(objective, LeastTime):
+        if scene.moving.any():
+            return _among_moving(
+                scene,
+                functions,
+                method,
+                budget,
+                demonstration=demonstration,
+                objective=objective,
+                seed=seed,
+                planner=planner,
+                obstacles=obstacles,
+                checks=checks,
+                progress=progress,
+            )
         asked, scene = _open(scene, carrier)
     weights = objective if isinstance(objective, PaperCost) else PaperCost()
     if carrier is None:  # arms are as long as they are
@@ -176,7 +193,7 @@ def solve(
         report=verdict.report,
         reasons=verdict.reasons
         if search.needed == np.inf or verdict.verified is not None
-        else (*verdict.reasons, _too_short(asked, search.needed)),
+        else (*verdict.reasons, _too_short(asked, search.needed, EASE if carrier is None else ROOM)),
         cost=evaluated.cost(motion),
         method=method.name,
         seed=seed,
@@ -191,17 +208,79 @@ def solve(
     )
 
 
+def _among_moving(
+    scene: Scene,
+    functions: Own | None,
+    method: Method,
+    budget: float,
+    *,
+    demonstration: tuple[DMP, ...] | None,
+    objective: LeastJerk | LeastTime | PaperCost,
+    **others: Any,
+) -> Solution:
+    """Do as `solve` for a scene of open duration whose obstacles move: duration by duration."""
+    if functions is not None:
+        raise OptionError(
+            "functions of one's own need a duration where obstacles move",
+            file=scene.path,
+            key="duration",
+            way_out="give one",
+        )
+    asked, hasty, done = with_limits(scene), isinstance(objective, LeastTime), []
+    if hasty:
+        demonstration = None
+    started = time.perf_counter()
+
+    def left() -> float:
+        return budget - (time.perf_counter() - started)
+
+    def attempt(duration: float, method: Method, most: float) -> Solution:
+        done.append(
+            solve(
+                asked.timed(duration),
+                method=method,
+                budget=max(min(most, left()), SHORT),
+                demonstration=demonstration,
+                objective=LeastJerk() if hasty else objective,
+                **others,
+            )
+        )
+        return done[-1]
+
+    quick = Quick() if isinstance(method, Comove) and method.smooths else method
+    found = shortest(
+        lambda duration: attempt(duration, quick, TRY * budget),
+        alone(asked, demonstration),
+        lambda: left() < 0 or (bool(done) and done[-1].interrupted),
+        closely=hasty,
+    )[-1]
+    if found.verified and not done[-1].interrupted and left() > 0:
+        better = attempt(found.scene.duration, method, left())
+        found = better if better.verified else found
+    first = next((i for i, solution in enumerate(done) if solution.verified), None)
+    return replace(
+        found,
+        objective=objective,
+        evaluations=sum(solution.evaluations for solution in done),
+        generations=sum(solution.generations for solution in done),
+        time_to_first_verified_s=None
+        if first is None
+        else sum(solution.solve_time_s for solution in done[:first]) + done[first].time_to_first_verified_s,
+        solve_time_s=sum(solution.solve_time_s for solution in done),
+        interrupted=done[-1].interrupted,
+    )
+
+
 def _followed(
     motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, demonstration: Array | None
-) -> float | None:
-    """Mean distance of the hands from the demonstration [m], None where it is not followed."""
+) -> Followed | None:
+    """How near the hands are to the demonstration, None where it is not followed."""
     if isinstance(objective, LeastTime):
         return None
     strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
     if demonstration is None or strength == 0:
         return None
-    hands = motion.hands(np.linspace(0.0, 1.0, len(demonstration)))[0]
-    return float(np.linalg.norm(hands - demonstration[..., : hands.shape[2]], axis=2).mean())
+    return followed(motion, demonstration)
 
 
 def _listed(constraints: object) -> tuple:
@@ -213,21 +292,13 @@ def _listed(constraints: object) -> tuple:
 
 
 def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
-    """A scene whose duration is to be found, with limits, and the same for the search, in a second."""
-    if carrier is not None or scene.moving.any():
-        who = "arms follow" if carrier is not None else "obstacles move"
-        raise OptionError(
-            f"the duration is left open, and {who}",
-            file=scene.path,
-            key="duration",
-            way_out="give one: only where nothing but hands moves, the shortest is found",
-        )
+    """A scene whose duration is to be found, with limits, and the same for the search."""
     asked = with_limits(scene).timed(None)
-    return asked, asked.timed(1.0)
+    return asked, asked.timed(1.0 if carrier is None else carrier.scene.duration)
 
 
-def _too_short(scene: Scene, needed: float) -> str:
-    return f"{scene.duration:g} s are too short for the limits: {comfortable(needed):g} s would do"
+def _too_short(scene: Scene, needed: float, ease: float) -> str:
+    return f"{scene.duration:g} s are too short for the limits: {comfortable(needed, ease):g} s would do"
 
 
 def of_common_size(

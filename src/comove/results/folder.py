@@ -76,6 +76,7 @@ SAMPLES = ("time", "position", "velocity", "manipulators")
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
+JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
 
@@ -262,8 +263,8 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "cost_weights": _weights_of(terms, solution.attempt),
         **{name: _finite(value) for name, value in report.asdict().items()},
         "objective": _said_of(solution.objective),
-        "demonstration_distance_m": solution.followed,
-        "smoothness": {name: _finite(value) for name, value in vars(smoothness(solution.attempt)).items()},
+        "demonstration": None if solution.followed is None else vars(solution.followed),
+        **_smoothness_of(solution.attempt),
         "evaluations": solution.evaluations,
         "generations": solution.generations,
         **({"log": dict(solution.log)} if solution.log else {}),
@@ -272,6 +273,12 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
         "scene_sha256": solution.scene.sha256,
         "motion_sha256": checksum(arrays),
     }
+
+
+def _smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
+    """What a summary says of how smooth a motion is."""
+    measures = {name: _finite(value) for name, value in vars(smoothness(motion)).items()}
+    return {name: measures.pop(name) for name in JERK} | {"smoothness": measures}
 
 
 def _said_of(objective: object) -> dict[str, Any]:
@@ -498,13 +505,15 @@ def _edited_smoothness(summary: Mapping[str, Any], motion: CoordinatedMotion) ->
     stated = summary.get("smoothness")
     if stated is None:
         return []
-    right = vars(smoothness(motion))
-    if not isinstance(stated, dict) or stated.keys() != right.keys():
-        return [f"{SUMMARY} does not say how smooth the motion is: smoothness needs {', '.join(right)}"]
+    right = _smoothness_of(motion)
+    if not isinstance(stated, dict) or stated.keys() != right["smoothness"].keys():
+        return [f"{SUMMARY} does not say how smooth the motion is: smoothness needs {', '.join(right['smoothness'])}"]
+    said = {name: (summary.get(name), right[name]) for name in JERK}
+    said |= {f"smoothness.{name}": (stated[name], value) for name, value in right["smoothness"].items()}
     return [
-        f"{SUMMARY} says smoothness.{name} = {shortened(str(stated[name]))}, the motion's is {value:.9g}"
-        for name, value in right.items()
-        if not agrees(stated[name], value, SMOOTH * max(1e-3, abs(value)))
+        f"{SUMMARY} says {name} = {shortened(str(value))}, the motion's is {own}"
+        for name, (value, own) in said.items()
+        if not (value is own is None or (own is not None and agrees(value, own, SMOOTH * max(1e-3, abs(own)))))
     ]
 
 
@@ -556,7 +565,8 @@ def _require_entries(summary: Mapping[str, Any], file: Path) -> None:
     require_types(summary, _TYPES, file)
     require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
-    require_types(summary.get("smoothness") or {}, {}, file, "smoothness.", others=NUMBER.or_nothing)
+    for key in ("smoothness", "demonstration"):
+        require_types(summary.get(key) or {}, {}, file, f"{key}.", others=NUMBER.or_nothing)
 
 
 _TYPES = (
@@ -566,7 +576,8 @@ _TYPES = (
     | {
         "objective": MAPPING.or_nothing,
         "smoothness": MAPPING.or_nothing,
-        "demonstration_distance_m": NUMBER.or_nothing,
+        "demonstration": MAPPING.or_nothing,
+        "jerk_squared": NUMBER.or_nothing,
     }
     | {"cost_terms": MAPPING, "cost_weights": MAPPING.or_nothing}
     | {field.name: NUMBER.or_nothing for field in fields(Report)}

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 
 from comove.planning.compiling import compiling
-from comove.planning.objectives import LeastJerk, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
@@ -16,6 +16,9 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes.scene import Scene
+
+
+AT_LEISURE = 30.0  # s, in which arms go any way, where the duration is open
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ def carry(
     demonstration: DMP | None = None,
     seed: int = 0,
     budget: float = 30.0,
-    objective: LeastJerk | PaperCost | None = None,
+    objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and judge its joints.
@@ -66,7 +69,8 @@ def carry(
     Parameters
     ----------
     scene
-        With a grasp; its manipulators are arms of the robot.
+        With a grasp; its manipulators are arms of the robot. Where it leaves its duration out, or `LeastTime()` is
+        asked for, the motion is as fast as the limits of hands and joints allow at its own law of motion.
     robot
         `Robot.load("baxter")`, for example.
     demonstration, seed, objective, progress
@@ -80,8 +84,9 @@ def carry(
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
     begun = time.perf_counter()
+    open_ended = not scene.is_timed or isinstance(objective, LeastTime)
     with compiling() as compiled:
-        task = Carrying(robot, scene)
+        task = Carrying(robot, scene.timed(AT_LEISURE) if open_ended else scene)
         check = RobotCheck(task)
         check.prepare()
     spent = time.perf_counter() - begun - compiled.seconds

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.verification.bounds import node_bounds
+from comove.verification.rates import largest_jerk
 
 Array = NDArray[np.float64]
 
@@ -21,18 +23,19 @@ PADDING = 16  # times as many samples for the spectrum
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Measures of a motion, sampled and not certified.
+    """Measures of a motion.
 
     Attributes
     ----------
-    jerk_max : largest jerk of a hand [m/s^3]
-    jerk_ratio : squared jerk of all hands, integrated, over that of straight motions of minimum jerk with the same
-        ends and duration (Flash and Hogan, 1985)
+    jerk_max : upper bound of the jerk of a hand at every instant [m/s^3]; the others are sampled, not certified
+    jerk_squared : squared jerk of all hands, integrated over unit duration [m^2]
+    jerk_ratio : that, over what straight motions of minimum jerk with the same ends have (Flash and Hogan, 1985)
     spectral_arc_length : of the hands' speeds, in the mean (Balasubramanian et al., 2015): smoother if nearer to 0
     halfway, nearly_there : shares of the duration after which half and 95 % of the way is done
     """
 
     jerk_max: float
+    jerk_squared: float
     jerk_ratio: float
     spectral_arc_length: float
     halfway: float
@@ -47,9 +50,11 @@ def smoothness(motion: CoordinatedMotion) -> Smoothness:
     straight = 720.0 * max(float(((scene.goal - scene.start) ** 2).sum()), 1e-12)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]).sum(axis=1))])
     halfway, nearly = np.interp([0.5 * way[-1], 0.95 * way[-1]], way, s)
+    squared = float((jerk**2).sum() / (N_STEPS - 1))
     return Smoothness(
-        float(np.linalg.norm(jerk, axis=2).max() / scene.duration**3),
-        float((jerk**2).sum() / (N_STEPS - 1) / straight),
+        largest_jerk(motion, node_bounds(motion).jerk),
+        squared,
+        squared / straight,
         float(np.mean([spectral_arc_length(own) for own in speed.T])),
         float(halfway),
         float(nearly),

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from comove.errors import InputError, RobotError
 
-ROOM = 1.3  # of the least duration of a path: a search for another one needs room
-
 
 def robot_named(name: str | None, scene, file: Path):
     """The robot that the command line names, or else the scene; and its description's name or path."""
@@ -70,46 +68,6 @@ def _millimetres(value: float | None) -> str:
     if value is None or math.isnan(value):
         return "-"
     return "nothing near" if math.isinf(value) else f"{1e3 * value:.1f} mm"
-
-
-def duration_offer(robot, scene, joints, measures) -> str | None:
-    """How long the same path would have to take, where robot or hands cannot go it in the scene's time.
-
-    Parameters
-    ----------
-    measures : Report on the motion of the hands, with their speed and acceleration
-    """
-    from comove.errors import ComoveError
-    from comove.robots import DEFAULT_MASS, fastest_timing, shortest_duration
-
-    mass = DEFAULT_MASS if scene.load_mass is None else scene.load_mass
-    holders = [scene.manipulators[i] for i in scene.grasp.holders]
-    try:
-        carried = dict.fromkeys(holders, mass / len(holders))
-        timing = shortest_duration(robot, joints, carried=carried)
-        fastest = fastest_timing(robot, joints, carried=carried)
-    except ComoveError:
-        return None
-    hands = _hands_duration(scene, measures)
-    longest = max(timing.duration, hands)
-    if not scene.duration < longest < math.inf:
-        return None
-    also = f", the hands {hands:.2f} s" if hands > timing.duration else ""
-    return (
-        f"  at its pace this way takes the joints {timing.duration:.2f} s ({timing.limit}){also}, at the limits all "
-        f"the way {fastest.duration:.2f} s: set duration: {math.ceil(10 * ROOM * longest) / 10:g} in the scene"
-    )
-
-
-def _hands_duration(scene, measures) -> float:
-    """How long the path has to take for hands to keep the scene's limits, at the pace that it has [s]."""
-    limits = scene.file.limits
-    shares = [1.0]
-    if limits.speed is not None:
-        shares.append(measures.speed_max / limits.speed)
-    if limits.acceleration is not None:
-        shares.append(math.sqrt(measures.acceleration_max / limits.acceleration))
-    return scene.duration * max(shares)
 
 
 def stored_motion(folder: Path):

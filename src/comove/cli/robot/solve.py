@@ -31,7 +31,7 @@ def solve(
     ] = 30.0,
     objective: Annotated[
         str | None,
-        typer.Option(help="As of 'comove solve': 'least-jerk' unless SCENE or this says 'paper'."),
+        typer.Option(help="As of 'comove solve'; 'least-jerk' unless SCENE or this says something else."),
     ] = None,
     resemblance: Annotated[
         float | None, typer.Option(help="How near to the demonstration, as of 'comove solve'.")
@@ -49,7 +49,7 @@ def solve(
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.cli.robot.report import duration_offer, joints_text, of_scene, robot_named
+    from comove.cli.robot.report import joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
     from comove.cli.solve import budget_left, check_budget, objective_of, require_taught, write_result
     from comove.planning import load_kernels, movements_of
@@ -89,10 +89,6 @@ def solve(
         print(summary_text(summary, out))
         print(joints_text(carrier.name, found.report.asdict()))
         print(f"  {'joint motion':24s}{out / 'joints.npz'}, drawn in {out / 'joints.png'}")
-        if not solution.verified and (
-            offer := duration_offer(carrier, loaded, found.joints, solution.report)
-        ):
-            print(offer)
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED

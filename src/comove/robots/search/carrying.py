@@ -12,7 +12,8 @@ from itertools import cycle, product
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import SceneError
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import RobotError, SceneError
 from comove.planning.configurations import Space
 from comove.planning.methods import Comove
 from comove.planning.search import Schedule
@@ -22,6 +23,8 @@ from comove.robots.search.chains import chains_of, place_arm, pose_error
 from comove.robots.search.following import MET, Arms, Strain, Surroundings, follow, solutions
 from comove.robots.search.links import ENOUGH, FAT, Links, links_clearance, links_of, place_links
 from comove.robots.search.planner import plan_with_arms
+from comove.robots.search.tracking import track
+from comove.robots.timing import shortest_duration
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -35,6 +38,8 @@ SAME_BRANCH = 0.3  # rad, within which two solutions are one
 DIGITS = 6  # of angles that are compared: what mirrors each other is equally far away
 BRANCHES = 4  # solutions of an end that are kept, per arm
 N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
+TIMED = 4.0  # s, in which a movement is tracked whose pace is looked for
+SLOWER = 1.002  # times what that allows: at another pace joints are sampled elsewhere
 UNLIKELY = 0.5  # plans not found yet that every further pair of joints at start and goal is credited with
 
 N_THREADS = min(4, os.cpu_count() or 1)
@@ -232,6 +237,23 @@ class Carrying:
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
         return (strain.penalty + EASE * strain.jolt).sum(axis=1) + strain.contact, possible
+
+    def shortest(self, motion: CoordinatedMotion) -> float:
+        """Return the least duration in which the joints can go along with a movement of the hands [s].
+
+        Its law of motion stays as it is; inf where an arm does not reach, or motors cannot even hold the load.
+        """
+        joints, miss = track(self, motion.on(motion.scene.timed(TIMED)))
+        if miss is not None:
+            return np.inf
+        holders = [self.holders[i].name for i in self.scene.grasp.holders]
+        try:
+            timing = shortest_duration(
+                self.robot, joints, carried=dict.fromkeys(holders, self.mass / len(holders))
+            )
+        except RobotError:
+            return np.inf
+        return SLOWER * timing.duration
 
     def strain(self, nodes: Array, start: Array) -> Strain:
         """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""

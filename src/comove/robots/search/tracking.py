@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numba
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
-from comove.robots.search.carrying import Carrying
 from comove.robots.search.chains import inside, reach_pose
-from comove.robots.search.following import follow_one, hand_rotation
+from comove.robots.search.following import Arms, follow_one, hand_rotation
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
@@ -34,7 +35,28 @@ class Miss:
     distance: float
 
 
-def track(task: Carrying, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
+class Task(Protocol):
+    """Who tracks: a robot whose arms hold a load (see `carrying.Carrying`)."""
+
+    robot: Robot
+
+    @property
+    def holders(self) -> tuple[Arm, ...]:
+        """The arms in the order of the scene's manipulators."""
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """Where their joints stand in the robot's vector."""
+
+    @property
+    def arms(self) -> Arms:
+        """The same as arrays."""
+
+    def best_start(self, nodes: Array) -> Array:
+        """The joints from which they follow a movement best."""
+
+
+def track(task: Task, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
     """Joints along a motion of the hands, and where they miss it most, if they do.
 
     The arms are led through once, as in a search; what redundancy does there, smoothed, is the posture that it

@@ -1,0 +1,66 @@
+"""The shortest duration of a motion among obstacles that move: where they are at an instant hangs on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.planning.pace import in_least_time, rounded_up
+from comove.planning.solution import Solution
+from comove.primitives.basis import motion_basis
+from comove.primitives.dmp import DMP
+from comove.scenes.model import MAX_DURATION
+from comove.scenes.scene import Scene
+
+LONGER = 1.25  # times as long, that the next try is
+NEAR = 1.03  # ratio of the shortest duration that does and a shorter one that does not, which is near enough
+DIGITS = 4  # of durations that are tried
+N_BASIS = 30  # shape weights a column of a demonstration
+
+
+def alone(scene: Scene, taught: tuple[DMP, ...] | None) -> float:
+    """Return how long the straight way, or what was taught, takes within the limits where nothing is in the way [s]."""
+    scene = scene.timed(1.0)
+    if taught is None:
+        return in_least_time(CoordinatedMotion.straight(scene), scene).scene.duration
+    coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "jerk")
+    motion = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis).rollout()
+    return in_least_time(motion, scene).scene.duration
+
+
+def shortest(
+    attempt: Callable[[float], Solution], least: float, over: Callable[[], bool], *, closely: bool
+) -> list[Solution]:
+    """Try longer and longer durations until one does; then, if `closely`, those between it and the last that did not.
+
+    What does in a duration need not do in a longer one, as obstacles are elsewhere then: it is the shortest of those
+    that were tried.
+
+    Parameters
+    ----------
+    attempt : looks for a motion of a duration [s]
+    least : the first duration [s]
+    over : whether to end
+
+    Returns
+    -------
+    all tries, the shortest that is verified last, if any is
+    """
+    tries, shorter, duration = [], 0.0, rounded_up(least, DIGITS)
+    while not over() and duration < MAX_DURATION:
+        tries.append(attempt(duration))
+        if tries[-1].verified:
+            break
+        shorter, duration = duration, rounded_up(LONGER * duration, DIGITS)
+    while closely and tries and tries[-1].verified and not over():
+        found = tries[-1]
+        middle = rounded_up(np.sqrt(shorter * found.scene.duration), DIGITS)
+        if shorter == 0.0 or found.scene.duration < NEAR * shorter or middle >= found.scene.duration:
+            break
+        tried = attempt(middle)
+        tries = [*tries[:-1], found, tried] if tried.verified else [*tries[:-1], tried, found]
+        shorter = shorter if tried.verified else middle
+    return tries
