@@ -34,7 +34,7 @@ def straight(duration=2.0, way=0.6):
 def test_minimum_jerk(duration, way):
     """Its jerk is 60 L/T^3 at the ends, its integrated square 720 L^2/T^5; it is half done after half the time."""
     found = smoothness(straight(duration, way))
-    assert found.jerk_max == pytest.approx(60 * way / duration**3, rel=0.01)
+    assert 1.0 - 1e-9 <= found.jerk_max / (60 * way / duration**3) < 1.02  # a bound
     assert found.jerk_squared == pytest.approx(720 * way**2, rel=2e-3)
     assert found.jerk_ratio == pytest.approx(1.0, rel=2e-3)
     assert found.halfway == pytest.approx(0.5, abs=1e-4)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, floor, log10
+
+import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.model import MAX_DURATION, MIN_DURATION
@@ -12,15 +15,15 @@ from comove.verification.rates import largest_rates
 # m/s, m/s^2 and m/s^3, of hands, where a scene has none.
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 DIGITS = 5  # of a duration that is found
-EASE = 1.02  # times the shortest found, that is named to somebody who asked for less
-ROOM = 1.3  # the same for arms, whose way is another one next time
+NONE = dict.fromkeys(LIMITS, 1e6)  # what limits nothing
+EASE = 1.02  # times the shortest found, that is named to somebody who asked for less: met from another start as well
 ROUNDING = 1e-9  # relative, by which bounds may differ from one computation to the next
 
 
-def with_limits(scene: Scene) -> Scene:
-    """Return the scene with `LIMITS` for those that it leaves out."""
+def with_limits(scene: Scene, limits: Mapping[str, float] = LIMITS) -> Scene:
+    """Return the scene with `LIMITS`, or other values, for those that it leaves out."""
     given = scene.file.limits
-    return scene.limited(**{key: value for key, value in LIMITS.items() if getattr(given, key) is None})
+    return scene.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
 
 
 def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -> CoordinatedMotion:
@@ -39,9 +42,19 @@ def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -
     return once.on(scene.timed(min(max(rounded_up(max(least, *paces)), MIN_DURATION), MAX_DURATION)))
 
 
-def comfortable(duration: float, ease: float = EASE) -> float:
-    """Return a duration a little longer, in few digits: one that a search meets again from another start."""
-    return rounded_up(ease * duration, 3)
+def too_short(scene: Scene, needed: float) -> str:
+    """Say that the duration of a scene is too short, and which one would do, a little more than `needed` [s]."""
+    return f"{scene.duration:g} s are too short for the limits: {rounded_up(EASE * needed, 3):g} s would do"
+
+
+def least_possible(scene: Scene) -> float:
+    """Return a duration that no motion can undercut [s]: each limit by itself, straight ways from rest to rest."""
+    way = float(np.linalg.norm(scene.goal - scene.start, axis=1).max())
+    return max(
+        way / scene.speed_limit,
+        2.0 * (way / scene.acceleration_limit) ** (1 / 2),
+        (32.0 * way / scene.jerk_limit) ** (1 / 3),
+    )
 
 
 def rounded_up(duration: float, digits: int = DIGITS) -> float:

@@ -147,7 +147,6 @@ def _carried(search: Search, programme: Programme, z: Array, reference: Array) -
             return True
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
-    _note_slower(search, motion)
     return False
 
 
@@ -217,10 +216,10 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
 
 def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
     """Note the duration in which a motion would do that is too fast, proven by judging it; whether there is one."""
-    asked, carrier = search.asked or search.scene, search.carrier
-    if not asked.is_timed or asked.moving.any() or not (asked.is_limited or carrier is not None):
+    asked = search.asked or search.scene
+    if not (asked.is_timed and asked.is_limited) or asked.moving.any() or search.carrier is not None:
         return False
-    slower = in_least_time(motion, asked, 0.0 if carrier is None else carrier.shortest(motion))
+    slower = in_least_time(motion, asked)
     if slower.scene.duration <= asked.duration or verify(slower, search.checks).verified is None:
         return False
     search.needed = min(slower.scene.duration, search.needed)

@@ -24,7 +24,7 @@ from comove.planning.methods import Comove, Quick
 from comove.planning.objective import N_STEPS, Objective, Penalty
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import Own, own
-from comove.planning.pace import EASE, ROOM, comfortable, with_limits
+from comove.planning.pace import too_short, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
@@ -193,7 +193,7 @@ def solve(
         report=verdict.report,
         reasons=verdict.reasons
         if search.needed == np.inf or verdict.verified is not None
-        else (*verdict.reasons, _too_short(asked, search.needed, EASE if carrier is None else ROOM)),
+        else (*verdict.reasons, too_short(asked, search.needed)),
         cost=evaluated.cost(motion),
         method=method.name,
         seed=seed,
@@ -295,10 +295,6 @@ def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
     """A scene whose duration is to be found, with limits, and the same for the search."""
     asked = with_limits(scene).timed(None)
     return asked, asked.timed(1.0 if carrier is None else carrier.scene.duration)
-
-
-def _too_short(scene: Scene, needed: float, ease: float) -> str:
-    return f"{scene.duration:g} s are too short for the limits: {comfortable(needed, ease):g} s would do"
 
 
 def of_common_size(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from comove.planning.compiling import compiling
+from comove.planning.methods import Comove
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.pace import NONE, least_possible, too_short, with_limits
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
@@ -16,9 +19,11 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes.scene import Scene
+from comove.verification.verify import verify
 
 
 AT_LEISURE = 30.0  # s, in which arms go any way, where the duration is open
+TIMED = 0.7  # share of the budget, after which it is seen how long a way takes that arms go at leisure
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +89,58 @@ def carry(
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
     begun = time.perf_counter()
-    open_ended = not scene.is_timed or isinstance(objective, LeastTime)
+    wanted = {
+        "demonstration": demonstration,
+        "seed": seed,
+        "objective": objective,
+        "progress": progress,
+    }
     with compiling() as compiled:
-        task = Carrying(robot, scene.timed(AT_LEISURE) if open_ended else scene)
-        check = RobotCheck(task)
-        check.prepare()
+        task = Carrying(robot, scene.timed(AT_LEISURE))
+        RobotCheck(task).prepare()
     spent = time.perf_counter() - begun - compiled.seconds
-    solution = solve(
-        scene,
-        demonstration=demonstration,
-        seed=seed,
-        method=robot_method(),
-        budget=max(0.5 * budget, budget - spent),
-        carrier=task,
-        checks=[check],
-        objective=objective,
-        progress=progress,
-    )
+    budget = max(0.5 * budget, budget - spent)
+    if not scene.is_timed or isinstance(objective, LeastTime):
+        return _searched(scene.timed(None), task, robot_method(), budget, wanted)
+    begun = time.perf_counter()
+    timed = least_possible(scene) <= scene.duration
+    if timed:
+        found = _searched(scene, task.on(scene), robot_method(), TIMED * budget, wanted)
+        if found.verified or found.solution.interrupted:
+            return found
+    method = replace(robot_method(), n_ways=1)
+    freely = with_limits(scene, NONE).timed(None)
+    slow = _searched(freely, task, method, budget - (time.perf_counter() - begun), wanted)
+    if not slow.verified:
+        return found if timed else slow
+    needed = slow.solution.scene.duration
+    if needed > scene.duration:
+        found = found if timed else _on_time(slow, scene)
+        reasons = (*found.solution.reasons, too_short(scene, needed))
+        return replace(found, solution=replace(found.solution, reasons=reasons))
+    return _on_time(slow, scene)
+
+
+def _searched(
+    scene: Scene, task: Carrying, method: Comove, budget: float, wanted: dict[str, Any]
+) -> RobotSolution:
+    """Search in the duration of the task's scene for a motion on `scene`."""
+    check = RobotCheck(task)
+    solution = solve(scene, method=method, budget=budget, carrier=task, checks=[check], **wanted)
     done = check.carried_out(solution.attempt)
-    return RobotSolution(robot, solution, done.joints, done.verdict)
+    return RobotSolution(task.robot, solution, done.joints, done.verdict)
+
+
+def _on_time(found: RobotSolution, scene: Scene) -> RobotSolution:
+    """The same movement in the duration of a scene, judged."""
+    check, motion = RobotCheck(Carrying(found.robot, scene)), found.solution.attempt.on(scene)
+    verdict, done = verify(motion, [check]), check.carried_out(motion)
+    solution = replace(
+        found.solution,
+        scene=scene,
+        motion=verdict.verified,
+        attempt=motion,
+        report=verdict.report,
+        reasons=verdict.reasons,
+    )
+    return RobotSolution(found.robot, solution, done.joints, done.verdict)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import cycle, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,18 +138,19 @@ class Carrying:
 
     def stricter(self) -> Carrying:
         """The same with more caution, after a movement that a search took for possible was rejected."""
-        more = replace(self, caution=self.caution + 1)
-        for name in (
-            "starts",
-            "goals",
-            "_clear",
-            "_ends",
-            "_tally",
-            "_links",
-        ):  # caution changes nothing of these
+        return self._changed("_tally", caution=self.caution + 1)
+
+    def on(self, scene: Scene) -> Carrying:
+        """The same on a scene that differs in its duration and limits only."""
+        return self._changed(scene=scene)
+
+    def _changed(self, *kept: str, **changes: Any) -> Carrying:
+        """Another one, which need not find out again what neither caution nor pace changes."""
+        other = replace(self, **changes)
+        for name in ("starts", "goals", "_ends", "_links", *kept):
             if name in vars(self):
-                vars(more)[name] = vars(self)[name]
-        return more
+                vars(other)[name] = vars(self)[name]
+        return other
 
     @cached_property
     def starts(self) -> tuple[Array, ...]:
