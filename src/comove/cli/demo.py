@@ -46,7 +46,9 @@ def demo(
         first = summary["time_to_first_verified_s"]
         timing = f", first motion after {1e3 * first:.0f} ms" if first is not None else ""
         clearance = 1e3 * (summary["clearance_min"] or 0.0)
-        near = f", {100 * solution.followed.distance:.1f} cm from what was taught" if solution.followed else ""
+        near = (
+            f", {100 * solution.followed.distance:.1f} cm from what was taught" if solution.followed else ""
+        )
         peak = summary["acceleration_max"]
         print(
             f"{folder:12s} {verdict}: {peak:.3f} m/s^2 at most, clearance >= {clearance:.1f} mm{near}{timing}"

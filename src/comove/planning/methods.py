@@ -203,7 +203,7 @@ class Comove(Method):
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
             gained |= search.needed < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
-        if search.best is not None and hasty:
+        if search.best is not None and hasty and search.carrier is None:  # of which arms know other limits
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0

@@ -263,7 +263,8 @@ class Search:
     def _on_time(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         if self.asked.is_timed:
             return motion.on(self.asked)
-        return in_least_time(motion, self.asked, 0.0 if self.carrier is None else self.carrier.shortest(motion))
+        least = 0.0 if self.carrier is None else self.carrier.shortest(motion)
+        return in_least_time(motion, self.asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
         """How far a rejected motion is from being verified: contact counts before limits."""

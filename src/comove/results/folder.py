@@ -507,13 +507,17 @@ def _edited_smoothness(summary: Mapping[str, Any], motion: CoordinatedMotion) ->
         return []
     right = _smoothness_of(motion)
     if not isinstance(stated, dict) or stated.keys() != right["smoothness"].keys():
-        return [f"{SUMMARY} does not say how smooth the motion is: smoothness needs {', '.join(right['smoothness'])}"]
+        return [
+            f"{SUMMARY} does not say how smooth the motion is: smoothness needs {', '.join(right['smoothness'])}"
+        ]
     said = {name: (summary.get(name), right[name]) for name in JERK}
     said |= {f"smoothness.{name}": (stated[name], value) for name, value in right["smoothness"].items()}
     return [
         f"{SUMMARY} says {name} = {shortened(str(value))}, the motion's is {own}"
         for name, (value, own) in said.items()
-        if not (value is own is None or (own is not None and agrees(value, own, SMOOTH * max(1e-3, abs(own)))))
+        if not (
+            value is own is None or (own is not None and agrees(value, own, SMOOTH * max(1e-3, abs(own))))
+        )
     ]
 
 
