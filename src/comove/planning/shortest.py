@@ -22,7 +22,7 @@ N_BASIS = 30  # shape weights a column of a demonstration
 
 
 def alone(scene: Scene, taught: tuple[DMP, ...] | None) -> float:
-    """Return how long the straight way, or what was taught, takes within the limits where nothing is in the way [s]."""
+    """Return how long the straight way, or what was taught, takes within the limits if nothing is in the way [s]."""
     scene = scene.timed(1.0)
     if taught is None:
         return in_least_time(CoordinatedMotion.straight(scene), scene).scene.duration

@@ -21,7 +21,6 @@ from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 
-
 AT_LEISURE = 30.0  # s, in which arms go any way, where the duration is open
 TIMED = 0.7  # share of the budget, after which it is seen how long a way takes that arms go at leisure
 
