@@ -57,7 +57,7 @@ class Space(NamedTuple):
     required : clearance asked for [m]
     cap : clearances above it are not told apart [m]
     clock : until when there is time, see `clock_until`
-    narrow : array, shape (1,), 1 once a path was found where uniform samples had found none, which the planner writes
+    found : array, shape (2,), how many paths uniform samples and the forest have found, which the planner writes
     """
 
     blocks: Blocks
@@ -75,7 +75,7 @@ class Space(NamedTuple):
     required: float
     cap: float
     clock: Array
-    narrow: Array
+    found: NDArray[np.int64]
 
 
 def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float = np.inf) -> Space:
@@ -96,7 +96,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float 
         scene.clearance,
         CAP + scene.clearance,
         clock_until(deadline),
-        np.zeros(1),
+        np.zeros(2, dtype=np.int64),
     )
 
 
@@ -207,6 +207,15 @@ def span(space, p, q):
         angle = angle_between(blocks.kind[b], blocks.n_dims, p, q, blocks.turn[b])
         longest = max(longest, sqrt(moved) + space.reach[b] * angle)
     return longest
+
+
+@numba.njit(cache=True, error_model="numpy")
+def way_length(space, way):
+    """Length of a way, array of shape (n_steps, n_columns), in spans [m]."""
+    length = 0.0
+    for i in range(way.shape[0] - 1):
+        length += span(space, way[i], way[i + 1])
+    return length
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
-from comove.planning.configurations import Space, configuration_space, span
+from comove.planning.configurations import Space, configuration_space, span, way_length
 from comove.planning.custom import improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
@@ -33,6 +33,7 @@ from comove.planning.spacetime import (
 )
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
+from comove.ties import first_least
 from comove.verification.verify import Report
 
 Array = NDArray[np.float64]
@@ -76,6 +77,8 @@ class Comove(Method):
     n_unfit : plans that nothing could carry, before one is mended
     n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
     n_ways, n_idle : ways that are made smooth at most, and that may bring nothing before it is enough
+    n_drawn : plans for every way that is made smooth
+    n_met : ways with the best motion, after which it is enough
     polishing : how long and how widely a verified motion is improved
     """
 
@@ -92,6 +95,8 @@ class Comove(Method):
     n_polishings: int = 5
     n_ways: int = 10
     n_idle: int = 4
+    n_drawn: int = 3
+    n_met: int = 2
     polishing: Schedule = POLISHING
     before: ClassVar[Array | None] = None
 
@@ -138,7 +143,7 @@ class Comove(Method):
             _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
         if not isinstance(search.aim, PaperCost):
-            if self._smooth(search, targets_of, ends):
+            if self._smooth(search, space, targets_of, ends):
                 return True
             if search.carrier is None:
                 return False
@@ -173,36 +178,47 @@ class Comove(Method):
             self._polish(search, starts[0][1])
         return bool(starts)
 
-    def _smooth(self, search: Search, targets_of: Targets, ends: Array) -> bool:
-        """Smooth motions along several ways, and along the demonstration; False where none could be verified."""
-        failures = idle = ways = smooth = 0
-        hasty = isinstance(search.aim, LeastTime)
-        while ways < self.n_ways and idle < self.n_idle and failures < self.n_failures:
+    def _smooth(self, search: Search, space: Space, targets_of: Targets, ends: Array) -> bool:
+        """Smooth motions along several ways, and along the demonstration; False where none could be verified.
+
+        Of a few plans the shortest is made smooth first: it is nearly always the one whose motion is best.
+        """
+        failures = idle = met = smooth = 0
+        hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
+        n_drawn = 1 if follows(search) or search.carrier is not None else self.n_drawn
+        while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed < np.inf)):
                 break  # seconds a way, and ways differ less in time than in jerk
-            search.check_time()
-            search.stage = "planning"
-            nodes = self._nodes(failures if search.best is None else 0)
-            found, before = targets_of(failures, nodes), search.best_cost
-            needed = search.needed
-            if found is None:
-                failures += 1
+            for _ in range(n_drawn):
+                search.check_time()
+                search.stage = "planning"
+                found = targets_of(failures, self._nodes(failures if search.best is None else 0))
+                if found is None:
+                    failures += 1
+                    break
+                if search.best is None:  # something to hand out at once
+                    self._certified_fit(search, *found, mend=False)
+                pool.append(found)
+            if failures >= self.n_failures:
+                break
+            if not pool:
                 continue
-            if search.best is None:  # something to hand out at once
-                self._certified_fit(search, *found, mend=False)
-            if ways == 0 and follows(search):
+            targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
+            before, needed, search.latest = search.best_cost, search.needed, np.inf
+            if tried == 0 and follows(search):
                 search.stage = "smoothing the demonstration"
                 smooth_demonstration(search)
-            search.stage = "smoothing"
-            targets, goal = found  # the first is run with least jerk, or as it was planned in time
-            ways += 1
+            search.stage = (
+                "smoothing"  # the first target is run with least jerk, or as it was planned in time
+            )
             done = smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
-            smooth, failures = smooth + done, failures + (not done)
+            tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
             if search.best is None and self._will_do(search):
                 return True
             gained = search.best_cost < (1 - WORTH_ANOTHER) * before
             gained |= search.needed < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
+            met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
         if search.best is not None and hasty and search.carrier is None:  # of which arms know other limits
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:

@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
 FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
-BRIEF_NODES = 200  # of a look whether a way in space is easy to find, before the forest, once that was not so
+BRIEF_NODES, BRIEF_FOREST = 200, 250  # of a look whether a way in space is easy to find, by either planner
+SURE = 3  # more ways found by the forest, after which uniform samples are not tried any more
 N_SHORTCUTS = 100
 N_BRIDGES, BRIDGES = 32, 0.3  # nodes of the forest before others are added, and the share of them afterwards
 SLIDES = (2.4, 1.8, 1.2, 0.6)  # of the reach, through what is between two obstacles
@@ -72,18 +73,31 @@ def plan(
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    uniform = space.blocks.n_dims == 2 or len(space.blocks.kind) > 1  # samples do, or are all there is
-    # Of the two planners for space, each much faster where the other hardly finds a way, the forest takes over once
-    # it has found one.
-    brief = not uniform and space.narrow[0] > 0
-    few = max_nodes if uniform else min(max_nodes, BRIEF_NODES if brief else FEW_NODES)
-    path = _rrt_connect(space, start, goal, margin, rng, few)
-    if len(path) == 0 and not uniform:
-        path = forest(space, start, goal, margin, rng, max_nodes)
-        space.narrow[0] = max(space.narrow[0], len(path) > 0)
-    if len(path) == 0:
-        return None
-    return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
+    for grows_forest, most in _turns(space, max_nodes):
+        grow = forest if grows_forest else _rrt_connect
+        path = grow(space, start, goal, margin, rng, most)
+        if len(path) > 0:
+            space.found[int(grows_forest)] += 1
+            return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
+    return None
+
+
+def _turns(space: Space, max_nodes: int) -> list[tuple[bool, int]]:
+    """Planners in the order in which they are asked, whether each is the forest, and how many nodes it may have.
+
+    In the plane, and where several bodies move, uniform samples do, or are all there is. In space each of the two is
+    much faster where the other hardly finds a way: they take turns until it shows which one does.
+    """
+    if space.blocks.n_dims == 2 or len(space.blocks.kind) > 1:
+        return [(False, max_nodes)]
+    lead, few = space.found[1] - space.found[0], min(max_nodes, FEW_NODES)
+    if lead >= SURE:
+        return [(True, max_nodes)]
+    if lead > 0:
+        return [(False, BRIEF_NODES), (True, max_nodes)]
+    if lead < 0:
+        return [(False, few), (True, max_nodes)]
+    return [(False, BRIEF_NODES), (True, min(few, BRIEF_FOREST)), (False, few), (True, max_nodes)]
 
 
 def continuous(space: Space, path: Array) -> Array:

@@ -142,6 +142,7 @@ class Search:
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
     best, best_motion, best_cost : the best motion so far, its verdict and J
+    latest : J of the last motion that was verified
     attempt, attempt_verdict, attempt_violation : the motion nearest to being verified among the rejected
     log : what a method tells of its run, numbers or lists of them by name
     """
@@ -165,6 +166,7 @@ class Search:
     best: Verdict | None = None
     best_motion: CoordinatedMotion | None = None
     best_cost: float = np.inf
+    latest: float = np.inf
     attempt: CoordinatedMotion | None = None
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
@@ -229,7 +231,7 @@ class Search:
         elif self.first_verified is None:
             self.first_verified = self.elapsed()
         if verdict.verified is not None or not self.hard:
-            cost = self.worth(motion)
+            cost = self.latest = self.worth(motion)
             if cost < self.best_cost:
                 self.best, self.best_motion, self.best_cost = verdict, motion, cost
                 self.kept.append(motion)

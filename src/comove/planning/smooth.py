@@ -22,7 +22,7 @@ from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
-N_BASIS = (24, 40)  # shape weights a column: few, and where these cannot follow a way
+N_BASIS = (16, 24, 40)  # shape weights a column: few, and more where these cannot follow a way
 RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the fit that a search begins with, from smooth to near
 NEAR = 0.05  # m, within which a fit follows the way about which clearances are linearised
 SETTINGS = Settings()
@@ -73,9 +73,9 @@ def _along(search: Search, way: Array, boundary: Array) -> tuple[Programme, Arra
 def smooth_demonstration(search: Search) -> bool:
     """Make the demonstration itself fit for the scene, and have it judged; whether that is verified."""
     scene = search.scene
-    basis, coordinates = motion_basis(N_BASIS[1], "jerk"), load_coordinates(scene)
+    basis, coordinates = motion_basis(N_BASIS[-1], "jerk"), load_coordinates(scene)
     dmp = CoordinatedDMP.from_demonstration(search.taught, scene, coordinates, basis)
-    return _verified(search, _programme(search, dmp.boundary, N_BASIS[1]), dmp.weights.ravel(), None)
+    return _verified(search, _programme(search, dmp.boundary, N_BASIS[-1]), dmp.weights.ravel(), None)
 
 
 def follows(search: Search) -> bool:

@@ -12,7 +12,7 @@ from tests import brute_force
 from tests.verification.random_motions import near_contact, on_scene, random_motion, scene_data
 
 FAR = 0.3  # m
-N = 401
+N = 201
 
 
 def smooth_programme(motion):

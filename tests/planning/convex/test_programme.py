@@ -56,7 +56,7 @@ def test_around_a_disc_margins_are_kept_and_both_sides_cost_the_same():
     scene = one_hand([{"shape": "circle", "center": [0.5, 0.5], "radius": 0.1}])
     programme, values = programme_of(scene, 24), []
     for side in (1.0, -1.0):
-        s = np.linspace(0.0, 1.0, 401)[:, None]
+        s = np.linspace(0.0, 1.0, 201)[:, None]
         way = np.concatenate([s**3 * (10 + s * (6 * s - 15)), 0.5 + side * 0.2 * np.sin(np.pi * s)], axis=1)
         found = optimise(
             programme, squares(scene, LeastJerk(), None), programme.fit(way, 1e-8), Settings(wish=0.0), way
@@ -145,7 +145,7 @@ def test_the_cost_is_the_integral_of_its_definition():
 
 def test_third_differences_of_a_quintic():
     """y = s^3 (10 - 15 s + 6 s^2) has y''' = 60 - 360 s + 360 s^2, and no acceleration at its ends."""
-    s = np.linspace(0.0, 1.0, 401)
+    s = np.linspace(0.0, 1.0, 201)
     middle = 0.5 * (s[1:] + s[:-1])
     found = third_differences((s**3 * (10 + s * (6 * s - 15)))[:, None])[:, 0]
     np.testing.assert_allclose(found, 60 - 360 * middle + 360 * middle**2, atol=0.2)

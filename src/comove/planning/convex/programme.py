@@ -139,7 +139,7 @@ class Programme:
         coordinates: Coordinates,
         basis: MotionBasis,
         boundary: Array,
-        n_fine: int = 401,
+        n_fine: int = 201,
         n_coarse: int = 101,
         limits: Limits | None = None,
     ):
