@@ -111,7 +111,8 @@ def _verified(search: Search, programme: Programme, z: Array, reference: Array |
             break
         settings = _stricter(settings, attempt)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    if isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z)):
+    hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z))
+    if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
         detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # the one that is named once must do
         return hurry(search, programme.motion(z), detail) or verified
     return verified
