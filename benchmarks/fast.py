@@ -5,14 +5,17 @@
 Rows: least time; least jerk, made as fast as the limits allow; the paper's cost, likewise; Drake's
 `KinematicTrajectoryOptimization` from the path of the first, for least duration, slowed down or sped up until the
 largest sampled speed, acceleration or jerk of a hand is its limit; TOPP-RA on the path of the first (limits of speed
-and acceleration only, by the hands' axes; it knows no jerk); and Ruckig's straight motion of the hand that has
-farthest to go, through whatever stands there: a bound from below. Durations [s] hold at every instant for the first
-three.
+and acceleration only, by the hands' axes; it knows no jerk); RoboPlan's
+parametrisation, likewise, the shortest of its splines through 10, 20, 50 and 200 points, and of straight pieces whose
+corners it blends up to 1 cm off the path; and Ruckig's straight motion of the hand that has farthest to go, through
+whatever stands there: a bound from below. Durations [s] hold at every instant for the first three.
 """
 
 from __future__ import annotations
 
+import tempfile
 import time
+from contextlib import suppress
 
 import numpy as np
 from timing import on_one_thread, peer, print_table
@@ -51,6 +54,8 @@ def main() -> None:
             if words == "least time":
                 path = solution.attempt
         rows.setdefault("TOPP-RA on its path, no limit of jerk", []).append(toppra_duration(path))
+        for words, blended in (("RoboPlan, splines", False), ("RoboPlan, corners blended", True)):
+            rows.setdefault(words, []).append(roboplan_duration(path, blended))
         rows.setdefault("Drake, from its path", []).append(drake_duration(path))
         way = float(np.linalg.norm(scene.goal - scene.start, axis=1).max())
         rows.setdefault("Ruckig, straight through obstacles", []).append(ruckig_duration(way))
@@ -81,6 +86,37 @@ def toppra_duration(motion: comove.CoordinatedMotion) -> str:
         [speed, acceleration], path, parametrizer="ParametrizeConstAccel"
     ).compute_trajectory()
     return "-" if found is None else f"{found.duration:.3f}"
+
+
+def roboplan_duration(motion: comove.CoordinatedMotion, blended: bool) -> str:
+    """Shortest duration of a path by RoboPlan, for a robot whose joints are the hands' axes."""
+    core, timing = peer("roboplan.core"), peer("roboplan.toppra")
+    n, share = motion.scene.start.size, 1.0 / np.sqrt(motion.scene.n_dims)  # as for TOPP-RA
+    axes = "".join(
+        f'<link name="l{i + 1}"/><joint name="j{i}" type="prismatic"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<limit lower="-9" upper="9" effort="1" velocity="{share * LIMITS["speed"]}"/></joint>'
+        for i in range(n)
+    )
+    model = core.loadUrdfSceneDescriptionFromXml(f'<robot name="axes"><link name="l0"/>{axes}</robot>')
+    scene = core.Scene("axes", model)
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+        file.write("joint_limits:\n")
+        file.writelines(
+            f"  j{i}: {{max_acceleration: [{share * LIMITS['acceleration']}]}}\n" for i in range(n)
+        )
+        file.flush()
+        scene.importJointLimitsFromConfig(core.loadJointLimitsConfig(file.name))
+    modes = timing.SplineFittingMode
+    found = []
+    for n_points in (10, 20, 50, 200):
+        for mode in (modes.LinearBlend,) if blended else (modes.Hermite, modes.Cubic, modes.Adaptive):
+            path = core.JointPath()
+            path.joint_names = [f"j{i}" for i in range(n)]
+            path.positions = list(motion.hands(np.linspace(0.0, 1.0, n_points))[0].reshape(n_points, -1))
+            with suppress(RuntimeError):
+                law = timing.PathParameterizerTOPPRA(scene).generate(path, timing.TOPPRAOptions(mode=mode))
+                found.append(law.times[-1])
+    return f"{min(found):.3f}" if found else "-"
 
 
 def drake_duration(motion: comove.CoordinatedMotion) -> str:
