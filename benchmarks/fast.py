@@ -159,7 +159,7 @@ def drake_duration(motion: comove.CoordinatedMotion) -> str:
         for k, (size, limit) in enumerate(zip(sizes, LIMITS.values(), strict=True), 1)
     )
     sound = found.is_success() and least >= 0 and missed < 1e-3
-    return f"{duration:.3f} ({spent:.1f} s)" + ("" if sound else f", {1e3 * min(least, -missed):.0f} mm off")
+    return f"{duration:.3f} ({spent:.1f} s)" + ("" if sound else f", {-1e3 * min(least, -missed):.1f} mm off")
 
 
 def ruckig_duration(length: float) -> str:

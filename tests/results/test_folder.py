@@ -568,7 +568,8 @@ def test_a_file_system_that_takes_no_folders():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
-@pytest.mark.parametrize("exchange", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.slow  # as of any folder, in tests/demonstrations/test_drafts.py
+@pytest.mark.parametrize("exchange", [True, False])
 def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path, exchange, monkeypatch):
     folder, step = written(tmp_path / "result", solved("narrow")), 0
     old = (folder / "solution.json").read_bytes()

@@ -35,10 +35,10 @@ def tried(seeds, folder):
 
 
 def test_nothing_is_certified_that_touches_a_triangle(tmp_path):
-    found, false = tried(range(30), tmp_path)
+    found, false = tried(range(12), tmp_path)
     assert not false
-    assert found["certified"] > 8
-    assert found["contact"] > 2
+    assert found["certified"] > 3
+    assert found["contact"] > 1
 
 
 @pytest.mark.slow

@@ -96,7 +96,7 @@ class Comove(Method):
     n_ways: int = 10
     n_idle: int = 4
     n_drawn: int = 3
-    n_met: int = 2
+    n_met: int = 3
     polishing: Schedule = POLISHING
     before: ClassVar[Array | None] = None
 
