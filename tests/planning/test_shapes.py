@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import comove
 from comove.scenes import Scene
@@ -87,6 +88,54 @@ def test_an_open_way_in_the_plane_is_straight(seed):
         assert length < 1.05 * way
         assert peaks(np.linalg.norm(velocity[:, i], axis=1)) == 1
         assert np.linalg.norm(acceleration[:, i], axis=1).max() < 1.35 * 10 / np.sqrt(3) * way
+
+
+XARM = "package://example-robot-data/robots/xarm_description"
+TWO_XARM7 = {
+    "name": "two_xarm7",
+    "models": [
+        {
+            "urdf": f"{XARM}/urdf/xarm7.urdf",
+            "srdf": f"{XARM}/srdf/xarm7.srdf",
+            "base": {"position": [0.0, y, 0.0]},
+            "prefix": f"{side}_",
+        }
+        for side, y in (("left", 0.35), ("right", -0.35))
+    ],
+    "arms": {
+        side: {"tip": f"{side}_link_eef", "home": [0.0, -0.3, 0.0, 1.2, 0.0, 1.5, 0.0]}
+        for side in ("left", "right")
+    },
+    "acceleration": 10.0,
+}
+
+
+@pytest.mark.skipif(find_spec("pinocchio") is None, reason="robots need the extra 'robot'")
+def test_two_arms_lift_a_bar_as_straight_as_can_be(tmp_path):
+    """In the open: the straight way of least jerk, to a percent, at rest neither before nor after its time."""
+    from comove.robots import Robot, carry
+
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(TWO_XARM7), encoding="utf-8")
+    scene = Scene.from_dict(
+        {
+            "name": "lift",
+            "duration": 12.0,
+            "grasp": {"orientation": "down", "yaw": "load"},
+            "workspace": {"lower": [0.1, -0.7, 0.02], "upper": [0.8, 0.7, 0.6]},
+            "load": {"shape": "bar", "length": 0.5, "radius": 0.012, "mass": 0.4},
+            "manipulators": [
+                {"name": "left", "start": [0.35, 0.25, 0.15], "goal": [0.5, 0.25, 0.374]},
+                {"name": "right", "start": [0.35, -0.25, 0.15], "goal": [0.5, -0.25, 0.374]},
+            ],
+            "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": 0.01},
+        }
+    )
+    found = carry(scene, Robot.load(tmp_path / "robot.yaml"))
+    assert found.verified
+    measures = smoothness(found.solution.attempt)
+    assert measures.jerk_ratio < 1.02
+    assert measures.halfway == pytest.approx(0.5, abs=0.01)
+    assert measures.nearly_there > 0.75
 
 
 @pytest.mark.skipif(find_spec("pinocchio") is None, reason="robots need the extra 'robot'")

@@ -21,7 +21,15 @@ from comove.planning.objectives import LeastTime, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
-from comove.planning.smooth import FASTEST, cheaper, follows, hurry, smooth_demonstration, smooth_way
+from comove.planning.smooth import (
+    FASTEST,
+    cheaper,
+    follows,
+    hurry,
+    least_worth,
+    smooth_demonstration,
+    smooth_way,
+)
 from comove.planning.spacetime import (
     MARGINS,
     SHARES,
@@ -219,6 +227,8 @@ class Comove(Method):
             gained |= search.needed < (1 - WORTH_ANOTHER) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
             met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
+            if search.best_cost < (1 + WORTH_ANOTHER) * least_worth(search):
+                break
         if search.best is not None and hasty and search.carrier is None:  # of which arms know other limits
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:

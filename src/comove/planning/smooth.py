@@ -83,6 +83,12 @@ def follows(search: Search) -> bool:
     return isinstance(search.aim, LeastJerk) and search.aim.pull(search.taught is not None) > 0
 
 
+def least_worth(search: Search) -> float:
+    """Return what no motion undercuts: straight motions of least jerk, where nothing but jerk counts; else 0."""
+    own = search.own is not None and search.own.function is not None
+    return 1.0 if isinstance(search.aim, LeastJerk) and not follows(search) and not own else 0.0
+
+
 def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
     scene = search.scene
     peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # where such limits are used to the full
