@@ -193,7 +193,9 @@ class Comove(Method):
         """
         failures = idle = met = smooth = 0
         hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
-        n_drawn = 1 if follows(search) or search.carrier is not None else self.n_drawn
+        # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
+        dear = search.carrier is not None or search.scene.moving.any() or ends[1].any()
+        n_drawn = 1 if dear or follows(search) else self.n_drawn
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed < np.inf)):
                 break  # seconds a way, and ways differ less in time than in jerk
