@@ -73,7 +73,7 @@ def test_a_motion_swings_as_it_was_taught(n_dims):
     solution = comove.solve(place, demonstration=taught, objective=comove.LeastJerk(1.0))
     assert solution.verified
     assert heading(solution.attempt.hands(T)[0]).max() == pytest.approx(SWING, rel=0.05)
-    assert solution.followed < 5e-3
+    assert solution.followed.distance < 5e-3
     straight = comove.solve(place, demonstration=DMP.fit(taught), objective=comove.LeastJerk(1.0))
     assert np.abs(heading(straight.attempt.hands(T)[0])).max() < 1e-3
 

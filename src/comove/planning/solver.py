@@ -24,7 +24,7 @@ from comove.planning.methods import Comove, Quick
 from comove.planning.objective import N_STEPS, Objective, Penalty
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import Own, own
-from comove.planning.pace import too_short, with_limits
+from comove.planning.pace import NONE, least_possible, too_short, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
@@ -125,6 +125,19 @@ def solve(
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
     asked = scene
+    plain = smooth and carrier is None and functions is None and not scene.moving.any()
+    timed = scene.is_timed and not isinstance(objective, LeastTime)
+    if plain and timed and least_possible(scene) > scene.duration:
+        slow = solve(
+            with_limits(scene, NONE).timed(None),
+            seed=seed,
+            method=method,
+            budget=budget,
+            objective=LeastTime(),
+            checks=checks,
+            progress=progress,
+        )
+        return replace(_too_fast(slow, scene, checks), objective=objective)
     if not scene.is_timed or isinstance(objective, LeastTime):
         if scene.moving.any():
             return _among_moving(
@@ -205,6 +218,22 @@ def solve(
         log=log,
         objective=search.aim if functions is None else functions,
         followed=_followed(motion, search.aim, evaluated.demonstration),
+    )
+
+
+def _too_fast(slow: Solution, scene: Scene, checks: Sequence[Check]) -> Solution:
+    """Answer a duration that is out of the question by a motion that was found for a longer one."""
+    motion = slow.attempt.on(scene)
+    verdict = verify(motion, checks)
+    reasons = (*verdict.reasons, too_short(scene, slow.scene.duration)) if slow.verified else verdict.reasons
+    return replace(
+        slow,
+        scene=scene,
+        motion=None,
+        attempt=motion,
+        report=verdict.report,
+        reasons=reasons,
+        time_to_first_verified_s=None,
     )
 
 
