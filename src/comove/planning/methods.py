@@ -189,7 +189,7 @@ class Comove(Method):
     def _smooth(self, search: Search, space: Space, targets_of: Targets, ends: Array) -> bool:
         """Smooth motions along several ways, and along the demonstration; False where none could be verified.
 
-        Of a few plans the shortest is made smooth first: it is nearly always the one whose motion is best.
+        Of a few plans the shortest is made smooth first: long ways seldom make good motions.
         """
         failures = idle = met = smooth = 0
         hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
