@@ -23,6 +23,7 @@ from comove.demonstrations import lasa_names
 from comove.experiments.bench.sets import draw_scene
 from comove.experiments.examples import example_path
 from comove.planning import carried_demonstration
+from comove.planning.followed import followed
 from comove.scenes.distances import configuration_distance
 
 N_STEPS = 401
@@ -84,13 +85,10 @@ def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperC
     """Verified, distance over the way, angle [deg], jerk ratio in free parts, acceleration ratio, seconds."""
     solution = comove.solve(scene, demonstration=dmp, objective=objective, budget=20.0)
     motion, s = solution.attempt, np.linspace(0.0, 1.0, N_STEPS)
-    hands, velocity, acceleration = motion.hands(s)
-    taught = resampled(carried_demonstration(dmp, scene)[..., : scene.n_dims])
+    _, _, acceleration = motion.hands(s)
+    carried = carried_demonstration(dmp, scene)
+    near, taught = followed(motion, carried), resampled(carried[..., : scene.n_dims])
     way = np.linalg.norm(scene.goal - scene.start, axis=1).max()
-    heading = np.gradient(taught, s, axis=0)
-    speeds = np.linalg.norm(velocity, axis=2), np.linalg.norm(heading, axis=2)
-    moving = (speeds[0] > 0.05 * speeds[0].max()) & (speeds[1] > 0.05 * speeds[1].max())
-    cosine = (velocity * heading).sum(axis=2)[moving] / (speeds[0] * speeds[1])[moving]
     free = (
         np.array([clearance_of(scene, nodes) for nodes in motion.coordinates.motion(motion.at(s))[0]]) > FREE
     )
@@ -98,8 +96,8 @@ def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperC
     own = np.linalg.norm(third(taught, s), axis=2).max()
     return (
         float(solution.verified),
-        float(np.linalg.norm(hands - taught, axis=2).mean() / way),
-        float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean()),
+        float(near.distance / way),
+        float(np.degrees(near.direction)),
         float(jerk[free].max() / own) if free.any() else np.nan,
         float(np.linalg.norm(acceleration, axis=2).max() / (STRAIGHT * way)),
         solution.solve_time_s,

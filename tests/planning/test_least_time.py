@@ -6,7 +6,7 @@ import pytest
 import comove
 from comove import LeastJerk, LeastTime
 from comove.errors import OptionError, SceneError
-from comove.planning.pace import LIMITS, in_least_time
+from comove.planning.pace import LIMITS, in_least_time, least_possible
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import EXAMPLES, example
@@ -157,3 +157,21 @@ def test_functions_of_ones_own_need_a_duration_where_something_moves():
     scene = Scene.from_dict(lone_hand(limits=HARD, obstacles=gate([0.0, 0.1])))
     with pytest.raises(OptionError, match="need a duration"):
         comove.solve(scene, objective=lambda motion: 0.0)
+
+
+def test_no_motion_undercuts_what_is_out_of_the_question():
+    """The bound is below what a straight way needs, and says nothing of a motion that is under way already."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        limits = dict(zip(HARD, rng.uniform(0.2, 5.0, 3), strict=True))
+        scene = Scene.from_dict(lone_hand(limits=limits, duration=9.0))
+        assert 0.0 < least_possible(scene) <= s_curve(1.0, **limits) * (1 + 1e-9)
+    starts, twists = tuple(group.start for group in scene.groups), np.array([[0.3, 0, 0, 0, 0, 0]])
+    assert least_possible(scene.resumed(0.0, 5.0, starts, twists)) == 0.0
+
+
+def test_limits_that_nothing_can_keep_end_with_an_answer():
+    """Even where the first duration that is tried is the longest that there is."""
+    slow = {"speed": 1e-6, "acceleration": 1e-6, "jerk": 1e-6}
+    scene = Scene.from_dict(lone_hand(limits=slow, obstacles=gate([0.0, 0.1]), workspace=CORRIDOR))
+    assert not comove.solve(scene, budget=2.0).verified

@@ -58,11 +58,16 @@ def run(
         check_budget(budget)
     check_target(out)
     loaded = Scene.load(scene, changes_of(duration, speed, acceleration, clearance=clearance))
+    if loaded.is_timed or budget is not None:
+        check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            loaded = solve(loaded, demonstration=loaded.taught, seed=seed, budget=PLANNING).scene
-        budget = LONGEST * loaded.duration if budget is None else budget
+            planned = solve(loaded, demonstration=loaded.taught, seed=seed, budget=PLANNING)
+            if planned.interrupted:
+                return INTERRUPTED
+            loaded = planned.scene
+        budget = budget or LONGEST * loaded.duration
         check_steps(budget, period)
         executor = Executor(loaded, seed=seed, pace=pace, demonstration=loaded.taught)
         record = executor.run(budget)

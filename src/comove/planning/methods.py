@@ -218,9 +218,8 @@ class Comove(Method):
             if tried == 0 and follows(search):
                 search.stage = "smoothing the demonstration"
                 smooth_demonstration(search)
-            search.stage = (
-                "smoothing"  # the first target is run with least jerk, or as it was planned in time
-            )
+            search.stage = "smoothing"
+            # The first target is run with least jerk, or as it was planned in time.
             done = smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
             tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
             if search.best is None and self._will_do(search):

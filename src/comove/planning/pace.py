@@ -48,7 +48,12 @@ def too_short(scene: Scene, needed: float) -> str:
 
 
 def least_possible(scene: Scene) -> float:
-    """Return a duration that no motion can undercut [s]: each limit by itself, straight ways from rest to rest."""
+    """Return a duration that no motion can undercut [s]: each limit by itself, straight ways from rest to rest.
+
+    Nothing is known, and 0 returned, of motions that go on from one under way.
+    """
+    if scene.begins > 0 or any(group.start_twist.any() for group in scene.groups):
+        return 0.0
     way = float(np.linalg.norm(scene.goal - scene.start, axis=1).max())
     return max(
         way / scene.speed_limit,

@@ -141,8 +141,8 @@ class Search:
     stage : what is being done, in words
     evaluations, generations : counted so far
     first_verified : time from the start to the first verified motion [s]
-    best, best_motion, best_cost : the best motion so far, its verdict and J
-    latest : J of the last motion that was verified
+    best, best_motion, best_cost : the verdict on the best motion so far, that motion, and the value of its objective
+    latest : that value of the last motion that was verified
     attempt, attempt_verdict, attempt_violation : the motion nearest to being verified among the rejected
     log : what a method tells of its run, numbers or lists of them by name
     """

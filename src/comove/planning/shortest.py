@@ -47,15 +47,14 @@ def shortest(
 
     Returns
     -------
-    all tries, the shortest that is verified last, if any is
+    all tries, at least one, the shortest that is verified last, if any is
     """
-    tries, shorter, duration = [], 0.0, rounded_up(least, DIGITS)
-    while not over() and duration < MAX_DURATION:
-        tries.append(attempt(duration))
-        if tries[-1].verified:
-            break
+    shorter, duration = 0.0, rounded_up(least, DIGITS)
+    tries = [attempt(duration)]
+    while not tries[-1].verified and duration < MAX_DURATION and not over():
         shorter, duration = duration, rounded_up(LONGER * duration, DIGITS)
-    while closely and tries and tries[-1].verified and not over():
+        tries.append(attempt(duration))
+    while closely and tries[-1].verified and not over():
         found = tries[-1]
         middle = rounded_up(np.sqrt(shorter * found.scene.duration), DIGITS)
         if shorter == 0.0 or found.scene.duration < NEAR * shorter or middle >= found.scene.duration:

@@ -125,7 +125,8 @@ def solve(
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
     asked = scene
-    plain = smooth and carrier is None and functions is None and not scene.moving.any()
+    patient = smooth and not isinstance(method, Quick)  # others take what is a little too fast
+    plain = patient and carrier is None and functions is None and not scene.moving.any()
     timed = scene.is_timed and not isinstance(objective, LeastTime)
     if plain and timed and least_possible(scene) > scene.duration:
         slow = solve(

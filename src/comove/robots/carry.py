@@ -8,7 +8,7 @@ from typing import Any
 
 from comove.planning.compiling import compiling
 from comove.planning.methods import Comove
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
@@ -88,6 +88,7 @@ def carry(
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
     begun = time.perf_counter()
+    objective = objective or objective_of_scene(scene.file.objective)
     wanted = {
         "demonstration": demonstration,
         "seed": seed,

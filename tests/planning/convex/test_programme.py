@@ -145,7 +145,7 @@ def test_the_cost_is_the_integral_of_its_definition():
 
 def test_third_differences_of_a_quintic():
     """y = s^3 (10 - 15 s + 6 s^2) has y''' = 60 - 360 s + 360 s^2, and no acceleration at its ends."""
-    s = np.linspace(0.0, 1.0, 201)
+    s = np.linspace(0.0, 1.0, 401)
     middle = 0.5 * (s[1:] + s[:-1])
     found = third_differences((s**3 * (10 + s * (6 * s - 15)))[:, None])[:, 0]
     np.testing.assert_allclose(found, 60 - 360 * middle + 360 * middle**2, atol=0.2)
