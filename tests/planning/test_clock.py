@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
-from comove.planning.clock import LOOKS, STRIDE, UP, clock_until, worked
+from comove.planning.clock import LOOKS, STRIDE, UP, clock_until, wind, worked
 from comove.planning.configurations import clearance_of, configuration_space, edge_is_free
 from comove.planning.planner import plan
 from comove.planning.spacetime import plan_in_time, spacetime
@@ -44,7 +44,9 @@ def closed(n_dims, n_walls=60):
 def space_of(scene, deadline=np.inf):
     coordinates = load_coordinates(scene)
     ends = coordinates.boundary()
-    return configuration_space(scene, coordinates, deadline), ends[0], ends[2]
+    space = configuration_space(scene, coordinates)
+    wind(space.clock, deadline)
+    return space, ends[0], ends[2]
 
 
 def test_the_time_is_looked_at_after_some_work_only():
@@ -87,6 +89,14 @@ def test_nothing_is_free_after_the_deadline():
     worked(space.clock, 2 * STRIDE)
     assert clearance_of(space, start, nodes) == -np.inf
     assert not edge_is_free(space, start, start, 0.0, scratch, nodes)
+
+
+def test_a_clock_that_is_up_can_be_wound_up_again():
+    space, start, goal = space_of(closed(2, 2), -np.inf)
+    worked(space.clock, 2 * STRIDE)
+    assert plan(space, start, goal, 0.002, np.random.default_rng(0)) is None
+    wind(space.clock, np.inf)
+    assert plan(space, start, goal, 0.002, np.random.default_rng(0)) is not None
 
 
 def test_a_planner_in_time_ends_as_well():

@@ -7,8 +7,11 @@ import numpy as np
 
 from comove.coordination import load_coordinates
 from comove.planning import Comove, load_kernels, solve
+from comove.planning.clock import LEFT
 from comove.planning.compiling import Compiled, compiling
+from comove.planning.configurations import configuration_space
 from comove.planning.method import Method
+from comove.planning.methods import _planner
 from tests.solved import example
 
 
@@ -80,6 +83,27 @@ def test_compiling_costs_nothing_of_a_budget():
     assert found.log["took"] > 0
     assert found.log["left"] > 900
     assert found.solve_time_s < 0
+
+
+class Delayed(Comove):
+    """Whose time seems to be up while something is compiled in the midst of planning."""
+
+    def run(self, search, *, planner):
+        """Plan with a budget that is spent until what was compiled has been counted."""
+        coordinates = load_coordinates(search.scene)
+        space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
+        targets_of, found = _planner(search, space, ends), []
+        search.deadline = -1e9
+        for seconds in (0.0, 2e9):
+            search.compiled.seconds += seconds
+            space.clock[LEFT] = 0.0  # the next look at the time comes at once
+            found.append(targets_of(0, 1000) is not None)
+        assert found == [False, True]
+        search.log["planned"] = 1.0
+
+
+def test_compiling_in_the_midst_of_planning_does_not_end_it():
+    assert solve(example("narrow"), method=Delayed()).log["planned"]
 
 
 def test_time_stands_still_while_something_is_compiled():

@@ -22,8 +22,14 @@ STRIDE = 20_000  # distances or the like between two looks at the time: some mil
 def clock_until(deadline: float = np.inf) -> Array:
     """A clock that is up at `deadline`, a time of `time.perf_counter` [s]."""
     clock = np.zeros(4)
-    clock[DEADLINE], clock[LEFT] = deadline, STRIDE
+    clock[LEFT] = STRIDE
+    wind(clock, deadline)
     return clock
+
+
+def wind(clock: Array, deadline: float) -> None:
+    """Let a clock run until another deadline: time in which kernels are compiled puts it off."""
+    clock[DEADLINE], clock[UP] = deadline, 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")

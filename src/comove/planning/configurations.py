@@ -56,7 +56,7 @@ class Space(NamedTuple):
     pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
     required : clearance asked for [m]
     cap : clearances above it are not told apart [m]
-    clock : until when there is time, see `clock_until`
+    clock : until when there is time: nothing is free any more once it is up
     found : array, shape (2,), how many paths uniform samples and the forest have found, which the planner writes
     """
 
@@ -78,8 +78,8 @@ class Space(NamedTuple):
     found: NDArray[np.int64]
 
 
-def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float = np.inf) -> Space:
-    """The space of `scene` in its load coordinates; nothing in it is free after the deadline (`clock_until`)."""
+def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
+    """The space of `scene` in its load coordinates; its clock has no deadline until one is set (`wind`)."""
     reach = np.array([group.reach for group in coordinates.groups])
     body = scene.body
     return Space(
@@ -95,7 +95,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates, deadline: float 
         *scene.kept_apart,
         scene.clearance,
         CAP + scene.clearance,
-        clock_until(deadline),
+        clock_until(),
         np.zeros(2, dtype=np.int64),
     )
 

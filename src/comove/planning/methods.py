@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
+from comove.planning.clock import wind
 from comove.planning.configurations import Space, configuration_space, span, way_length
 from comove.planning.custom import improve_own
 from comove.planning.method import Method
@@ -144,7 +145,7 @@ class Comove(Method):
         """Plan, fit and certify; then polish the best. False where no plan could be certified."""
         scene = search.scene
         planning = load_coordinates(scene)
-        space, ends = configuration_space(scene, planning, search.until), planning.boundary()
+        space, ends = configuration_space(scene, planning), planning.boundary()
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
@@ -389,6 +390,7 @@ def _planner(search: Search, space: Space, ends: Array) -> Targets:
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
+        wind(space.clock, search.until)
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
         return None if path is None else (targets_along(space, path), path[-1])
 
@@ -404,6 +406,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, before: Array | 
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         speed, margin = limit * SHARES[failures % len(SHARES)], MARGINS[failures % len(MARGINS)]
+        wind(space.clock, search.until)
         found = plan_in_time(
             world, start, goal, speed, margin, search.rng, max_nodes=max_nodes, before=before
         )

@@ -102,15 +102,15 @@ def carry(
     budget = max(0.5 * budget, budget - spent)
     if not scene.is_timed or isinstance(objective, LeastTime):
         return _searched(scene.timed(None), task, robot_method(), budget, wanted)
-    begun = time.perf_counter()
     timed = least_possible(scene) <= scene.duration
     if timed:
         found = _searched(scene, task.on(scene), robot_method(), TIMED * budget, wanted)
         if found.verified or found.solution.interrupted:
             return found
+        budget = max(budget - found.solution.solve_time_s, (1.0 - TIMED) * budget)
     method = replace(robot_method(), n_ways=1)
     freely = with_limits(scene, NONE).timed(None)
-    slow = _searched(freely, task, method, budget - (time.perf_counter() - begun), wanted)
+    slow = _searched(freely, task, method, budget, wanted)
     if not slow.verified:
         return found if timed else slow
     needed = slow.solution.scene.duration
