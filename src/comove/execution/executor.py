@@ -21,10 +21,11 @@ from comove.demonstrations import Demonstration
 from comove.execution.clouds import Clouds
 from comove.execution.evasion import MOMENT, evasive_course, prospect
 from comove.execution.sight import Known, Sight, going_on
+from comove.planning.arguments import movements_of
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
-from comove.planning.solver import movements_of, solve
+from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.rotations import matrices

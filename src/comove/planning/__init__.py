@@ -1,5 +1,6 @@
 """Objective, planners, growing the load, and `solve`."""
 
+from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.combination import Combination, combine
 from comove.planning.kernels import load_kernels
@@ -8,7 +9,7 @@ from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
 from comove.planning.paper import Paper
 from comove.planning.solution import Progress, Solution
-from comove.planning.solver import carried_demonstration, movements_of, solve
+from comove.planning.solver import solve
 
 __all__ = [
     "Candidate",

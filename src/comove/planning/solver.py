@@ -5,23 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion, carried_to_hands
-from comove.coordination.poses import hands_of_poses
+from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError, near_name
+from comove.errors import OptionError
+from comove.planning.arguments import carried_demonstration, check_options, listed, movements_of
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.followed import Followed, followed
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
-from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objective import Objective, Penalty
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import Own, own
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
@@ -36,7 +36,6 @@ from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
 
-OBSTACLES = ("constraint", "cost")
 TRY, SHORT = 0.2, 0.1  # share of the budget that a try of a duration may take, and the least that it has [s]
 COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
 
@@ -100,23 +99,19 @@ def solve(
     OptionError
         If an argument is out of range.
     """
-    functions = own(objective, _listed(constraints))
+    functions = own(objective, listed(constraints))
     if functions is not None:
         checks = (*checks, functions.reasons) if functions.constraints else checks
         objective = None if functions.function is not None else objective
-    _check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
+    check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
-    demonstration = movements_of(demonstration, scene)
+    taught = movements_of(demonstration, scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
-    started = time.perf_counter()
-    smooth = isinstance(method, Comove) and method.smooths and planner and obstacles == "constraint"
-    said = objective_of_scene(scene.file.objective)
-    if objective is None and (smooth or isinstance(said, PaperCost)):
-        objective = said
+    hard = obstacles == "constraint"
+    smooth = isinstance(method, Comove) and method.smooths and planner and hard
     if objective is None:
-        hasty = not scene.is_timed and demonstration is None
-        objective = (LeastTime() if hasty else LeastJerk()) if smooth else PaperCost()
+        objective = _default_objective(scene, taught, smooth)
     if (not isinstance(objective, PaperCost) or functions is not None) and not smooth:
         what = type(objective).__name__ if functions is None else "a function of one's own"
         raise OptionError(
@@ -124,100 +119,160 @@ def solve(
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
-    asked = scene
-    patient = smooth and not isinstance(method, Quick)  # others take what is a little too fast
-    plain = patient and carrier is None and functions is None and not scene.moving.any()
-    timed = scene.is_timed and not isinstance(objective, LeastTime)
-    if plain and timed and least_possible(scene) > scene.duration:
-        slow = solve(
-            with_limits(scene, NONE).timed(None),
-            seed=seed,
-            method=method,
-            budget=budget,
-            objective=LeastTime(),
-            checks=checks,
-            progress=progress,
+    return _solved(
+        Problem(
+            scene,
+            taught,
+            seed,
+            method,
+            planner,
+            budget,
+            objective,
+            functions,
+            hard,
+            tuple(checks),
+            carrier,
+            progress,
+            smooth,
         )
-        return replace(_too_fast(slow, scene, checks), objective=objective)
-    if not scene.is_timed or isinstance(objective, LeastTime):
-        if scene.moving.any():
-            return _among_moving(
-                scene,
-                functions,
-                method,
-                budget,
-                demonstration=demonstration,
-                objective=objective,
-                seed=seed,
-                planner=planner,
-                obstacles=obstacles,
-                checks=checks,
-                progress=progress,
-            )
-        asked, scene = _open(scene, carrier)
-    weights = objective if isinstance(objective, PaperCost) else PaperCost()
-    if carrier is None:  # arms are as long as they are
-        scene, demonstration = of_common_size(scene, demonstration)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be solved: as `solve` is asked, with nothing left open.
+
+    Attributes
+    ----------
+    taught : the demonstrated movement of every manipulator; None without any
+    own : functions of the user; None without any
+    hard : obstacles are constraints, not only costs
+    smooth : motions are made smooth, by comove's own method
+    """
+
+    scene: Scene
+    taught: tuple[DMP, ...] | None
+    seed: int
+    method: Method
+    planner: bool
+    budget: float
+    objective: LeastJerk | LeastTime | PaperCost
+    own: Own | None
+    hard: bool
+    checks: tuple[Check, ...]
+    carrier: Carrier | None
+    progress: ProgressCallback | None
+    smooth: bool
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the duration is given, and not to be found."""
+        return self.scene.is_timed and not isinstance(self.objective, LeastTime)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether no motion keeps the limits in the duration that is given, and nothing else can be wrong with it."""
+        patient = self.smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
+        plain = patient and self.carrier is None and self.own is None and not self.scene.moving.any()
+        return plain and self.is_timed and least_possible(self.scene) > self.scene.duration
+
+
+def _default_objective(
+    scene: Scene, taught: tuple[DMP, ...] | None, smooth: bool
+) -> LeastJerk | LeastTime | PaperCost:
+    """What motions are best in where the caller does not say."""
+    said = objective_of_scene(scene.file.objective)
+    if said is not None and (smooth or isinstance(said, PaperCost)):
+        return said
+    if not smooth:
+        return PaperCost()
+    return LeastJerk() if scene.is_timed or taught is not None else LeastTime()
+
+
+def _solved(problem: Problem) -> Solution:
+    """The solution of a problem, in the way that its duration asks for."""
+    if problem.is_hopeless:
+        free = with_limits(problem.scene, NONE).timed(None)
+        slow = _solved(replace(problem, scene=free, taught=None, objective=LeastTime()))
+        return replace(_too_fast(slow, problem.scene, problem.checks), objective=problem.objective)
+    if not problem.is_timed and problem.scene.moving.any():
+        return _among_moving(problem)
+    return _searched(problem)
+
+
+def _searched(problem: Problem) -> Solution:
+    """The solution of a problem by a single search, in its duration or in any."""
+    started = time.perf_counter()
+    scene, taught, objective = problem.scene, problem.taught, problem.objective
+    asked = scene
+    if not problem.is_timed:
+        asked, scene = _open(scene, problem.carrier)
+    if problem.carrier is None:  # arms are as long as they are
+        scene, taught = of_common_size(scene, taught)
     limits = Limits.of(scene, scene.duration)
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)
-    taught = None if demonstration is None else carried_demonstration(demonstration, scene)
-    penalty = Penalty() if obstacles == "constraint" else Penalty(margin=0.0, step=weights.obstacle)
+    weights = objective if isinstance(objective, PaperCost) else PaperCost()
+    penalty = Penalty() if problem.hard else Penalty(margin=0.0, step=weights.obstacle)
+    carried = None if taught is None else carried_demonstration(taught, scene)
     search = Search(
-        objective=Objective(scene, method.coordinates(scene), weights, penalty, taught),
-        taught=demonstration,
-        hard=obstacles == "constraint",
-        rng=np.random.default_rng(seed),
+        objective=Objective(scene, problem.method.coordinates(scene), weights, penalty, carried),
+        taught=taught,
+        hard=problem.hard,
+        rng=np.random.default_rng(problem.seed),
         started=started,
-        deadline=started + budget,
+        deadline=started + problem.budget,
         asked=None if scene is asked else asked,
-        checks=checks,
-        carrier=carrier,
-        progress=progress,
+        checks=problem.checks,
+        carrier=problem.carrier,
+        progress=problem.progress,
         aim=objective,
         limits=limits,
-        own=functions,
+        own=problem.own,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
-    if (
-        at_goal >= scene.clearance or not search.hard
-    ):  # else something that moves stands at the goal when the load comes
+    if at_goal >= scene.clearance or not search.hard:  # else what moves stands there when the load comes
         with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
-            method.run(search, planner=planner)
+            problem.method.run(search, planner=problem.planner)
+    return _solution(problem, search)
+
+
+def _solution(problem: Problem, search: Search) -> Solution:
+    """What a search that has ended hands out."""
     if search.best is not None:
         motion, verdict = search.best_motion, search.best
     else:
-        motion = search.attempt or CoordinatedMotion.straight(scene, search.objective.coordinates)
-        verdict = (
-            None if checks else search.attempt_verdict
-        )  # checks are not asked about what the scene rejects
+        motion = search.attempt or CoordinatedMotion.straight(search.scene, search.objective.coordinates)
+        # Checks are not asked about what the scene rejects.
+        verdict = None if problem.checks else search.attempt_verdict
     motion, evaluated, log = search.handed(motion), search.objective, search.log
     asked = motion.scene
     if verdict is None or search.asked is not None:
-        verdict = verify(motion, checks)
+        verdict = verify(motion, problem.checks)
     if search.asked is not None:
-        ratio, taught = _side(asked) / _side(scene), evaluated.demonstration
+        ratio, taught = _side(asked) / _side(search.scene), evaluated.demonstration
         taught = None if taught is None else ratio * taught
         evaluated = replace(evaluated, scene=asked, coordinates=motion.coordinates, demonstration=taught)
         log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
+    reasons = verdict.reasons
+    if search.needed < np.inf and verdict.verified is None:
+        reasons = (*reasons, too_short(asked, search.needed))
     return Solution(
         scene=asked,
         motion=verdict.verified,
         attempt=motion,
         report=verdict.report,
-        reasons=verdict.reasons
-        if search.needed == np.inf or verdict.verified is not None
-        else (*verdict.reasons, too_short(asked, search.needed)),
+        reasons=reasons,
         cost=evaluated.cost(motion),
-        method=method.name,
-        seed=seed,
+        method=problem.method.name,
+        seed=problem.seed,
         evaluations=search.evaluations,
         generations=search.generations,
         time_to_first_verified_s=search.first_verified,
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
-        objective=search.aim if functions is None else functions,
+        objective=search.aim if problem.own is None else problem.own,
         followed=_followed(motion, search.aim, evaluated.demonstration),
     )
 
@@ -238,49 +293,32 @@ def _too_fast(slow: Solution, scene: Scene, checks: Sequence[Check]) -> Solution
     )
 
 
-def _among_moving(
-    scene: Scene,
-    functions: Own | None,
-    method: Method,
-    budget: float,
-    *,
-    demonstration: tuple[DMP, ...] | None,
-    objective: LeastJerk | LeastTime | PaperCost,
-    **others: Any,
-) -> Solution:
-    """Do as `solve` for a scene of open duration whose obstacles move: duration by duration."""
-    if functions is not None:
+def _among_moving(problem: Problem) -> Solution:
+    """The solution of a problem of open duration whose obstacles move: duration by duration."""
+    if problem.own is not None:
         raise OptionError(
             "functions of one's own need a duration where obstacles move",
-            file=scene.path,
+            file=problem.scene.path,
             key="duration",
             way_out="give one",
         )
-    asked, hasty, done = with_limits(scene), isinstance(objective, LeastTime), []
+    hasty, done, started = isinstance(problem.objective, LeastTime), [], time.perf_counter()
+    asked, method = with_limits(problem.scene), problem.method
     if hasty:
-        demonstration = None
-    started = time.perf_counter()
+        problem = replace(problem, taught=None, objective=LeastJerk())
 
     def left() -> float:
-        return budget - (time.perf_counter() - started)
+        return problem.budget - (time.perf_counter() - started)
 
     def attempt(duration: float, method: Method, most: float) -> Solution:
-        done.append(
-            solve(
-                asked.timed(duration),
-                method=method,
-                budget=max(min(most, left()), SHORT),
-                demonstration=demonstration,
-                objective=LeastJerk() if hasty else objective,
-                **others,
-            )
-        )
+        budget = max(min(most, left()), SHORT)
+        done.append(_solved(replace(problem, scene=asked.timed(duration), method=method, budget=budget)))
         return done[-1]
 
     quick = Quick() if isinstance(method, Comove) and method.smooths else method
     found = shortest(
-        lambda duration: attempt(duration, quick, TRY * budget),
-        alone(asked, demonstration),
+        lambda duration: attempt(duration, quick, TRY * problem.budget),
+        alone(asked, problem.taught),
         lambda: left() < 0 or (bool(done) and done[-1].interrupted),
         closely=hasty,
     )[-1]
@@ -290,7 +328,7 @@ def _among_moving(
     first = next((i for i, solution in enumerate(done) if solution.verified), None)
     return replace(
         found,
-        objective=objective,
+        objective=LeastTime() if hasty else problem.objective,
         evaluations=sum(solution.evaluations for solution in done),
         generations=sum(solution.generations for solution in done),
         time_to_first_verified_s=None
@@ -311,14 +349,6 @@ def _followed(
     if demonstration is None or strength == 0:
         return None
     return followed(motion, demonstration)
-
-
-def _listed(constraints: object) -> tuple:
-    if not isinstance(constraints, (list, tuple)):
-        raise OptionError(
-            f"constraints = {constraints!r}", key="constraints", way_out="give a list of functions of Samples"
-        )
-    return tuple(constraints)
 
 
 def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
@@ -350,101 +380,3 @@ def _times(value: float | list[float], ratio: float) -> float | list[float]:
 def _side(scene: Scene) -> float:
     """Longest side of the workspace [m]."""
     return float((scene.upper - scene.lower).max())
-
-
-def _check_options(
-    scene: object,
-    demonstration: object,
-    seed: object,
-    method: object,
-    budget: object,
-    objective: object,
-    obstacles: str,
-    checks: object,
-) -> None:
-    if not isinstance(scene, Scene):
-        raise OptionError(
-            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
-        )
-    if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
-        raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
-    if method is not None and not isinstance(method, Method):
-        raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
-    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
-        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
-    if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
-        raise OptionError(
-            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime(), PaperCost() or a function"
-        )
-    if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
-        raise OptionError(
-            f"a resemblance of {objective.resemblance:g} without a demonstration",
-            key="objective",
-            way_out="give a demonstration, or LeastJerk() without a resemblance",
-        )
-    if obstacles not in OBSTACLES:
-        raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
-
-
-def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
-    """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
-    for one in [dmp] if isinstance(dmp, DMP) else dmp:
-        if one.n_dims != scene.n_dims:
-            raise OptionError(
-                f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
-                key="demonstration",
-                way_out="give one of the scene's dimension",
-            )
-    hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
-    hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
-    return hands
-
-
-def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
-    """Return the movement of every manipulator, in their order; None without a demonstration.
-
-    Raises
-    ------
-    OptionError
-        A manipulator has none, there is one for nobody, or it is no movement.
-    """
-    if demonstration is None:
-        return None
-    names, each = scene.manipulators, demonstration
-    if isinstance(demonstration, Mapping):
-        others = [name for name in demonstration if name not in names]
-        missing = [name for name in names if name not in demonstration]
-        if others or missing:
-            raise OptionError(
-                f"a movement is for {others[0]!r}" if others else f"there is no movement for {missing[0]!r}",
-                key="demonstration",
-                way_out=f"give one for each of {', '.join(names)}",
-            )
-        each = [demonstration[name] for name in names]
-    elif not isinstance(demonstration, (list, tuple)):
-        if isinstance(demonstration, Demonstration):
-            demonstration = scene.learned(demonstration)
-        if isinstance(demonstration, PoseDMP):
-            return hands_of_poses(demonstration, scene)
-        each = [_movement(demonstration)] * len(names)
-    if len(each) != len(names):
-        raise OptionError(
-            f"there are {len(each)} movements for {len(names)} manipulators",
-            key="demonstration",
-            way_out=f"give one for each of {', '.join(names)}",
-        )
-    return tuple(map(_movement, each))
-
-
-def _movement(demonstration: object) -> DMP:
-    if isinstance(demonstration, Demonstration):
-        return DMP.fit(demonstration)
-    if not isinstance(demonstration, DMP):
-        raise OptionError(
-            f"the demonstration is {type(demonstration).__name__}",
-            key="demonstration",
-            way_out="give a primitive, DMP.fit(demonstration), or a Demonstration, or one for each manipulator",
-        )
-    return demonstration

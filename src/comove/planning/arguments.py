@@ -1,0 +1,129 @@
+"""What `solve` is asked for, checked: bad arguments are answered by one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import carried_to_hands
+from comove.coordination.poses import hands_of_poses
+from comove.demonstrations import Demonstration
+from comove.errors import OptionError, near_name
+from comove.planning.method import Method
+from comove.planning.objective import N_STEPS
+from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.primitives.dmp import DMP
+from comove.primitives.poses import PoseDMP
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+OBSTACLES = ("constraint", "cost")
+
+
+def check_options(
+    scene: object,
+    demonstration: object,
+    seed: object,
+    method: object,
+    budget: object,
+    objective: object,
+    obstacles: str,
+    checks: object,
+) -> None:
+    if not isinstance(scene, Scene):
+        raise OptionError(
+            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
+        )
+    if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
+        raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
+    if method is not None and not isinstance(method, Method):
+        raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
+    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
+        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
+        raise OptionError(
+            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime(), PaperCost() or a function"
+        )
+    if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
+        raise OptionError(
+            f"a resemblance of {objective.resemblance:g} without a demonstration",
+            key="objective",
+            way_out="give a demonstration, or LeastJerk() without a resemblance",
+        )
+    if obstacles not in OBSTACLES:
+        raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
+
+
+def listed(constraints: object) -> tuple:
+    if not isinstance(constraints, (list, tuple)):
+        raise OptionError(
+            f"constraints = {constraints!r}", key="constraints", way_out="give a list of functions of Samples"
+        )
+    return tuple(constraints)
+
+
+def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
+    """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
+    for one in [dmp] if isinstance(dmp, DMP) else dmp:
+        if one.n_dims != scene.n_dims:
+            raise OptionError(
+                f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
+                key="demonstration",
+                way_out="give one of the scene's dimension",
+            )
+    hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
+    hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
+    return hands
+
+
+def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
+    """Return the movement of every manipulator, in their order; None without a demonstration.
+
+    Raises
+    ------
+    OptionError
+        A manipulator has none, there is one for nobody, or it is no movement.
+    """
+    if demonstration is None:
+        return None
+    names, each = scene.manipulators, demonstration
+    if isinstance(demonstration, Mapping):
+        others = [name for name in demonstration if name not in names]
+        missing = [name for name in names if name not in demonstration]
+        if others or missing:
+            raise OptionError(
+                f"a movement is for {others[0]!r}" if others else f"there is no movement for {missing[0]!r}",
+                key="demonstration",
+                way_out=f"give one for each of {', '.join(names)}",
+            )
+        each = [demonstration[name] for name in names]
+    elif not isinstance(demonstration, (list, tuple)):
+        if isinstance(demonstration, Demonstration):
+            demonstration = scene.learned(demonstration)
+        if isinstance(demonstration, PoseDMP):
+            return hands_of_poses(demonstration, scene)
+        each = [_movement(demonstration)] * len(names)
+    if len(each) != len(names):
+        raise OptionError(
+            f"there are {len(each)} movements for {len(names)} manipulators",
+            key="demonstration",
+            way_out=f"give one for each of {', '.join(names)}",
+        )
+    return tuple(map(_movement, each))
+
+
+def _movement(demonstration: object) -> DMP:
+    if isinstance(demonstration, Demonstration):
+        return DMP.fit(demonstration)
+    if not isinstance(demonstration, DMP):
+        raise OptionError(
+            f"the demonstration is {type(demonstration).__name__}",
+            key="demonstration",
+            way_out="give a primitive, DMP.fit(demonstration), or a Demonstration, or one for each manipulator",
+        )
+    return demonstration
