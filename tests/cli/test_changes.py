@@ -33,6 +33,7 @@ def test_a_scene_without_a_duration_is_solved_in_the_shortest(folder):
     assert judged.exit_code == 0, judged.stderr
 
 
+@pytest.mark.slow
 def test_a_duration_edited_into_the_result_is_noticed(folder):
     assert invoke("solve", folder / "open.yaml", "--out", folder / "out").exit_code == 0
     path = folder / "out" / "scene.json"
@@ -77,7 +78,7 @@ def test_too_short_a_duration_is_answered_by_one_that_does(folder):
 @pytest.mark.parametrize(
     ("objective", "kind"),
     [
-        ("{type: least_time}", "least_time"),
+        pytest.param("{type: least_time}", "least_time", marks=pytest.mark.slow),
         ("{type: paper, goal: 2, velocity: 0.1}", "paper"),
         ("{type: least_jerk, room: 0.0}", "least_jerk"),
     ],
@@ -147,6 +148,7 @@ def test_bad_objectives(folder, objective, words):
     assert_refused(invoke("solve", folder / "bad.yaml", "--out", folder / "out"), *words)
 
 
+@pytest.mark.slow
 def test_a_run_without_a_duration_takes_as_long_as_its_plan(folder):
     hasty = run("run", folder / "open.yaml", "--out", folder / "run", "--acceleration", 2, "--json")
     assert hasty.returncode == 0, hasty.stderr

@@ -129,6 +129,7 @@ def test_json_prints_solution_json_and_nothing_else(scene, tmp_path):
     assert json.loads(outcome.stdout)["seed"] == 3
 
 
+@pytest.mark.slow
 def test_json_prints_nothing_else_with_warnings_either(tmp_path):
     path = tmp_path / "mm.yaml"
     tight = "constraints: [{type: distance, between: [left, right], distance: 0.2, tolerance: 0.002}]\n"

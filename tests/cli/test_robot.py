@@ -114,6 +114,7 @@ def test_the_robot_is_the_scenes_or_the_commands_whatever_the_folder_says(copy, 
     assert "is not the robot that was judged" in rejected.stderr
 
 
+@pytest.mark.slow
 def test_a_folder_cannot_bring_a_robot_of_its_own(copy, tmp_path):
     """The scene names none: a bundled one may be named by the folder, another by the command alone."""
     nameless = scene_with(tmp_path, robot=None)
@@ -220,6 +221,7 @@ def test_what_to_do_is_told_once(copy):
     assert run("robot", "export", copy).stderr.count("solve the scene again") == 1
 
 
+@pytest.mark.slow
 def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
     result = run("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)

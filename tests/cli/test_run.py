@@ -78,12 +78,14 @@ def test_all_methods_side_by_side(invoke, tmp_path):
     assert not (tmp_path / "out" / "comparison.json").exists()
 
 
+@pytest.mark.slow
 def test_json_is_printed_alone_and_the_period_is_kept(invoke, tmp_path):
     result = invoke(SCENE, "--json", "--period", "0.02")
     assert json.loads(result.stdout)["verified"] is True
     np.testing.assert_allclose(np.diff(np.load(tmp_path / "out" / "run.npz")["time"]), 0.02)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_blocked(invoke, tmp_path):
     stays = {"shape": "circle", "center": [0.85, 0.1], "radius": 0.06}
     stays["motion"] = {"waypoints": [[0.85, 0.1], [0.85, 0.5]], "times": [0, 2]}

@@ -22,7 +22,7 @@ VERBS = {
 }
 
 
-@pytest.fixture(scope="module", params=VERBS)
+@pytest.fixture(scope="module", params=["solve", pytest.param("run", marks=pytest.mark.slow)])
 def made(request, tmp_path_factory):
     """A folder with a scene and the result of a command."""
     folder = tmp_path_factory.mktemp(request.param)

@@ -68,7 +68,7 @@ def test_help_onto_a_full_disk_says_so(verb):
 SAYING = [
     ("verify", "good.yaml", "good"),
     ("show", "good"),
-    ("solve", "good.yaml", "--out", "again", "--json"),
+    pytest.param(("solve", "good.yaml", "--out", "again", "--json"), marks=pytest.mark.slow),
     ("solve", "good.yaml", "--out", "again"),
     pytest.param(("run", "good.yaml", "--out", "ran"), marks=pytest.mark.slow),
     ("library", "list", "--json"),
@@ -91,6 +91,7 @@ def test_what_is_told_onto_a_full_disk(folder, command):
     assert "Traceback" not in outcome.stderr
 
 
+@pytest.mark.slow
 def test_a_result_is_there_before_the_pipe_is_found_closed(folder):
     into_a_closed_pipe("solve", "good.yaml", "--out", "piped", cwd=folder)
     assert started("verify", "good.yaml", "piped", cwd=folder, stdout=subprocess.PIPE).returncode == 0
@@ -105,7 +106,9 @@ def test_a_result_is_there_before_the_pipe_is_found_closed(folder):
     ],
     ids=lambda x: "_".join(x) if isinstance(x, tuple) else str(x),
 )
-@pytest.mark.parametrize("closing", [">&-", "<&- >&- 2>&-", "2>/dev/full"])
+@pytest.mark.parametrize(
+    "closing", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-", "2>/dev/full"]
+)
 def test_streams_that_are_closed_do_not_change_the_verdict(folder, command, code, closing):
     shell = f'"$0" -m comove "$@" {closing}'
     outcome = subprocess.run(
@@ -136,7 +139,13 @@ ENVIRONMENTS = {
 }
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS.values(), ids=ENVIRONMENTS)
+@pytest.mark.parametrize(
+    "environment",
+    [
+        pytest.param(environment, marks=() if name == "ascii" else pytest.mark.slow, id=name)
+        for name, environment in ENVIRONMENTS.items()
+    ],
+)
 def test_any_environment_will_do(folder, environment):
     environment = {key: value for key, value in os.environ.items() if key != "TERM"} | environment
     options = {"cwd": folder, "env": environment, "stdout": subprocess.PIPE, "errors": "replace"}

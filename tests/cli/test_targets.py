@@ -193,6 +193,7 @@ def test_a_mounted_folder_is_not_replaced(place, disk):
     )
 
 
+@pytest.mark.slow
 def test_a_folder_to_work_in_that_may_only_be_read(tmp_path, disk):
     (tmp_path / "scene.yaml").write_text(SCENE)
     locked = disk("size=200k,ro")

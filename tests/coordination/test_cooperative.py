@@ -242,6 +242,7 @@ def test_constraints_that_contradict_each_other():
         alone([Distance("left", "right", 0.4), Distance("left", "right", 0.5)]).rollout()
 
 
+@pytest.mark.slow
 def test_projections_that_jump_are_refused():
     one = PoseDMP.fit(recording(5, reach=3.0))
     other = one.towards(start=Pose([0, 0.4, 0.1]), goal=Pose([1, 0.5, 0.4]))

@@ -92,6 +92,7 @@ def test_whoever_is_killed_leaves_the_old_folder_or_the_new_one(tmp_path, system
     assert (cut_off > 0) == (system != "exchange")
 
 
+@pytest.mark.slow
 def test_the_next_writer_ends_what_was_cut_off_too(tmp_path, system):
     target = tmp_path / "result"
     replace(target, "old")
@@ -104,6 +105,7 @@ def test_the_next_writer_ends_what_was_cut_off_too(tmp_path, system):
         assert [path.name for path in tmp_path.iterdir()] == ["result"]
 
 
+@pytest.mark.slow
 def test_files_are_whole_whoever_is_killed(tmp_path):
     target = tmp_path / "file.txt"
     write_file(target, "old")
@@ -139,7 +141,10 @@ def writers(target, texts, renames):
     ]
 
 
-@pytest.mark.parametrize("renames", [False, True], ids=["exchange", "two renames"])
+@pytest.mark.parametrize(
+    "renames",
+    [pytest.param(False, id="exchange"), pytest.param(True, id="two renames", marks=pytest.mark.slow)],
+)
 def test_several_writers_at_once(tmp_path, renames):
     if not renames and not can_exchange(tmp_path):
         pytest.skip("this file system cannot exchange folders")

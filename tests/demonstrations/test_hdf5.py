@@ -285,7 +285,7 @@ def test_a_missing_library_names_the_command(path, hand, without, refused):
     refused(lambda p: write_robomimic(p, [hand()]), path, key=None, says="needs h5py", way_out=command)
 
 
-@pytest.mark.parametrize("layout", ["robomimic", "aloha"])
+@pytest.mark.parametrize("layout", [pytest.param("robomimic", marks=pytest.mark.slow), "aloha"])
 def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
     """In every file that comove wrote: of each dataset and of what describes it; other files may have none."""
     file = tmp_path / "a.hdf5"

@@ -206,7 +206,7 @@ def test_nothing_outside_the_bounds_is_evaluated_even_if_the_start_lies_there():
     assert points.max() <= 3.0
 
 
-@pytest.mark.parametrize("restarts", [IPOP(), BIPOP()])
+@pytest.mark.parametrize("restarts", [IPOP(), pytest.param(BIPOP(), marks=pytest.mark.slow)])
 def test_restarts_find_what_one_run_does_not(restarts):
     """The global optimum of Rastrigin's function in 6 dimensions, from seed 0 to 2."""
     for seed in range(3):

@@ -48,7 +48,13 @@ def test_a_function_decides_what_is_best():
     assert lower.report.clearance_min >= 0
 
 
-@pytest.mark.parametrize("scene", [example("narrow"), example("window")], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pytest.param(example("narrow"), id="plane"),
+        pytest.param(example("window"), id="space", marks=pytest.mark.slow),
+    ],
+)
 def test_a_constraint_holds_beside_the_scene_s(scene):
     def bounded(samples):
         return samples.velocity[..., 0].max() - limit
@@ -111,6 +117,7 @@ def test_equalities_have_a_small_tolerance():
         Equality(3)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_met_is_not_verified():
     def impossible(samples):
         return samples.position[-1, 0, 0] - 0.5  # the goal lies at 0.85
@@ -120,6 +127,7 @@ def test_what_cannot_be_met_is_not_verified():
     assert any("'impossible' is missed by 0.35" in reason for reason in solution.reasons)
 
 
+@pytest.mark.slow
 def test_functions_go_with_other_objectives():
     solution = comove.solve(example("narrow"), objective=LeastJerk(room=0.0), constraints=[fast], budget=20.0)
     assert solution.verified

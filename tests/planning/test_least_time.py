@@ -38,7 +38,10 @@ def s_curve(length, speed, acceleration, jerk):
     return 2 * one_side(low)
 
 
-@pytest.mark.parametrize(("name", "known"), [("narrow", 2.2), ("complex", 3.45), ("window", 2.4)])
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [("narrow", 2.2), ("complex", 3.45), pytest.param("window", 2.4, marks=pytest.mark.slow)],
+)
 def test_durations_are_those_known(name, known):
     solution = comove.solve(hasty(name))
     assert solution.verified
@@ -89,7 +92,7 @@ def test_what_was_taught_is_made_as_fast_as_limits_allow():
     assert verify(solution.attempt.on(solution.scene.timed(0.999 * duration))).verified is None
 
 
-@pytest.mark.parametrize("duration", [0.3, 2.1])
+@pytest.mark.parametrize("duration", [0.3, pytest.param(2.1, marks=pytest.mark.slow)])
 def test_a_duration_that_is_too_short_is_answered_by_one_that_does(duration):
     solution = comove.solve(hasty("narrow", duration))
     assert not solution.verified

@@ -445,6 +445,7 @@ def test_huge_files(folder):
     refused(folder, "solution.json", "1 MB")
 
 
+@pytest.mark.slow
 def test_an_archive_that_unpacks_to_a_gigabyte(folder, tmp_path):
     """1 MB of zeros, packed."""
     path = folder / "solution.npz"

@@ -157,6 +157,7 @@ def test_a_store_that_is_cut_off_is_told(tmp_path, length):
             read()
 
 
+@pytest.mark.slow
 def test_many_at_once_make_one_store(tmp_path):
     """No matter who is first; each adds a row of its own and one that all add."""
     code = (

@@ -91,6 +91,7 @@ def test_a_hole_stays_open():
     assert held(cover, through).min() > 0.05
 
 
+@pytest.mark.slow
 def test_finer_is_nearer():
     vertices, faces = ring()
     rough, fine = (check(vertices, faces, np.random.default_rng(1), r) for r in (0.01, 0.003))
@@ -119,6 +120,7 @@ def test_parts_are_covered_one_by_one_and_a_cavity_is_part_of_what_is_around_it(
 
 @settings(max_examples=5, deadline=None)
 @given(seeds)
+@pytest.mark.slow
 def test_a_sheet_is_held_and_what_it_leaves_open_stays_open(seed):
     """A wall with a window, turned in any way: every point of the wall is held, the middle of the window is not."""
     rng = np.random.default_rng(seed)
@@ -170,6 +172,7 @@ RUBBISH = st.sampled_from(["flip", "double", "drop", "sliver", "fin", "unwelded"
 
 @settings(max_examples=6, deadline=None)
 @given(seeds, st.lists(RUBBISH, max_size=4), st.booleans())
+@pytest.mark.slow
 def test_every_triangle_is_held_whatever_is_done_to_a_mesh(seed, done, few):
     rng = np.random.default_rng(seed)
     vertices, faces = spoilt(*star(rng), done, rng)

@@ -139,6 +139,7 @@ def test_a_mesh_of_a_box_is_placed_as_a_box(folder):
     assert "leave the mesh free to turn about the line through their hands" in text
 
 
+@pytest.mark.slow
 def test_an_open_mesh_is_thin_walls_and_says_so(folder):
     """As a load it has room for something: a point in its corner that its hull would hold is not in it."""
     vertices, faces = l_profile()

@@ -155,7 +155,7 @@ def broken_down(state):
     return dataclasses.replace(whole, unstable=0.0, **cut)
 
 
-@pytest.mark.parametrize("state", [None, np.nan])
+@pytest.mark.parametrize("state", [pytest.param(None, marks=pytest.mark.slow), np.nan])
 def test_what_broke_down_at_once_is_written_and_drawn_or_told(tmp_path, state):
     execution = broken_down(state)
     assert "broke down at 0.00 s" in execution.reasons[0]

@@ -14,7 +14,7 @@ from comove.views.comparison import MAX_FRAMES
 TURNING = example_path("turning")
 
 
-@pytest.fixture(scope="module", params=[TURNING, 3])
+@pytest.fixture(scope="module", params=[TURNING, pytest.param(3, marks=pytest.mark.slow)])
 def compared(request):
     """In the plane with two hands, and the first second of a spatial scene with three."""
     if isinstance(request.param, int):

@@ -66,6 +66,7 @@ def uninterrupted():
     return sorted(rows)
 
 
+@pytest.mark.slow
 def test_a_driver_that_is_killed(tmp_path, uninterrupted):
     store = tmp_path / "runs.sqlite"
     process = start(store, 2, "slow")
@@ -156,6 +157,7 @@ def test_nothing_to_run(tmp_path):
         run_all(tmp_path / "runs.sqlite", [])
 
 
+@pytest.mark.slow
 def test_two_drivers_share_a_store_and_do_nothing_twice(tmp_path, monkeypatch):
     monkeypatch.setitem(ONE_THREAD, "RUNS_LOG", str(tmp_path / "log"))
     store = tmp_path / "runs.sqlite"
@@ -181,6 +183,7 @@ def test_what_a_killed_driver_was_at_is_taken_over(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_no_run_is_blamed_for_it(tmp_path):
     """The disk is full for the worker that has run; what had ended before is there, and the same call goes on."""
     store = tmp_path / "runs.sqlite"

@@ -29,6 +29,7 @@ def test_the_scene_of_one():
     assert alone(one).sha256 == one.sha256
 
 
+@pytest.mark.slow
 def test_movements_of_which_none_passes_alone_pass_together():
     scene = two_gaps()
     for dmp in bumps().values():

@@ -131,6 +131,7 @@ def test_clearances_of_the_known_path_are_those_of_dense_sampling():
 
 @settings(max_examples=3)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_clearances_of_other_motions_are_those_of_dense_sampling(seed):
     motion, joints = known_carry()
     rng = np.random.default_rng(seed)

@@ -270,7 +270,10 @@ LARGE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in ("d.obj", "b.dae") else ()) for name in LARGE],
+)
 def test_large_ones_are_answered_soon_and_within_bounds(name):
     """A few seconds and 1 GB, whatever it is; 60 s leave room for any machine, what is quadratic takes hours."""
     data, before = LARGE[name](), time.process_time()
