@@ -25,6 +25,7 @@ from comove.optimisers import (
     PrintedForm,
     Projection,
     Reason,
+    StaleForm,
     minimise,
 )
 
@@ -324,7 +325,7 @@ def test_ten_thousand_reductions_leave_the_distribution_regular(form, n):
         told = covariance.record(z, covariance.scaled(z))
         fading = 1 / (n + 2)
         records = (1 - fading) * records + fading * told
-        covariance.reduce(records, np.full(3, 0.1 / (n + 2) / 3))
+        records = covariance.reduce(records, np.full(3, 0.1 / (n + 2) / 3))
         covariance.matrix /= np.abs(covariance.matrix).max()  # only the shape counts
         if form is FactorForm:
             covariance._decompose()
@@ -367,6 +368,36 @@ def test_the_factor_form_scales_along_one_whitened_direction(seed):
     before = np.linalg.det(form.matrix)
     form.reduce(rng.standard_normal((1, 4)), np.array([0.2]))
     assert np.linalg.det(form.matrix) == pytest.approx((1 - 0.2) ** 2 * before, rel=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_with_records_carried_along_the_factor_form_is_the_matrix_form(seed):
+    """As long as nothing is learned of values, which they do differently: A z is violated, z is recorded."""
+    rng = np.random.default_rng(seed)
+    factor, matrix = FactorForm(5), MatrixForm(5)
+    steps, samples = np.zeros((2, 5)), np.zeros((2, 5))
+    for _ in range(30):
+        z, violated = rng.standard_normal(5), rng.random(2) < 0.7
+        steps[violated] = 0.8 * steps[violated] + 0.2 * factor.scaled(z[None])
+        samples[violated] = 0.8 * samples[violated] + 0.2 * z
+        shares = 0.2 * violated
+        steps, samples = factor.reduce(steps, shares), matrix.reduce(samples, shares)
+        assert factor.scaled(np.eye(5)) == pytest.approx(matrix.scaled(np.eye(5)), rel=1e-8, abs=1e-12)
+
+
+def test_stale_records_shorten_what_is_short_already():
+    """A constraint is violated along the first axis for a while, and then along the second."""
+    ratios = {}
+    for form in (FactorForm, StaleForm):
+        covariance, record = form(2), np.zeros((1, 2))
+        for axis in [0] * 40 + [1] * 40:
+            record = 0.9 * record + 0.1 * covariance.scaled(np.eye(2)[axis][None])
+            record = covariance.reduce(record, np.array([0.05]))
+        first, second = covariance.standard_deviations()
+        ratios[form] = second / first
+    assert 0.2 < ratios[FactorForm] < 5.0
+    assert ratios[StaleForm] > 3.0 * ratios[FactorForm]
 
 
 def test_reductions_narrow_the_distribution_across_the_wall():

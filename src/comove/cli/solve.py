@@ -17,7 +17,7 @@ from comove.errors import OptionError, near_name
 SAVING = 1.2  # s, kept back from the budget for files and pictures
 DRAWING = 0.002  # s, for every obstacle drawn
 SLOWEST = 4.0  # times as long as processor time that it is expected to take
-METHODS = ("comove", "projection", "paper")
+METHODS = ("comove", "projection", "paper", "printed")
 COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
 
 
@@ -223,11 +223,12 @@ def _weights(text: str) -> dict[str, float]:
 
 def method_named(name: str):
     """The method object of a name."""
-    from comove.planning import Comove, Paper, Projection
+    from comove.planning import Comove, Paper, Printed, Projection
     from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 
-    kinds = (Comove, Projection, Paper, Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
-    methods = {kind.name: kind for kind in kinds}
+    own = (Comove, Projection, Paper, Printed)
+    compared = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
+    methods = {kind.name: kind for kind in (*own, *compared)}
     if name not in methods:
         raise OptionError(f"unknown method '{name}'", key="--method", way_out=near_name(name, methods))
     return methods[name]()

@@ -8,6 +8,7 @@ from comove.experiments.systems import Own, System
 from comove.planning.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.methods import Comove, Projection
 from comove.planning.paper import Paper
+from comove.planning.printed import Printed
 
 OWN: dict[str, System] = {
     system.name: system
@@ -16,6 +17,7 @@ OWN: dict[str, System] = {
         Own("comove-no-planner", Comove(), planner=False),
         Own("projection", Projection()),
         Own("paper", Paper()),
+        Own("printed", Printed()),
         Own("unconstrained", Unconstrained()),
         Own("leader-follower", LeaderFollower()),
         Own("speed-scaled", SpeedScaled()),

@@ -1,13 +1,22 @@
 """Black-box optimisers; they know no robot."""
 
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.ccmaes import CCMAES, FactorForm, MatrixForm, PrintedForm, Reduction
+from comove.optimisers.ccmaes import (
+    CCMAES,
+    FactorForm,
+    MatrixForm,
+    NoForm,
+    PrintedForm,
+    Reduction,
+    StaleForm,
+)
 from comove.optimisers.cmaes import CMAES
 from comove.optimisers.covariance import DiagonalCovariance, FullCovariance, TransformationMatrix
 from comove.optimisers.epsilon_level import EpsilonLevel
 from comove.optimisers.minimise import minimise
 from comove.optimisers.minimiser import Minimiser, Result
 from comove.optimisers.parameters import Parameters
+from comove.optimisers.printed import Printed
 from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import BIPOP, IPOP, NoRestarts
 from comove.optimisers.simple import Affine, Penalty, Plain, Projection
@@ -24,16 +33,19 @@ __all__ = [
     "FactorForm",
     "FullCovariance",
     "MatrixForm",
-    "PrintedForm",
-    "Reduction",
     "Minimiser",
+    "NoForm",
     "NoRestarts",
     "Parameters",
     "Penalty",
     "Plain",
+    "Printed",
+    "PrintedForm",
     "Projection",
     "Reason",
+    "Reduction",
     "Result",
+    "StaleForm",
     "TransformationMatrix",
     "minimise",
 ]

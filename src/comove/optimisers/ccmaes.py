@@ -9,9 +9,14 @@ Three forms of the reduction, for a sample x = m + sigma A z that violates a_0 c
 - `PrintedForm`: equation (6), C <- C - beta/a_0 sum_j v_j v_j^T / |v_j|^2, with records v_j of steps A z,
   equation (5). Not invariant under scaling, and C soon stops being positive definite; the run then says so.
 - `FactorForm`: A <- A - beta/a_0 sum_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j (Arnold and Hansen, 2012), which
-  keeps the bracket's eigenvalues at 1 - beta or more.
+  keeps the bracket's eigenvalues at 1 - beta or more. Records are carried along with A: v_j <- A' A^-1 v_j. Steps
+  that were recorded before a reduction are longer along what it shortens, so that records left as they are
+  (`StaleForm`) point there ever more, and the same directions are shortened again whatever is violated now. With one
+  sample an iteration, as Arnold and Hansen have it, records fade faster than that; with a population that is drawn
+  again and again they do not.
 - `MatrixForm`: the same with records u_j of z itself, M <- M - beta/a_0 sum_j (M u_j) u_j^T / |u_j|^2: neither
   inverse nor decomposition, as M is learned by MA-ES.
+- `NoForm`: none; samples that violate constraints are drawn again from the same distribution.
 
 A start that violates constraints moves viability boundaries b_j >= 0 from the samples' violations to zero
 (Arampatzis et al., 2019), and then begins cleanly. Equalities are bands |h_j| <= b_j that shrink to the tolerance.
@@ -48,14 +53,17 @@ class Reduction:
 class PrintedForm(FullCovariance):
     """Equation (6) as it is printed, on the covariance matrix."""
 
-    def reduce(self, records: Array, shares: Array) -> None:
+    def reduce(self, records: Array, shares: Array) -> Array:
         """C <- C - sum_j share_j v_j v_j^T / |v_j|^2; raises LinAlgError once C is not positive definite."""
-        lengths = (records**2).sum(axis=1)
-        self.matrix -= (records.T * (shares / lengths)) @ records
+        hit = shares > 0
+        steps, shares = records[hit], shares[hit]
+        lengths = (steps**2).sum(axis=1)
+        self.matrix -= (steps.T * (shares / lengths)) @ steps
         variances = np.linalg.eigvalsh(self.matrix)
         if variances[0] <= 0:
             raise np.linalg.LinAlgError("not positive definite")
         self._decompose()
+        return records
 
     def record(self, z: Array, y: Array) -> Array:
         """What records are made of: the steps."""
@@ -63,33 +71,61 @@ class PrintedForm(FullCovariance):
 
 
 class FactorForm(FullCovariance):
-    """The reduction of a factor A of the covariance, and of its inverse (Arnold and Hansen, 2012)."""
+    """The reduction of a factor A of the covariance (Arnold and Hansen, 2012), records carried along."""
 
-    def reduce(self, records: Array, shares: Array) -> None:
-        """A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j."""
-        whitened = self.whitened(records)
-        lengths = (whitened**2).sum(axis=1)
-        self.root = self.root - (whitened.T * (shares / lengths)) @ records
-        self.matrix = self.root.T @ self.root
-        self._decompose()
+    def reduce(self, records: Array, shares: Array) -> Array:
+        """A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j; returns the records that go with it."""
+        if self._age > 0:  # what was learned since A was last made
+            self._decompose()
+        whitened, hit = self.whitened(records), shares > 0
+        directions = whitened[hit]
+        lengths = (directions**2).sum(axis=1)
+        factor = self.root - (directions.T * (shares[hit] / lengths)) @ records[hit]
+        self.matrix, self.root, self.inverse_root = factor.T @ factor, factor, np.linalg.inv(factor)
+        return self._carried(records, whitened @ factor)
+
+    def _carried(self, before: Array, along: Array) -> Array:
+        """Records after a reduction, of those before it and those carried along."""
+        return along
 
     def record(self, z: Array, y: Array) -> Array:
         """What records are made of: the steps."""
         return y
 
 
+class StaleForm(FactorForm):
+    """The factor form with records that stay what they were when their samples were drawn."""
+
+    def _carried(self, before: Array, along: Array) -> Array:
+        return before
+
+
 class MatrixForm(TransformationMatrix):
     """The reduction of the transformation matrix, with records in the space of z."""
 
-    def reduce(self, records: Array, shares: Array) -> None:
+    def reduce(self, records: Array, shares: Array) -> Array:
         """M <- M - sum_j share_j (M u_j) u_j^T / |u_j|^2."""
-        lengths = np.sqrt((records**2).sum(axis=1, keepdims=True))
-        directions = records / lengths
+        hit = shares > 0
+        directions, shares = records[hit], shares[hit]
+        directions = directions / np.sqrt((directions**2).sum(axis=1, keepdims=True))
         self.matrix = self.matrix - (self.scaled(directions).T * shares) @ directions
+        return records
 
     def record(self, z: Array, y: Array) -> Array:
         """What records are made of: the samples before scaling."""
         return z
+
+
+class NoForm(FullCovariance):
+    """No reduction."""
+
+    def reduce(self, records: Array, shares: Array) -> Array:
+        """Nothing."""
+        return records
+
+    def record(self, z: Array, y: Array) -> Array:
+        """What records are made of: the steps."""
+        return y
 
 
 @dataclass(frozen=True)
@@ -98,7 +134,7 @@ class CCMAES:
 
     Attributes
     ----------
-    form : of the reduction: `MatrixForm`, `FactorForm` or `PrintedForm`
+    form : of the reduction: `MatrixForm`, `FactorForm`, `StaleForm`, `PrintedForm` or `NoForm`
     reduction : its rates
     passes : times at most that the infeasible samples of a generation are drawn again
     stalls : generations in a row without any feasible sample, after which the run has stalled
@@ -106,7 +142,7 @@ class CCMAES:
     shrinkage : of the bands of equalities in a generation, at most; not faster than the mean can follow
     """
 
-    form: Callable[[int], MatrixForm | FactorForm | PrintedForm] = MatrixForm
+    form: Callable[[int], MatrixForm | FactorForm | PrintedForm | NoForm] = MatrixForm
     reduction: Reduction = Reduction()
     passes: int = 100
     stalls: int = 10
@@ -258,10 +294,9 @@ class CCMAESRun:
         self._records *= (1 - fading) ** violated.sum(axis=0)[:, None]
         self._records += weights.T @ told
         shares = (violated / violated.sum(axis=1, keepdims=True)).sum(axis=0)
-        hit = (shares > 0) & ((self._records**2).sum(axis=1) > 0)
-        shares = size * shares[hit]
-        shares *= min(1.0, 0.5 / shares.sum())  # one batch must not shorten by more than half
-        es.covariance.reduce(self._records[hit], shares)
+        shares = size * np.where((self._records**2).sum(axis=1) > 0, shares, 0.0)
+        shares *= min(1.0, 0.5 / (shares.sum() or 1.0))  # one batch must not shorten by more than half
+        self._records = es.covariance.reduce(self._records, shares)
 
     # --- Values ---
 

@@ -8,6 +8,7 @@ from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
 from comove.planning.paper import Paper
+from comove.planning.printed import Printed
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import solve
 
@@ -22,6 +23,7 @@ __all__ = [
     "LeastTime",
     "Paper",
     "PaperCost",
+    "Printed",
     "Progress",
     "Projection",
     "Samples",

@@ -1,10 +1,19 @@
-"""The paper's method: constrained CMA-ES on the weights of all arms, the distance held within a band.
+"""The paper's method, repaired: constrained CMA-ES on the weights of all arms, the distance held within a band.
 
 Equation (7) asks for ``|y1(t) - y2(t)| = D`` at every instant. Two inequalities in place of the equality have no
 interior, so that resampling until nothing is violated, as the paper describes, would never end; what it must have
-used is a band, each side of it a constraint of its own: a record that mixed both would average to noise. As printed,
-with a fixed band and the whole load at once, it stays stuck in walls. It works with two schedules on one progress:
-the band narrows geometrically and the load grows, while enough of the samples meet the constraints.
+used is a band. As it is printed (`Printed`) the method stays stuck. What is added here, each part of it a field that
+can be left out, so that its worth can be measured (docs/ablation.md):
+
+- the form of the reduction (6), which stays positive definite (`optimisers.ccmaes`);
+- at most some passes of drawing again: samples that are still infeasible then rank last;
+- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), on one progress: while enough
+  of the samples meet the constraints;
+- one constraint for a window of time and a side of the band (`windows`): a record that mixed both sides would
+  average to noise, and a constraint for every instant is too many to learn from;
+- a cost of errors within the band (`centring`): without it the best lies at the edge of all bands;
+- a movement whose middle navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
+- a linear phase.
 """
 
 from __future__ import annotations
@@ -26,6 +35,7 @@ from comove.planning.methods import first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import SMALLEST_LOAD, Search, stricter
 from comove.primitives.basis import motion_basis
+from comove.primitives.phase import Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -36,14 +46,13 @@ LEAST = 1e-6, 1e-3  # of the distance: a tolerance below the first is out of rea
 OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
 ENOUGH = 0.3  # share of feasible samples from which the schedules go on; with fewer they go back
 PACE = 2.0  # progress, counted in generations, by the share beyond that
-CENTRING = 0.5  # cost of errors as large as their bands: without it the best lies at the edge of all bands
 WAIT = 100  # generations without progress, after which another attempt is made
 NARROWED, GROWN = 0.95, 0.4  # progress at which the band has its final width, and the load its size
 
 
 @dataclass(frozen=True)
 class Paper(Method):
-    """CCMA-ES (paper, III) from the demonstration, or from straight lines.
+    """CCMA-ES (paper, III), repaired, from the demonstration, or from straight lines.
 
     Attributes
     ----------
@@ -55,7 +64,10 @@ class Paper(Method):
     windows : of time, in each of which the largest error of a distance is a constraint for either sign
     generations : with progress, until band and load are final
     finishing : generations with a feasible sample after that, before the best motion is judged
-    schedules : narrow the band and grow the load; without, as printed: the final band and the whole load at once
+    narrowing, growing : begin with a wide band, and with a small load
+    centring : cost of errors as large as their bands
+    threading : let the movement's middle navigate the environment first
+    phase : of the forcing term; linear unless given
     """
 
     name: ClassVar[str] = "paper"
@@ -67,7 +79,11 @@ class Paper(Method):
     windows: int = 20
     generations: int = 300
     finishing: int = 30
-    schedules: bool = True
+    narrowing: bool = True
+    growing: bool = True
+    centring: float = 0.5
+    threading: bool = True
+    phase: Phase | None = None
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
@@ -91,10 +107,12 @@ class Paper(Method):
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
         """A movement whose middle navigates the environment (paper, Fig. 3), given to every arm."""
-        basis, coordinates = motion_basis(self.n_basis, "acceleration"), load_coordinates(search.scene)
+        basis = motion_basis(self.n_basis, "acceleration", self.phase)
+        coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
         restart = attempt if search.taught is None else 0  # always from the demonstration
-        guess = threaded(search, objective, first_guess(search, coordinates, basis, restart))
+        guess = first_guess(search, coordinates, basis, restart)
+        guess = threaded(search, objective, guess) if self.threading else guess
         if guess is None:
             return None
         s = np.linspace(0.0, 1.0, N_STEPS)
@@ -109,7 +127,7 @@ class Paper(Method):
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
         run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
-        progress = furthest = 0.0 if self.schedules else 1.0
+        progress = furthest = 0.0 if self.narrowing or self.growing else 1.0
         finished, waited = 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
         while run.reason is None and finished < self.finishing and waited < WAIT:
@@ -125,7 +143,8 @@ class Paper(Method):
                     share = (missed <= 0).all(axis=1).mean()
                 run.tell(None, missed)
                 continue
-            size = SMALLEST_LOAD + (1 - SMALLEST_LOAD) * min(1.0, progress / GROWN)
+            grown = min(1.0, progress / GROWN) if self.growing else 1.0
+            size = SMALLEST_LOAD + (1 - SMALLEST_LOAD) * grown
             value = objective.evaluate(dmp.rollouts(weights, N_STEPS), size)
             fitness = objective.search_value(value)
             i = int(np.argmin(fitness))
@@ -140,12 +159,12 @@ class Paper(Method):
                     best, best_value = dmp.rollout(weights[i]), float(found[i])
             stuck = search.hard and not (value.clearance > scene.clearance).any()
             step = min(PACE * (share - ENOUGH), 0.0 if stuck else np.inf)
-            if self.schedules:
+            if self.narrowing or self.growing:
                 progress = min(1.0, max(0.0, progress + step / self.generations))
             if progress > furthest:
                 furthest, waited = progress, 0
             errors = np.maximum(0.0, 1.0 + request.known / bands)
-            run.tell(fitness + CENTRING * (errors**2).mean(axis=1), None)
+            run.tell(fitness + self.centring * (errors**2).mean(axis=1), None)
         return best
 
     def _started(self, rng: np.random.Generator, n: int, n_limits: int) -> CCMAESRun:
@@ -178,7 +197,7 @@ class Paper(Method):
         widths = []
         for c in scene.distances:
             final = INSIDE * (c.tolerance if c.tolerance > LEAST[0] * c.distance else LEAST[1] * c.distance)
-            share = min(1.0, progress / NARROWED)
+            share = min(1.0, progress / NARROWED) if self.narrowing else 1.0
             first = max(FIRST_BAND * c.distance, 1.5 * least)
             widths.append(first * (final / first) ** share)
         return np.repeat(widths, 2 * self.windows)

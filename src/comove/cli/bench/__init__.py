@@ -1,5 +1,5 @@
 """`comove bench`: one short file a verb."""
 
-from comove.cli.bench import draw, export, report, run, scaling
+from comove.cli.bench import ablation, draw, export, report, run, scaling
 
-__all__ = ["draw", "export", "report", "run", "scaling"]
+__all__ = ["ablation", "draw", "export", "report", "run", "scaling"]

@@ -52,7 +52,7 @@ CONTENDERS = {
 
 OTHERS = {
     "single [6]": Contender(Single()),
-    "paper as printed": Contender(Paper(schedules=False)),
+    "paper as printed": Contender(Paper(narrowing=False, growing=False)),
     "right hand leads": Contender(LeaderFollower(leader="right"), random=False),
     "both follow": Contender(LeaderFollower(mutual=True), random=False),
 }

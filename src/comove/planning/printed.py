@@ -1,0 +1,124 @@
+"""The paper's method as it is printed: Algorithm 1 with (3), (5) and (6), and nothing that makes it work better.
+
+What the paper leaves open had to be chosen: the equality (7b) is a band, as two inequalities without one have no
+interior; its width is the scene's tolerance; each side of it at each of the samples is a constraint h_j. The
+objective (4) looks at the hands alone, as it is printed. The movement is a coordinated primitive of comove's, whose
+ends are exact, with the exponential phase of (1b).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates, arms_coordinates
+from comove.coordination.motion import CoordinatedDMP
+from comove.errors import OptionError
+from comove.optimisers.printed import Printed as Algorithm
+from comove.planning.method import Method
+from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.search import Search
+from comove.primitives.basis import motion_basis
+from comove.primitives.phase import ExponentialPhase, Phase
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+CONVERGED = 1e-9  # of the first step size, at which there is nothing more to adapt
+
+
+@dataclass(frozen=True)
+class Printed(Method):
+    """CCMA-ES as printed, from the demonstration given to every hand, or from straight lines.
+
+    Attributes
+    ----------
+    n_basis : weights w_n a column
+    population : K
+    sigma : sigma_0
+    phase : of (1b)
+    """
+
+    name: ClassVar[str] = "printed"
+    coordinates: Callable[[Scene], Coordinates] = arms_coordinates
+    n_basis: int = 16
+    population: int = 16
+    sigma: float = 0.05
+    phase: Phase = ExponentialPhase()
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Run Algorithm 1 until it converges, breaks down, or time is up (`OutOfTime`); nothing is planned."""
+        scene = search.scene
+        if not scene.distances:
+            raise OptionError(
+                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
+            )
+        free, basis = search.objective.coordinates, motion_basis(self.n_basis, "acceleration", self.phase)
+        dmp = CoordinatedDMP(scene, free, basis, free.boundary(), np.zeros((free.n_columns, self.n_basis)))
+        if search.taught is not None:
+            dmp = CoordinatedDMP.from_demonstration(search.taught, scene, free, basis)
+        objective, shape = of_hands_alone(search.objective), dmp.weights.shape
+        run = Algorithm(np.zeros(dmp.weights.size), self.sigma, search.rng, self.population)
+
+        def weights(x: Array) -> Array:
+            return dmp.weights + x.reshape(-1, *shape)
+
+        def handed_out() -> None:
+            search.judge(dmp.rollout(weights(run.mean[None])[0]))
+
+        while run.sigma > CONVERGED * self.sigma:
+            try:
+                points, open_points = run.sample(), np.ones(self.population, dtype=bool)
+                while open_points.any():
+                    violated = violations(scene, dmp.rollouts(weights(points), N_STEPS))
+                    search.evaluations += len(points)
+                    run.constrain(points, violated)
+                    open_points[open_points] = violated.any(axis=1)
+                    if search.over():
+                        handed_out()
+                    search.check_time()
+                    if open_points.any():
+                        search.stage = f"drawing again, generation {search.generations}"
+                        points = run.sample(open_points)
+            except np.linalg.LinAlgError:
+                search.log["broke_down_after_generations"] = float(search.generations)
+                break
+            value = objective.evaluate(dmp.rollouts(weights(run.samples), N_STEPS))
+            cost = value.cost + objective.weights.obstacle * value.hits
+            search.tell(float(cost.min()), 0.0)
+            run.adapt(cost)
+        handed_out()
+
+
+def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
+    """Whether hands are too far apart, or too near, at every sample, by more than the tolerance.
+
+    Parameters
+    ----------
+    q : array, shape (n_rollouts, n_manipulators * n_dims, n_steps)
+
+    Returns
+    -------
+    array, shape (n_rollouts, n_distances * 2 * n_steps)
+    """
+    hands, found = q.reshape(len(q), -1, scene.n_dims, q.shape[2]), []
+    for c in scene.distances:
+        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+        found += [apart - c.distance > c.tolerance, c.distance - apart > c.tolerance]
+    return np.concatenate(found, axis=1)
+
+
+def of_hands_alone(objective: Objective) -> Objective:
+    """Return equation (4) as printed: obstacles count where a hand is in one, and are not felt before."""
+    scene = objective.scene
+    data = scene.file.model_dump(exclude_defaults=True)
+    data.pop("load", None)
+    data["constraints"] = []
+    hands = Scene.from_dict(data, folder=scene.folder)
+    return Objective(
+        hands, arms_coordinates(hands), objective.weights, Penalty(margin=0.0, slope=0.0, step=0.0)
+    )
