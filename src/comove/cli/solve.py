@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,8 +14,14 @@ from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.errors import OptionError, near_name
 
+if TYPE_CHECKING:
+    from comove.planning.method import Method
+    from comove.primitives import DMP, Library
+    from comove.scenes import Scene
+
 SAVING = 1.2  # s, kept back from the budget for files and pictures
 DRAWING = 0.002  # s, for every obstacle drawn
+LIBRARY_SHARE = 0.25  # of the budget, for what comes from a library
 SLOWEST = 4.0  # times as long as processor time that it is expected to take
 METHODS = ("comove", "projection", "paper", "printed")
 COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
@@ -84,7 +90,7 @@ def solve(
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.planning import best_movement, load_kernels, movements_of, solve
+    from comove.planning import load_kernels, movements_of, solve
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
@@ -105,14 +111,13 @@ def solve(
         changes = changes_of(duration, speed, acceleration, jerk, clearance)
         loaded = Scene.load(scene, changes)
         wanted = objective_of(objective, resemblance, weights, loaded, smooth)
-        chosen_movement = None
         if library is not None and method == "single":
             chosen = replace(chosen, movements=Library(library))
-        elif library is not None:
-            source = loaded.file.demonstration
-            plane = None if source is None else source.plane
-            chosen_movement = best_movement(Library(library), loaded, plane=plane, budget=0.25 * budget).best
-        dmp = movements_of(loaded.taught if chosen_movement is None else chosen_movement.dmp, loaded)
+        solved = chosen.scene_of(loaded)
+        source, taught = None, loaded.taught
+        if library is not None and method != "single":
+            source, taught = from_library(Library(library), loaded, chosen, seed, LIBRARY_SHARE * budget)
+        dmp = movements_of(taught, solved)
         require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         solution = solve(
@@ -136,11 +141,29 @@ def solve(
         from comove.cli.show import summary_text
 
         print(summary_text(summary, out))
-        if chosen_movement is not None:
-            print(f"  demonstration           {chosen_movement.name} of {library}")
+        if source is not None:
+            print(f"  demonstration           {source} of {library}")
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED
+
+
+def from_library(library: Library, scene: Scene, method: Method, seed: int, budget: float) -> tuple[str, DMP]:
+    """Return what a library offers for a scene, in words, and the movement.
+
+    The paper's pipeline (III) combines several for one hand in the environment, after [6], and gives that to all; its
+    methods get this. Others get the one that suits best.
+    """
+    from comove.planning import Paper, Printed, best_movement, combine
+    from comove.planning.compared.single import alone
+
+    taught = scene.file.demonstration
+    plane = None if taught is None else taught.plane
+    if isinstance(method, (Paper, Printed)):
+        found = combine(library, alone(scene), seed=seed, budget=budget, plane=plane)
+        return f"a combination of {', '.join(found.names)}", found.dmp
+    best = best_movement(library, scene, plane=plane, budget=budget).best
+    return best.name, best.dmp
 
 
 def require_taught(resemblance: float | None, dmp: object, scene: Path) -> None:

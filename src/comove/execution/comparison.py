@@ -31,13 +31,15 @@ from comove.verification.record import PairConstraint, Record, RecordReport, jud
 Array = NDArray[np.float64]
 
 MODULATED = {
-    "no modulation": Sharing.NONE,
-    "own matrix each": Sharing.OWN,
-    "same matrix on all": Sharing.SAME,
+    "no modulation": (Sharing.NONE, True),
+    "own matrix each": (Sharing.OWN, True),
+    "nearest hand's matrix": (Sharing.SAME, False),
+    "same matrix on all": (Sharing.SAME, True),
 }
 SEEN, KNOWN = "obstacles seen only", "motions known"
 METHODS = (*MODULATED, SEEN, KNOWN)
-"""What is compared: the primitive as it is, two modulations (the second is the paper's), and the executor twice."""
+"""What is compared: the primitive as it is; modulations, by a matrix each, by that of the hand that is nearest to an
+obstacle (the paper's rule), by that of the nearest point of hands and load; and the executor twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +140,8 @@ def compare(
     """
     scene, pace, interruption = record.scene, pace or Pace(), Interruption()
     runs: dict[str, Callable[[], Record]] = {
-        name: lambda sharing=sharing: loose_run(scene, sharing, budget, pace.period)
-        for name, sharing in MODULATED.items()
+        name: lambda how=how: loose_run(scene, how[0], budget, pace.period, load=how[1])
+        for name, how in MODULATED.items()
     }
     runs[SEEN] = lambda: Executor(scene, Functions.of_motions(scene), seed=seed, pace=pace).run(budget)
     runs[KNOWN] = lambda: record
@@ -185,9 +187,11 @@ def _row(compared: Compared) -> dict[str, Any]:
     }
 
 
-def loose_run(scene: Scene, sharing: Sharing, budget: float, period: float = 0.01) -> LooseRecord:
+def loose_run(
+    scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
+) -> LooseRecord:
     """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles as the file moves them."""
-    time, hands = run_modulated(scene, Known(scene), sharing, budget, period)
+    time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
     poses = [poses_of(scene, h) for h in hands]
     return LooseRecord(
         scene,

@@ -32,6 +32,8 @@ def run_modulated(
     budget: float,
     period: float = 0.01,
     modulation: Modulation | None = None,
+    *,
+    load: bool = True,
 ) -> tuple[Array, Array]:
     """Follow the primitive with modulated velocities.
 
@@ -39,6 +41,7 @@ def run_modulated(
     ----------
     sharing : whose matrix is whose; `Sharing.NONE` follows the primitive as it is
     budget : simulated time at most [s]
+    load : points of the load count as well, not the hands alone
 
     Returns
     -------
@@ -63,7 +66,7 @@ def run_modulated(
             for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
         ]
         points, velocities = hands, wanted
-        for a, b in pairs:  # points of the load count as well
+        for a, b in pairs if load else ():
             share = np.linspace(0.0, 1.0, N_POINTS)[1:-1, None]
             points = np.concatenate([points, hands[a] + share * (hands[b] - hands[a])])
             velocities = np.concatenate([velocities, wanted[a] + share * (wanted[b] - wanted[a])])

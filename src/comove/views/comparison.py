@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 TITLES = {
     "no modulation": "no modulation",
     "own matrix each": "own matrix each",
-    "same matrix on all": "same matrix on all (the paper)",
+    "nearest hand's matrix": "the nearest hand's matrix on all (the paper)",
+    "same matrix on all": "the matrix of the nearest point",
     "obstacles seen only": "comove, obstacles seen only",
     "motions known": "comove, motions known",
 }

@@ -6,7 +6,7 @@ from comove.experiments.paper import claims
 from comove.experiments.paper.claims import CLAIMS, Verdict, judge_all
 from tests.experiments.paper.ideal import changed, ideal_runs, met
 
-GOOD, REMARK, NOT = Verdict.REPRODUCED, Verdict.REMARK, Verdict.NOT
+GOOD, REMARK, NOT, BUILT_IN = Verdict.REPRODUCED, Verdict.REMARK, Verdict.NOT, Verdict.BUILT_IN
 FIG4 = {"scene": "narrow", "who": "paper"}
 PAPER = {"who": "paper"}
 
@@ -33,7 +33,7 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
             along=along,
             **{"verified": False, "distance_error": 0.2, "clearance": -0.1, "turn": 0.0, "jerk": 1.0},
         )
-    for method in ("same matrix on all", "obstacles seen only"):
+    for method in (claims.NEAREST, "same matrix on all", "obstacles seen only"):
         broken = met(broken, method, clearance=-0.1, distance_error=0.2)
     for claim, finding in judge_all(broken):
         if claim.judge is not claims.does_not_enforce:
@@ -44,14 +44,27 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
     ("judge", "purpose", "asked", "changes", "along", "before", "after"),
     [
         (claims.built_from_one, "figure 4", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
-        (claims.verifies_all_constraints, "printed", {}, {"verified": False}, None, GOOD, REMARK),
+        (
+            claims.verifies_all_constraints,
+            "printed",
+            {"who": "printed"},
+            {"verified": False},
+            None,
+            GOOD,
+            NOT,
+        ),
+        (
+            *(claims.verifies_all_constraints, "printed", {"who": "paper without schedules"}),
+            *({"verified": False}, None, GOOD, GOOD),
+        ),
         (claims.other_environment, "figure 4", FIG4, {"verified": False}, None, GOOD, REMARK),
         (claims.other_environment, "figure 4", {}, {"verified": False}, None, GOOD, NOT),
-        (claims.one_phase, "given", {}, {"distance_error": 1e-6}, None, GOOD, NOT),
+        (claims.one_phase, "given", {}, {"distance_error": 1e-6}, None, BUILT_IN, NOT),
         (claims.obstacles_either_way, "obstacles in the cost", {}, {"verified": False}, None, GOOD, REMARK),
         (claims.obstacles_either_way, "systems", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
         (claims.combined, "figure 3", {}, {"verified": False}, None, GOOD, NOT),
-        (claims.more_than_two, "three hands", {}, {"verified": False}, None, REMARK, NOT),
+        (claims.more_than_two, "three hands", PAPER, {"verified": False}, None, GOOD, REMARK),
+        (claims.more_than_two, "three hands", {}, {"verified": False}, None, GOOD, NOT),
         (claims.figure_4a, "story", {**PAPER, "scene": "wide"}, {"verified": False}, None, GOOD, REMARK),
         (claims.figure_4a, "story", {"scene": "wide"}, {"verified": False}, None, GOOD, NOT),
         (claims.adapts_while_ensured, "story", {"seed": 0, **FIG4}, {"verified": False}, None, GOOD, REMARK),
@@ -60,7 +73,7 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
         (claims.approaches, "figure 4", FIG4, {}, {"at_end": 0.1}, GOOD, NOT),
         (claims.jumps, "figure 4", FIG4, {}, {"rise": 0.1, "rise_near": True}, NOT, REMARK),
         (claims.jumps, "figure 4", FIG4, {}, {"rise": 0.1, "rise_near": False}, NOT, NOT),
-        (claims.small_violations, "figure 4", FIG4, {}, {"error_far": 1e-3}, GOOD, REMARK),
+        (claims.small_violations, "figure 4", FIG4, {}, {"error_far": 1e-3}, GOOD, NOT),
         (claims.small_violations, "figure 4", FIG4, {}, {"error": 0.01}, GOOD, NOT),
         (
             claims.violated_without,
@@ -78,10 +91,10 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
             {"who": "leader-follower [7]"},
             {"clearance": 0.01},
             None,
-            GOOD,
+            BUILT_IN,
             NOT,
         ),
-        (claims.leader_is_blind, "systems", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
+        (claims.leader_is_blind, "systems", {"who": "comove"}, {"verified": False}, None, BUILT_IN, NOT),
         (
             *(claims.roles_matter, "leaders", {"who": "both follow", "scene": "narrow"}),
             *({"verified": True}, None, NOT, GOOD),
@@ -99,15 +112,32 @@ def test_a_verdict_turns_with_its_numbers(ideal, judge, purpose, asked, changes,
 @pytest.mark.parametrize(
     ("judge", "method", "changes", "before", "after"),
     [
-        (claims.same_matrix, "same matrix on all", {"distance_error": 0.01}, GOOD, REMARK),
-        (claims.same_matrix, "same matrix on all", {"clearance": -0.01}, GOOD, NOT),
-        (claims.does_not_enforce, "same matrix on all", {"distance_error": 0.01}, NOT, GOOD),
+        (claims.same_matrix, claims.NEAREST, {"distance_error": 0.01}, GOOD, REMARK),
+        (claims.same_matrix, claims.NEAREST, {"clearance": -0.01}, GOOD, NOT),
+        (claims.same_matrix, "same matrix on all", {"clearance": -0.01}, GOOD, GOOD),
+        (claims.does_not_enforce, claims.NEAREST, {"distance_error": 0.01}, NOT, NOT),
         (claims.can_be_enforced, "obstacles seen only", {"arrived": False}, REMARK, NOT),
     ],
 )
 def test_verdicts_on_moving_obstacles(ideal, judge, method, changes, before, after):
     assert judge(ideal).verdict is before
     assert judge(met(ideal, method, **changes)).verdict is after
+
+
+def test_the_question_of_deformation_is_about_both_rules(ideal):
+    both = met(met(ideal, claims.NEAREST, distance_error=0.01), "same matrix on all", distance_error=0.01)
+    assert claims.does_not_enforce(both).verdict is GOOD
+
+
+def test_every_verdict_has_its_rule(ideal):
+    for claim, finding in judge_all(ideal):
+        assert finding.verdict is Verdict.UNTESTED or claim.judge.__name__ in claims.RULES
+        assert claim.rule.split(":")[0] in (
+            "reproduced",
+            "remark",
+            "by construction",
+            "the paper's rule",
+        ) or (finding.verdict is Verdict.UNTESTED)
 
 
 def test_every_finding_says_why_with_numbers(ideal):

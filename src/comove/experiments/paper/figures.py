@@ -21,7 +21,7 @@ from comove.views import (
 )
 
 FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "story.png")
-REACTIONS = ("same matrix on all", "obstacles seen only", "motions known")
+REACTIONS = ("nearest hand's matrix", "same matrix on all", "motions known")
 OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
-from comove.planning import Comove, Paper, PaperCost, Projection, load_kernels, solve
+from comove.planning import Comove, Paper, PaperCost, Printed, Projection, load_kernels, solve
 from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.method import Method
 from comove.primitives import DMP
@@ -52,7 +52,8 @@ CONTENDERS = {
 
 OTHERS = {
     "single [6]": Contender(Single()),
-    "paper as printed": Contender(Paper(narrowing=False, growing=False)),
+    "printed": Contender(Printed()),
+    "paper without schedules": Contender(Paper(narrowing=False, growing=False)),
     "right hand leads": Contender(LeaderFollower(leader="right"), random=False),
     "both follow": Contender(LeaderFollower(mutual=True), random=False),
 }

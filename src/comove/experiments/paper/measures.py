@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ class Measures:
     first : processor time to the first verified motion [s], None where none was found
     total : processor time in all [s]
     reasons : why it is not verified
+    generations : of the search
     """
 
     verified: bool
@@ -46,6 +47,7 @@ class Measures:
     first: float | None
     total: float
     reasons: tuple[str, ...] = ()
+    generations: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def measure(solution: Solution, spent: float) -> Measures:
     """
     first = solution.time_to_first_verified_s
     share = min(1.0, spent / solution.solve_time_s)
-    return _measures(solution.attempt, solution.cost.total, None if first is None else share * first, spent)
+    found = _measures(solution.attempt, solution.cost.total, None if first is None else share * first, spent)
+    return replace(found, generations=solution.generations)
 
 
 def measure_motion(motion: CoordinatedMotion) -> Measures:

@@ -26,7 +26,7 @@ BAND = 0.002  # m, within which the paper's method holds the distance in its fig
 GAIT = {"velocity": 0.2, "acceleration": 1.0}
 """c_vel and the limit of accelerations [m/s^2] in Figures 3 to 6, with which movements take all of their time."""
 RESEMBLANCE = 10.0
-PRINTED_SEEDS, PRINTED_BUDGET = 5, 4.0  # of the method as printed, which may never end by itself
+PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
 MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
 FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
@@ -173,9 +173,11 @@ def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
         return Job(purpose, scene, who, movement, movements[movement], **options)
 
     figure = {"tolerance": BAND, **GAIT}
-    jobs = [job("three hands", "triangle", "comove", STRAIGHT)]
+    jobs = [job("three hands", "triangle", who, STRAIGHT) for who in ("comove", "paper")]
     jobs += [
-        job("printed", "narrow", "paper as printed", "initial", seed=seed, **figure, budget=PRINTED_BUDGET)
+        job("printed", scene, who, "initial", seed=seed, **figure, budget=PRINTED_BUDGET)
+        for who in ("printed", "paper without schedules")
+        for scene in ("wide", "narrow")
         for seed in range(_few(seeds, PRINTED_SEEDS))
     ]
     jobs.append(job("figure 1", "narrow", "comove", "Sine", resemblance=RESEMBLANCE, keep=True))

@@ -23,10 +23,10 @@ SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "tas
 def claims_table(findings: Sequence[tuple[Claim, Finding]]) -> str:
     """Claims, verdicts and reasons."""
     rows = [
-        [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why]
+        [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why, claim.rule]
         for claim, finding in findings
     ]
-    return table(["where", "the paper says", "verdict", "this run"], rows)
+    return table(["where", "the paper says", "verdict", "this run", "rule"], rows)
 
 
 def story_table(runs: Runs, scene: str) -> str:
