@@ -45,9 +45,10 @@ def executed(scene: Scene, sight) -> dict[str, float]:
     return {**measures(record), "plans": log.planning, "control": log.control, "record": record}
 
 
-def modulated_run(scene: Scene, sharing: Sharing) -> dict[str, float]:
-    """The same of the paper's modulation; the load is what is straight between the hands."""
-    return {**measures(loose_run(scene, sharing, LONGEST * scene.duration)), "plans": [], "control": []}
+def modulated_run(scene: Scene, sharing: Sharing, load: bool) -> dict[str, float]:
+    """The same of a modulation; the load is what is straight between the hands."""
+    record = loose_run(scene, sharing, LONGEST * scene.duration, load=load)
+    return {**measures(record), "plans": [], "control": []}
 
 
 def measures(record: Record) -> dict[str, float]:
@@ -113,7 +114,7 @@ def main() -> None:
         begun, runs = time.perf_counter(), []
         for seed, scene in scenes.items():
             if name in MODULATED:
-                runs.append(modulated_run(scene, MODULATED[name]))
+                runs.append(modulated_run(scene, *MODULATED[name]))
             else:
                 rng = np.random.default_rng(seed)
                 sights = {

@@ -255,6 +255,8 @@ def test_combine_and_solve_with_what_came_of_it(filled):
     with open("scene.yaml", "a") as file:
         file.write("demonstration: {library: c}\n")
     good("solve", "scene.yaml", "--out", "named", "--resemblance", 1)
+    outcome = good("solve", "scene.yaml", "--out", "chain", "--library", "library", "--method", "paper")
+    assert re.search(r"demonstration +a combination of .*c.* of library", outcome.stdout)
     assert "no primitive 'd'" in refused("library", "combine", "scene.yaml", "d", "--out", "d.json")
     assert "no primitive" in refused("library", "combine", "scene.yaml", "c", "--out", "scene.yaml")
 

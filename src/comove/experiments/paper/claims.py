@@ -87,14 +87,14 @@ def verifies_all_constraints(runs: Runs) -> Finding:
     narrow = runs.measures("printed", who="printed", scene="narrow")
     bare = runs.measures("printed", who="paper without schedules")
     repaired = _story(runs, "paper", SCENES)
+    most = max(m.generations for m in printed)
     why = (
         "Algorithm 1 with (3), (5) and (6) as printed (`--method printed`), from the movement of Figure 3 with a "
         f"band of {_mm(BAND)}: {_count(printed)} runs verified, {_count(narrow)} in the narrow passage. They "
-        f"complete {max(m.generations for m in printed)} generations at most, then (6) has taken so much away that the "
-        "covariance is not positive definite; with 0 a run hands out the movement that it began with. The repaired "
-        f"method without its schedules: {_count(bare)}. With all [repairs](ablation.md): "
-        f"{_count(repaired)} on the three scenes, within {_mm(0.0002)}. Equation (7b) as two inequalities has no interior, so that "
-        "resampling needs a band."
+        f"complete {most} generations at most, then (6) has taken so much away that the covariance is not positive "
+        "definite; with 0 a run hands out the movement that it began with. The repaired method without its "
+        f"schedules: {_count(bare)}. With all [repairs](ablation.md): {_count(repaired)} on the three scenes, within "
+        f"{_mm(0.0002)}. Equation (7b) as two inequalities has no interior, so that resampling needs a band."
     )
     return Finding(Verdict.REPRODUCED if _share(narrow) >= RELIABLE else Verdict.NOT, why)
 
