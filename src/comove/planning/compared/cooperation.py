@@ -17,13 +17,21 @@ unit mass. Across the path it deviates by e, along it both agree on a pace,
 
 with s' in 1/duration.
 
-**Learning.** After a cycle, with the deviation e(s) and the slowness m(s) = 1/s' that were measured,
+**Learning.** A robot that is stiff sees little of what its partner wants. What she wants is known all the same: where
+both forces balance, K e = k_h (w - e), so that the deviation e(s) and the robot's own force K e tell
 
-    p <- p + zeta e,                    nu <- nu + zeta (m - nu),
-    S <- (1 - zeta) (S + zeta e e^T),   v <- (1 - zeta) (v + zeta (m - nu)^2),
+    w = e + K e / k_h,          1/u = 1/m + k_t / k_h (1/m - 1/nu),
+
+how far she would go by herself across the path, and, from the measured slowness m(s) = 1/s', how slowly (k_h is
+assumed of her). After a cycle
+
+    p <- p + zeta w,                    nu <- nu + zeta (m - nu),
+    S <- (1 - zeta) (S + zeta w w^T),   v <- (1 - zeta) (v + zeta (u - nu)^2),
     k_i = k_min + (k_max - k_min) / (1 + (R^T S R)_ii / sigma^2),   i = n, b;   k_t likewise from v / sigma_pace^2.
 
-S begins large, so that the robot is soft at first, and stays large across the path where the human varies.
+S begins large, so that the robot is soft at first, and stays large across the path where the human varies. With e
+in the place of w it does not: what a stiff robot sees is small, so that it becomes stiffer still, wherever its partner
+varies.
 """
 
 from __future__ import annotations
@@ -55,6 +63,7 @@ class Laws:
     spread, pace_spread : sigma [m] and sigma_pace [durations]: a variation of that size halves what is gained
     first_spread, first_pace_spread : with which S and v begin
     pace_time : T_pace [s]
+    partner : k_h that the robot assumes [N/m]
     """
 
     softest: float = 50.0
@@ -65,6 +74,7 @@ class Laws:
     first_spread: float = 0.1
     first_pace_spread: float = 1.0
     pace_time: float = 0.1
+    partner: float = 300.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -138,13 +148,17 @@ class Cycle:
     Attributes
     ----------
     deviation : array, shape (n_samples, n_paths, n_dims), e [m]
+    wish : array, of the same shape, w: how far the human would go by herself [m]
     slowness : array, shape (n_samples,), m
+    slowness_wish : array, shape (n_samples,), u: how slow she would be by herself
     effort : root mean square of the human's force over the time [N]
     duration : of the cycle, over that of the taught movement
     """
 
     deviation: Array
+    wish: Array
     slowness: Array
+    slowness_wish: Array
     effort: float
     duration: float
 
@@ -179,9 +193,15 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
     s = np.linspace(0.0, 1.0, len(skill.slowness))
     flat = deviation.reshape(len(phase), -1)
     measured = np.stack([np.interp(s, phase, column) for column in flat.T], axis=1)
+    measured = measured.reshape(skill.path.shape[1:])
+    force = np.einsum("spde,spef,spf->spd", across, of_robot, measured)
+    slowness = np.interp(s, phase, 1.0 / pace)
+    along = stiffness[:, :, 0].mean(axis=1) / laws.partner
     return Cycle(
-        measured.reshape(skill.path.shape[1:]),
-        np.interp(s, phase, 1.0 / pace),
+        measured,
+        measured + force / laws.partner,
+        slowness,
+        1.0 / np.clip(1.0 / slowness + along * (1.0 / slowness - 1.0 / skill.slowness), SLOWEST, FASTEST),
         float(np.sqrt(effort)),
         (len(phase) - 1) * period / duration,
     )
@@ -192,16 +212,16 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
 
     Parameters
     ----------
-    change : array, shape (3, n_samples, n_paths, n_dims), the measured deviation as the primitive can follow it, and
-        two derivatives [m]
+    change : array, shape (3, n_samples, n_paths, n_dims), the human's wish as the primitive can follow it, and two
+        derivatives [m]
     """
-    zeta, e, off = laws.learning, cycle.deviation, cycle.slowness - skill.slowness
+    zeta, w = laws.learning, cycle.wish
     return replace(
         skill,
         path=skill.path + zeta * change,
-        slowness=skill.slowness + zeta * off,
-        covariance=(1 - zeta) * (skill.covariance + zeta * e[..., :, None] * e[..., None, :]),
-        pace_variance=(1 - zeta) * (skill.pace_variance + zeta * off**2),
+        slowness=skill.slowness + zeta * (cycle.slowness - skill.slowness),
+        covariance=(1 - zeta) * (skill.covariance + zeta * w[..., :, None] * w[..., None, :]),
+        pace_variance=(1 - zeta) * (skill.pace_variance + zeta * (cycle.slowness_wish - skill.slowness) ** 2),
     )
 
 

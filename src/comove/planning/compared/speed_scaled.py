@@ -8,7 +8,7 @@ has learned after the last cycle it carries out alone, in the scene's duration. 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -105,27 +105,16 @@ class SpeedScaled(Method):
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the cycles and have what was learned judged; nothing is ever planned."""
         scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
-        period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
         taught = taught_primitives(search).rollout()
-        skill = Skill.taught(middles(scene, taught.hands(s)), self.laws)
-        shape = motion_basis(self.n_basis, "velocity").at(s)[1]
-        follow = shape @ np.linalg.pinv(
-            shape[0]
-        )  # a deviation as the primitive can follow it, and 2 derivatives
-        intend = self._intentions(search, skill.path[0])
         cycles: list[Cycle] = []
-        stiffness = []
-        for number in range(self.cycles):
-            search.stage = f"cycle {number + 1} of {self.cycles}"
-            stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
-            cycle = run_cycle(skill, intend(), self.laws, scene.duration, period)
-            skill = learned(skill, cycle, np.einsum("kst,tpd->kspd", follow, cycle.deviation), self.laws)
+        stiffness = [self._first(scene, taught).stiffness(self.laws).mean(axis=(0, 1))]
+        for skill, cycle in self.cooperate(search):
             cycles.append(cycle)
+            stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
             times, hands = alone(scene, taught, skill, s)
             count_execution(search, hands)
             if search.over():
                 break
-        stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
         fit = fit_curve(scene, search.objective.coordinates, times, hands)
         search.log |= {
             "cycle_deviation_rms_m": [
@@ -140,6 +129,24 @@ class SpeedScaled(Method):
             **fit.log(),
         }
         search.judge(fit.motion)
+
+    def cooperate(self, search: Search) -> Iterator[tuple[Skill, Cycle]]:
+        """Yield what is known after every cycle, and the cycle."""
+        scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
+        period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
+        skill = self._first(scene, taught_primitives(search).rollout())
+        shape = motion_basis(self.n_basis, "velocity").at(s)[1]
+        follow = shape @ np.linalg.pinv(shape[0])  # a wish as the primitive can follow it, and 2 derivatives
+        intend = self._intentions(search, skill.path[0])
+        for number in range(self.cycles):
+            search.stage = f"cycle {number + 1} of {self.cycles}"
+            cycle = run_cycle(skill, intend(), self.laws, scene.duration, period)
+            skill = learned(skill, cycle, np.einsum("kst,tpd->kspd", follow, cycle.wish), self.laws)
+            yield skill, cycle
+
+    def _first(self, scene: Scene, taught: CoordinatedMotion) -> Skill:
+        """What is known before the first cycle."""
+        return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
 
     def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:
         """What the human wants in the next cycle, by calls."""
