@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo reproduce test test-all lint bench clean
+.PHONY: demo reproduce ablation test test-all lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -13,6 +13,10 @@ demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pic
 reproduce: $(VENV)/core.stamp  ## run every experiment of the paper and write docs/paper.md; ten minutes
 	$(BIN)/comove reproduce --out reproduced
 	rm -rf docs/paper && cp -r reproduced/paper reproduced/paper.md docs/
+
+ablation: $(VENV)/dev.stamp  ## leave out each repair of the paper's method and write docs/ablation.md; hours
+	$(BIN)/comove bench ablation --out ablated --workers 2
+	cp ablated/ablation.md docs/
 
 test: $(VENV)/dev.stamp  ## all tests but the slow ones
 	$(BIN)/python -m pytest $(PARALLEL)
@@ -28,7 +32,7 @@ bench: $(VENV)/dev.stamp  ## the figures that the documentation states
 	$(BIN)/python benchmarks/suite.py
 
 clean:
-	rm -rf $(VENV) demo reproduced build *.egg-info src/*.egg-info
+	rm -rf $(VENV) demo reproduced ablated build *.egg-info src/*.egg-info
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "comove needs Python 3.11, 3.12 or 3.13: apt-get install python3.11 python3.11-venv"; exit 1; }

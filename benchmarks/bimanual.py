@@ -7,8 +7,8 @@ handwriting), so that they begin uncoordinated; who leads is varied. Root mean s
 and how far the middle of the hands is from where each hand's own teacher would have led it, in the mean.
 
 [8], stiffness learned with a human: cycles with simulated humans who vary their path everywhere but in the middle
-fifth. Medians over the humans: her force, the deviation, how long a cycle takes, and the stiffness across the path where
-she is precise and where she varies.
+fifth. Medians over the humans: her force, the deviation, how long a cycle takes, and the stiffness across the path
+where she is precise and where she varies.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
     *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
+    "bench ablation",
     *("--method paper", "--method task-priority", "comove reproduce"),
     "05_a_load_of_any_shape",
 )

@@ -170,7 +170,8 @@ def _names(c: Constraint, manipulators: Sequence[str]) -> str:
 
 def _distance_off(c: DistanceConstraint, error: float, manipulators: Sequence[str]) -> str:
     names = _names(c, manipulators)
-    return f"the distance between {names} is off by up to {error:.3g} m (tolerance {c.tolerance:g} m)"
+    off = f"off by up to {error:.3g} m" if np.isfinite(error) else "off by more than can be bounded"
+    return f"the distance between {names} is {off} (tolerance {c.tolerance:g} m)"
 
 
 def _pose_not_held(c: RelativePoseConstraint, _: float, manipulators: Sequence[str]) -> str:

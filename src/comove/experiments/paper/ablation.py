@@ -126,14 +126,17 @@ PAGE = """\
 # What each repair of the paper's method is worth
 
 `comove solve --method printed` runs Algorithm 1 of the paper with its equations (3), (5) and (6) line by line;
-`--method paper` runs it with repairs. Here every repair is left out by itself. The page was written by
+`--method paper` runs it with repairs. Here every repair is left out by itself.
 
 ```sh
-comove bench ablation --out ablation
+make ablation
+comove bench ablation --out ablated --scenes 1 --seeds 1 --budget 1
 ```
 
-on the paper's three scenes, from their recorded movements, and on the first {count} scenes of the frozen set `easy`,
-half of them planar and half spatial, from straight lines; {seeds} seeds, {budget} s a run, {runs} runs in all. A cell
+The first writes this page from 20 scenes and 10 seeds, in hours; the second is a quick look. This page was written by
+`comove bench ablation --out ablated --scenes {count} --seeds {seeds} --budget {budget}`: the paper's three scenes,
+from their recorded movements, and the first {count} of the frozen set `easy`, half of them planar and half spatial,
+from straight lines; {runs} runs in all. A cell
 says how many runs ended with a verified motion (the distance within 0.1 % at every instant, nothing touched, limits
 kept); "all" is their share with its 95 % interval after Wilson, "first" the median time of the verified ones.
 The verdict compares that interval with the one of `{whole}`: "worse" or "better" where the two do not meet. Seeds on

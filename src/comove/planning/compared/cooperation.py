@@ -30,8 +30,8 @@ assumed of her). After a cycle
     k_i = k_min + (k_max - k_min) / (1 + (R^T S R)_ii / sigma^2),   i = n, b;   k_t likewise from v / sigma_pace^2.
 
 S begins large, so that the robot is soft at first, and stays large across the path where the human varies. With e
-in the place of w it does not: what a stiff robot sees is small, so that it becomes stiffer still, wherever its partner
-varies.
+in the place of w it does not: what a stiff robot sees is small, so that it becomes stiffer still, wherever its
+partner varies.
 """
 
 from __future__ import annotations
