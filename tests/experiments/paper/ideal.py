@@ -1,11 +1,14 @@
 """Runs in which all goes as the paper says, made up without solving anything."""
 
 from dataclasses import replace
+from functools import cache
 
+from comove.coordination.motion import CoordinatedMotion
 from comove.execution.comparison import METHODS
-from comove.experiments.paper.jobs import Job, Outcome
+from comove.experiments.paper.jobs import Job, Outcome, scene_of
 from comove.experiments.paper.measures import Along, Measures
 from comove.experiments.paper.runs import RECORDED, STRAIGHT, Encounter, Runs, all_jobs
+from comove.scenes import Scene
 
 GOOD = Measures(
     verified=True,
@@ -24,6 +27,26 @@ STEADY = Along(
 )
 
 
+LOG = {"epoch_error_rms_m": [0.1, 0.01, 0.001]}
+
+
+@cache
+def straight(height):
+    """Both hands of the open scene on straight lines, moved sideways [m]."""
+    scene = scene_of("open")
+    data = scene.file.model_dump(exclude_defaults=True)
+    for hand in data["manipulators"]:
+        for end in ("start", "goal"):
+            x, y = hand[end]
+            hand[end] = [x, y + height]
+    return CoordinatedMotion.straight(Scene.from_dict(data))
+
+
+def motion_of(job):
+    """What is looked at of a motion, where anything is."""
+    return straight(0.1 if job.who == "right hand leads" else 0.0) if job.purpose == "leaders" else None
+
+
 def measures_of(job):
     if job.who == "paper" and job.scene == "narrow":
         return replace(GOOD, jerk=100.0, turn=1.2)
@@ -35,14 +58,26 @@ def measures_of(job):
 
 
 def ideal_runs(seeds=3):
-    movements = dict.fromkeys((STRAIGHT, "initial", *RECORDED))
+    movements = dict.fromkeys((STRAIGHT, "initial", "joint", "two", *RECORDED))
     jobs = [
         Job("figure 3", "wide", "single [6]", STRAIGHT),
         Job("given", "wide", "nobody", "initial"),
+        Job("joint", "wide", "comove", "initial"),
         *all_jobs(seeds, movements),
     ]
-    outcomes = tuple(Outcome(job, measures_of(job), STEADY if job.keep else None) for job in jobs)
+    outcomes = tuple(
+        Outcome(job, measures_of(job), STEADY if job.keep else None, motion_of(job), LOG) for job in jobs
+    )
     return Runs(seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS))
+
+
+def led(runs, who, height):
+    """The runs with another motion of those who lead so."""
+    outcomes = tuple(
+        replace(o, motion=straight(height)) if o.job.purpose == "leaders" and o.job.who == who else o
+        for o in runs.outcomes
+    )
+    return replace(runs, outcomes=outcomes)
 
 
 def changed(runs, purpose, asked=None, along=None, **changes):

@@ -68,7 +68,7 @@ def test_panels_are_methods_by_scenes():
 
 def test_those_without_random_numbers_run_once():
     movements = dict.fromkeys(
-        (STRAIGHT, "initial", "line", "curve", "Angle", "Sine", "Sshape", "Multi_Models_3")
+        (STRAIGHT, "initial", "joint", "two", "line", "curve", "Angle", "Sine", "Sshape", "Multi_Models_3")
     )
     jobs = [job for job in all_jobs(7, movements) if job.purpose == "story" and job.scene == "wide"]
     for who, contender in CONTENDERS.items():

@@ -8,7 +8,7 @@ import numpy as np
 
 from comove.experiments.paper.jobs import CONTENDERS, Outcome
 from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import GAIT, SCENES, Runs
+from comove.experiments.paper.runs import GAIT, ROLES, SCENES, Runs
 from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
 from comove.views import (
     Panel,
@@ -20,7 +20,7 @@ from comove.views import (
     save,
 )
 
-FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "story.png")
+FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "roles.png", "story.png")
 REACTIONS = ("nearest hand's matrix", "same matrix on all", "motions known")
 OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 
@@ -71,6 +71,13 @@ def draw_all(runs: Runs, folder: Path) -> None:
                 )
             ]
         ),
+        "roles.png": _side_by_side(
+            [
+                (title, runs.one("leaders", who=who))
+                for title, who in zip(("left leads", "right leads", "both follow"), ROLES, strict=True)
+            ],
+            columns=3,
+        ),
         "story.png": draw_measures(story_panels(runs), tuple(CONTENDERS), SCENES),
     }
     for name in FIGURES:
@@ -113,12 +120,12 @@ def _panel(title: str, cells: list[list[Interval]], floor: float | None = None) 
     return Panel(title, value, low, high, floor)
 
 
-def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True):
+def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, columns: int = 2):
     return draw_side_by_side(
         [outcome.motion for _, outcome in drawn],
         [f"{title}\n{verdict(outcome.measures)}" for title, outcome in drawn],
         states=states,
-        columns=min(2, len(drawn)),
+        columns=min(columns, len(drawn)),
     )
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
@@ -66,10 +67,10 @@ class Job:
     Attributes
     ----------
     purpose : what it is for: a figure or a table
-    scene : name of an example; "turn" is `turning` without its obstacle
+    scene : name of an example; "open" is `wide` without its obstacles
     who : name of a contender
     movement : name of the movement that it begins with
-    taught : that movement; None for straight lines
+    taught : that movement, or one for each hand by its name; None for straight lines
     seed : of all random numbers
     budget : seconds after which the best so far is taken
     tolerance : of distances [m]; the scene's own unless given
@@ -84,7 +85,7 @@ class Job:
     scene: str
     who: str
     movement: str
-    taught: DMP | None = field(default=None, repr=False, compare=False)
+    taught: DMP | Mapping[str, DMP] | None = field(default=None, repr=False, compare=False)
     seed: int = 0
     budget: float = LONGEST
     tolerance: float | None = None
@@ -97,12 +98,13 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a job; `motion` and what happens along it only where it is kept."""
+    """What came of a job; `motion`, what happens along it and the method's log only where it is kept."""
 
     job: Job
     measures: Measures
     along: Along | None = None
     motion: CoordinatedMotion | None = None
+    log: Mapping[str, Any] = field(default_factory=dict)
 
 
 def run(job: Job) -> Outcome:
@@ -125,13 +127,13 @@ def run(job: Job) -> Outcome:
     measures = measure(solution, spent)
     if not job.keep:
         return Outcome(job, measures)
-    return Outcome(job, measures, follow(solution.attempt, job.velocity), solution.attempt)
+    return Outcome(job, measures, follow(solution.attempt, job.velocity), solution.attempt, solution.log)
 
 
 def scene_of(name: str, *, tolerance: float | None = None, acceleration: float | None = None) -> Scene:
     """An example with another tolerance of its distance [m], or another limit of accelerations [m/s^2]."""
-    if name == "turn":
-        scene, changes = example("turning"), {"obstacles": []}
+    if name == "open":
+        scene, changes = example("wide"), {"obstacles": []}
     else:
         scene, changes = example(name), {}
     data = scene.file.model_dump(exclude_defaults=True) | changes

@@ -109,6 +109,13 @@ def _measures(motion: CoordinatedMotion, cost: float, first: float | None, total
     )
 
 
+def apart_in_the_mean(one: CoordinatedMotion, other: CoordinatedMotion) -> float:
+    """How far the middles of all hands are apart at equal times, in the mean [m]."""
+    s = np.linspace(0.0, 1.0, N_ALONG)
+    middles = [motion.hands(s)[0].mean(axis=1) for motion in (one, other)]
+    return float(np.linalg.norm(middles[0] - middles[1], axis=1).mean())
+
+
 def squared_jerk(motion: CoordinatedMotion) -> float:
     """Squared jerk, integrated over the duration and summed over the hands [m^2/s^5]."""
     s = np.linspace(0.0, 1.0, N_JERK)

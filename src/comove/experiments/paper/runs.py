@@ -29,6 +29,7 @@ RESEMBLANCE = 10.0
 PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
 MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
 FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
+ROLES = ("leader-follower [7]", "right hand leads", "both follow")
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
 MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
 RECORDED = {
@@ -40,6 +41,8 @@ RECORDED = {
     "Multi_Models_3": ("Multi_Models_3", 6),
 }
 """The movements: two synthetic ones, and recordings of handwriting (LASA shape and number)."""
+TWO = ("Sine", "Angle")
+"""What the left and the right hand are taught where they are to begin uncoordinated."""
 STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 """The movement with which everybody begins in the large table, by scene."""
 
@@ -70,8 +73,8 @@ class Runs:
     Attributes
     ----------
     seeds : how many, in the large table
-    outcomes : of all jobs, and ("given") of the initial movement of one hand as it is given to both in the wide
-        passage, before any optimisation
+    outcomes : of all jobs; ("joint") of what is taught jointly in the wide passage; and ("given") of the initial
+        movement of one hand as it is given to both there, before any optimisation
     encounters, compared : among moving obstacles: figures, and what is drawn
     recorded : the human movement of Figure 1, its primitive, and what it is when it is given to both hands
     """
@@ -117,7 +120,9 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     """
     tell("the initial movement of one hand")
     initial = run(Job("figure 3", "wide", "single [6]", STRAIGHT, keep=True, **GAIT))
-    movements = movements_after(initial)
+    taught = movement_of(initial, 0)
+    joint = run(Job("joint", "wide", "comove", "initial", taught, keep=True, tolerance=BAND, **GAIT))
+    movements = movements_after(initial, joint)
     jobs = all_jobs(seeds, movements)
     step = max(1, len(jobs) // 20)
 
@@ -133,21 +138,34 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     unchanged = Outcome(Job("given", "wide", "nobody", "initial"), measure_motion(given), None, given)
     return Runs(
         seeds=seeds,
-        outcomes=(initial, unchanged, *outcomes),
+        outcomes=(initial, joint, unchanged, *outcomes),
         encounters=tuple(_encounter(c) for c in compared),
         compared=tuple(compared),
         recorded=(recording, movements["Sine"], given_to_both(movements["Sine"], "narrow")),
     )
 
 
-def movements_after(initial: Outcome) -> dict[str, DMP | None]:
-    """All movements by name: none, those recorded or made up, and the initial one of Figure 3."""
-    way = initial.motion.trajectory()
+def movements_after(initial: Outcome, joint: Outcome) -> dict[str, DMP | dict[str, DMP] | None]:
+    """All movements by name.
+
+    None; the initial one of Figure 3; that of each hand as they were taught jointly in the wide passage; those
+    recorded or made up; and two of these, another for each hand.
+    """
+    alone = {name: DMP.fit(recorded(name)) for name in RECORDED}
+    hands = joint.motion.scene.manipulators
     return {
         STRAIGHT: None,
-        "initial": DMP.fit(Demonstration(way.time, way.position[:, 0], "initial movement")),
-        **{name: DMP.fit(recorded(name)) for name in RECORDED},
+        "initial": movement_of(initial, 0),
+        "joint": {name: movement_of(joint, i) for i, name in enumerate(hands)},
+        "two": {name: alone[movement] for name, movement in zip(hands, TWO, strict=True)},
+        **alone,
     }
+
+
+def movement_of(outcome: Outcome, hand: int) -> DMP:
+    """The movement of one hand, learned."""
+    way = outcome.motion.trajectory()
+    return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
 def recorded(name: str) -> Demonstration:
@@ -166,7 +184,7 @@ def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
 
-def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
+def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> list[Job]:
     """Everything but the initial movement, the longest first."""
 
     def job(purpose: str, scene: str, who: str, movement: str, **options: object) -> Job:
@@ -174,8 +192,16 @@ def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
 
     figure = {"tolerance": BAND, **GAIT}
     jobs = [job("three hands", "triangle", who, STRAIGHT) for who in ("comove", "paper")]
-    jobs += [
-        job("printed", scene, who, "initial", seed=seed, **figure, budget=PRINTED_BUDGET)
+    jobs += [  # without a limit of accelerations, of which the paper knows nothing
+        job(
+            "printed",
+            scene,
+            who,
+            "initial",
+            seed=seed,
+            **figure | {"acceleration": None},
+            budget=PRINTED_BUDGET,
+        )
         for who in ("printed", "paper without schedules")
         for scene in ("wide", "narrow")
         for seed in range(_few(seeds, PRINTED_SEEDS))
@@ -185,7 +211,7 @@ def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
         for scene in ("wide", "narrow"):
             jobs.append(job("figure 4", scene, who, "initial", keep=True, **figure))
         jobs.append(job("figure 6", "complex", who, STORY["complex"], keep=True, **figure))
-    jobs.append(job("figure 6", "narrow", "unconstrained [22]", "initial", keep=True, **figure))
+    jobs.append(job("figure 6", "narrow", "unconstrained [22]", "joint", keep=True, **figure))
     for who in (
         "comove",
         "unconstrained [22]",
@@ -194,8 +220,7 @@ def all_jobs(seeds: int, movements: dict[str, DMP | None]) -> list[Job]:
         "task-priority [5]",
     ):
         jobs.append(job("systems", "narrow", who, STRAIGHT, keep=True))
-    for who in ("leader-follower [7]", "right hand leads", "both follow"):
-        jobs += [job("leaders", scene, who, STRAIGHT) for scene in ("narrow", "turn")]
+    jobs += [job("leaders", "open", who, "two", keep=True) for who in ROLES]
     jobs.append(job("obstacles in the cost", "narrow", "comove", STRAIGHT, obstacles="cost"))
     jobs += [
         job(

@@ -14,9 +14,10 @@ from comove.experiments.paper.claims import Claim, Finding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS
 from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, SCENES, Runs
+from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, ROLES, SCENES, Runs
 from comove.experiments.statistics import Interval
 
+EPOCHS = (1, 2, 4, 8, 20)
 SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
 
 
@@ -57,6 +58,17 @@ def systems_table(runs: Runs) -> str:
         cells = [_broken(runs.measures("story", scene=scene, who=who)) for scene in SCENES]
         rows.append([who, *cells, _broken(runs.measures("systems", who=who))])
     return table(["method", *SCENES, "narrow, from straight lines"], rows)
+
+
+def roles_table(runs: Runs) -> str:
+    """Root mean square error of the distance by epoch, by who leads."""
+    rows = []
+    for title, who in zip(("left leads", "right leads", "both follow"), ROLES, strict=True):
+        outcome = runs.one("leaders", who=who)
+        rms = outcome.log["epoch_error_rms_m"]
+        shown = [f"{1e3 * rms[i - 1]:.3g}" if i <= len(rms) else "none" for i in EPOCHS]
+        rows.append([title, *shown, verdict(outcome.measures)])
+    return table(["roles", *(f"epoch {i} [mm]" for i in EPOCHS), "in the end"], rows)
 
 
 def movements_table(runs: Runs) -> str:
