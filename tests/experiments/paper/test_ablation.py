@@ -54,6 +54,12 @@ def test_numbers_are_those_of_the_runs():
     assert "--scenes 2 --seeds 10 --budget 15" in text
 
 
+def test_the_factor_form_is_explained_where_the_runs_show_it():
+    assert "Why the factor form" in page(runs({"stale": 0.1}), 15.0)
+    assert "Why the factor form" not in page(runs({}), 15.0)
+    assert "Why the factor form" not in page(runs({"stale": 0.1, "factor": 0.1}), 15.0)
+
+
 def test_every_variant_is_another_method():
     methods = [system.method for system in systems().values()]
     assert methods[0] == Paper()

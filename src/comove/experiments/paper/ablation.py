@@ -97,8 +97,15 @@ def page(runs: list[Run], budget: float) -> str:
         "first [s]",
         "verdict",
     ]
+    stale, carried = (_verdict(_verified(runs, name), known) for name in ("stale", "factor"))
     return PAGE.format(
-        table=table(head, rows), runs=len(runs), seeds=seeds, count=count, budget=f"{budget:g}", whole=WHOLE
+        table=table(head, rows),
+        runs=len(runs),
+        seeds=seeds,
+        count=count,
+        budget=f"{budget:g}",
+        whole=WHOLE,
+        why=WHY if stale == "worse" and carried != "worse" else "",
     )
 
 
@@ -143,7 +150,9 @@ The verdict compares that interval with the one of `{whole}`: "worse" or "better
 one scene are not independent of each other, so the intervals are rather too narrow.
 
 {table}
+{why}"""
 
+WHY = """
 **Why the factor form fails and how it is mended.** Equation (6) shortens steps along the records v_j, equation (5) of
 steps that violated a constraint. Arnold and Hansen's form of it divides by the length of w_j = A^-1 v_j. A record
 keeps steps from before earlier reductions, which are long along the very directions that these have shortened; A^-1
