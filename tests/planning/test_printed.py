@@ -45,12 +45,12 @@ def test_equation_4_looks_at_the_hands_alone():
 
 
 @pytest.mark.parametrize("taught", [True, False])
-def test_the_covariance_breaks_down_in_the_narrow_passage(taught):
+def test_the_narrow_passage_is_not_passed(taught):
     scene = example("narrow")
     dmp = scene.taught if taught else None
-    solution = comove.solve(scene, demonstration=dmp, method=Printed(), budget=60.0)
+    solution = comove.solve(scene, demonstration=dmp, method=Printed(), budget=5.0)
     assert solution.method == "printed"
-    assert solution.log["broke_down_after_generations"] == 0.0
+    assert solution.generations == 0
     assert not solution.verified
     assert solution.reasons
 

@@ -28,8 +28,8 @@ def test_a_column_a_method_and_a_row_a_view(compared, tmp_path):
     assert len(figure.axes) == 6 * rows
     titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
     assert len(titles) == 6
-    assert titles[2].startswith("same matrix on all (the paper)\n")
-    errors = figure.axes[5 * (rows - 2)].lines[0]
+    assert titles[2].startswith("the nearest hand's matrix on all (the paper)\n")
+    errors = figure.axes[6 * (rows - 2)].lines[0]
     np.testing.assert_allclose(errors.get_ydata(), 1e3 * compared[0].distance_errors)
     save(figure, tmp_path / "comparison.png")
 

@@ -32,6 +32,7 @@ from comove.errors import SceneError, near_name
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 64
+TOO_DEEP, FLATTER = f"the nesting is deeper than {MAX_DEPTH} levels", "flatten it, or close the brackets"
 SUFFIXES = (".yaml", ".yml")
 MAX_NAMES = 12
 """How many files a message lists."""
@@ -157,8 +158,7 @@ class _Builder:
         if isinstance(event, yaml.ScalarEvent):
             return event.value if event.style else plain_value(event.value)
         if len(path) >= MAX_DEPTH:
-            message = f"the nesting is deeper than {MAX_DEPTH} levels"
-            raise self.refusal(event, message, "flatten it, or close the brackets")
+            raise self.refusal(event, TOO_DEEP, FLATTER)
         if isinstance(event, yaml.SequenceStartEvent):
             return self._sequence(events, path)
         return self._mapping(events, path)
@@ -245,6 +245,8 @@ def _syntax_error(error: yaml.YAMLError, text: str, file: str | Path) -> SceneEr
     if isinstance(error, yaml.reader.ReaderError):
         return _control_character(error, text, file)
     mark = error.problem_mark or error.context_mark
+    if error.problem and "nesting depth" in error.problem:  # newer parsers give up before this module does
+        return SceneError(TOO_DEEP, file=file, key=f"line {mark.line + 1}", way_out=FLATTER)
     message, way_out = _SYNTAX.get(error.problem, (f"this is not YAML ({error.problem})", "correct the line"))
     if error.problem and error.problem.startswith("found character"):
         message, way_out = _wrong_start(text[mark.index : mark.index + 1])
