@@ -22,6 +22,7 @@ from timing import on_one_thread, print_table
 import comove
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import carried_to_hands
+from comove.experiments.paper.jobs import scene_of
 from comove.planning.compared import LeaderFollower
 from comove.planning.compared.speed_scaled import SpeedScaled
 from comove.planning.objective import Objective
@@ -46,15 +47,9 @@ def main() -> None:
     cooperation(range(asked.first, asked.first + asked.humans), asked.cycles)
 
 
-def open_scene() -> comove.Scene:
-    """The wide passage without its walls."""
-    data = comove.Scene.load("wide.yaml").file.model_dump(exclude_defaults=True)
-    return comove.Scene.from_dict(data | {"obstacles": [], "demonstration": None})
-
-
 def coupling(epochs: int) -> None:
     """Print what the coupling makes of hands that were taught differently."""
-    scene, s = open_scene(), np.linspace(0.0, 1.0, 201)
+    scene, s = scene_of("open"), np.linspace(0.0, 1.0, 201)
     roles = {
         "left leads": LeaderFollower(epochs=epochs),
         "right leads": LeaderFollower(epochs=epochs, leader="right"),
@@ -86,7 +81,7 @@ def coupling(epochs: int) -> None:
 
 def cooperation(humans: range, cycles: int) -> None:
     """Print how effort, deviation and stiffness change over the cycles."""
-    scene, method = open_scene(), SpeedScaled(cycles=cycles)
+    scene, method = scene_of("open"), SpeedScaled(cycles=cycles)
     objective = Objective(scene, arms_coordinates(scene))
     found = []
     for seed in humans:

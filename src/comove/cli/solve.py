@@ -161,6 +161,8 @@ def from_library(library: Library, scene: Scene, method: Method, seed: int, budg
     plane = None if taught is None else taught.plane
     if isinstance(method, (Paper, Printed)):
         found = combine(library, alone(scene), seed=seed, budget=budget, plane=plane)
+        if found.interrupted:
+            raise KeyboardInterrupt
         return f"a combination of {', '.join(found.names)}", found.dmp
     best = best_movement(library, scene, plane=plane, budget=budget).best
     return best.name, best.dmp

@@ -4,7 +4,7 @@ The paper, section III-A, equations (5) and (6), after Arnold and Hansen, "A (1+
 optimisation" (2012), carried to (mu/mu, lambda) selection. Samples that violate constraints are drawn again, from a
 distribution that each of them has shortened, until all are feasible; only then is the objective asked for.
 
-Three forms of the reduction, for a sample x = m + sigma A z that violates a_0 constraints j:
+Forms of the reduction, for a sample x = m + sigma A z that violates a_0 constraints j:
 
 - `PrintedForm`: equation (6), C <- C - beta/a_0 sum_j v_j v_j^T / |v_j|^2, with records v_j of steps A z,
   equation (5). Not invariant under scaling, and C soon stops being positive definite; the run then says so.

@@ -9,9 +9,9 @@ can be left out, so that its worth can be measured (docs/ablation.md):
 - at most some passes of drawing again: samples that are still infeasible then rank last;
 - a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), on one progress: while enough
   of the samples meet the constraints;
-- one constraint for a window of time and a side of the band (`windows`): a record that mixed both sides would
-  average to noise, and a constraint for every instant is too many to learn from;
-- a cost of errors within the band (`centring`): without it the best lies at the edge of all bands;
+- one constraint for a window of time and a side of the band (`windows`), so that a record says where and to which
+  side a sample was off;
+- a cost of errors within the band (`centring`), which draws the best away from its edge;
 - a movement whose middle navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
 - a linear phase.
 """

@@ -13,6 +13,7 @@ from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, wilson
 from comove.experiments.systems import Own
 from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
+from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.paper import OPTIMISER, Paper
 from comove.planning.printed import Printed
@@ -22,14 +23,21 @@ from comove.results.runs import Run
 EXAMPLES = ("wide", "narrow", "complex")
 SET = "easy"
 WHOLE = "paper"
-VARIANTS = {
+
+
+def _with(**changes: object) -> Paper:
+    """The paper's method with another optimiser."""
+    return Paper(optimiser=replace(OPTIMISER, **changes))
+
+
+VARIANTS: dict[str, tuple[str, Method]] = {
     WHOLE: ("all repairs; (6) in the space of z", Paper()),
-    "factor": ("(6) on a factor of the covariance (3), records carried along", FactorForm),
-    "stale": ("the same, records left as they are (Arnold and Hansen, 2012)", StaleForm),
-    "printed-form": ("(6) as printed, on the covariance", PrintedForm),
-    "no-reduction": ("no (6): samples are drawn again from the same distribution", NoForm),
-    "one-pass": ("samples are drawn again once, not 8 times", replace(OPTIMISER, passes=1)),
-    "many-passes": ("... 100 times", replace(OPTIMISER, passes=100)),
+    "factor": ("(6) on a factor of the covariance (3), records carried along", _with(form=FactorForm)),
+    "stale": ("the same, records left as they are (Arnold and Hansen, 2012)", _with(form=StaleForm)),
+    "printed-form": ("(6) as printed, on the covariance", _with(form=PrintedForm)),
+    "no-reduction": ("no (6): samples are drawn again from the same distribution", _with(form=NoForm)),
+    "one-pass": ("samples are drawn again once, not 8 times", _with(passes=1)),
+    "many-passes": ("... 100 times", _with(passes=100)),
     "no-narrowing": ("the final band from the beginning", Paper(narrowing=False)),
     "no-growing": ("the whole load from the beginning", Paper(growing=False)),
     "no-schedules": ("both", Paper(narrowing=False, growing=False)),
@@ -46,18 +54,12 @@ VARIANTS = {
     "exponential": ("the exponential phase of (1b)", Paper(phase=ExponentialPhase())),
     "printed": ("none of all this: Algorithm 1 with (3), (5), (6)", Printed()),
 }
-"""What is different, and the method, or the part of it that is: a form of (6), or an optimiser."""
+"""What is different, and the method."""
 
 
 def systems() -> dict[str, Own]:
     """Return the variants as systems that can be run, by name."""
-    made = {}
-    for name, (_, part) in VARIANTS.items():
-        if isinstance(part, type):
-            part = replace(OPTIMISER, form=part)
-        method = part if isinstance(part, (Paper, Printed)) else Paper(optimiser=part)
-        made[name] = Own(name, method)
-    return made
+    return {name: Own(name, method) for name, (_, method) in VARIANTS.items()}
 
 
 def scenes(count: int) -> list[BenchScene]:

@@ -11,7 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from comove.experiments.paper.measures import Measures, apart_in_the_mean
+from comove.experiments.paper.measures import Measures, apart_in_the_mean, count_verified
 from comove.experiments.paper.runs import BAND, ROLES, SCENES, TWO, Runs
 from comove.experiments.statistics import median_interval
 
@@ -88,13 +88,14 @@ def verifies_all_constraints(runs: Runs) -> Finding:
     bare = runs.measures("printed", who="paper without schedules")
     repaired = _story(runs, "paper", SCENES)
     most = max(m.generations for m in printed)
+    counts = [count_verified(found) for found in (printed, narrow, bare, repaired)]
     why = (
         "Algorithm 1 with (3), (5) and (6) as printed (`--method printed`), from the movement of Figure 3 with a "
-        f"band of {_mm(BAND)}: {_count(printed)} runs verified, {_count(narrow)} in the narrow passage. They "
-        f"complete {most} generations at most, then (6) has taken so much away that the covariance is not positive "
-        "definite; with 0 a run hands out the movement that it began with. The repaired method without its "
-        f"schedules: {_count(bare)}. With all [repairs](ablation.md): {_count(repaired)} on the three scenes, within "
-        f"{_mm(0.0002)}. Equation (7b) as two inequalities has no interior, so that resampling needs a band."
+        f"band of {_mm(BAND)}: {counts[0]} runs verified, {counts[1]} in the narrow passage. They complete {most} "
+        "generations at most, then (6) has taken so much away that the covariance is not positive definite; with 0 "
+        f"a run hands out the movement that it began with. The repaired method without its schedules: {counts[2]}. "
+        f"With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. Equation (7b) as "
+        "two inequalities has no interior, so that resampling needs a band."
     )
     return Finding(Verdict.REPRODUCED if _share(narrow) >= RELIABLE else Verdict.NOT, why)
 
@@ -309,7 +310,7 @@ def almost_unchanged(runs: Runs) -> Finding:
 def novel_scenarios(runs: Runs) -> Finding:
     """Six movements on three scenes."""
     by = {who: runs.measures("movements", who=who) for who in ("comove", "comove without planner", "paper")}
-    counts = ", ".join(f"{who} {_count(found)}" for who, found in by.items())
+    counts = ", ".join(f"{who} {count_verified(found)}" for who, found in by.items())
     budget = runs.of("movements")[0].job.budget
     why = (
         f"Two synthetic and four recorded movements on three scenes, {budget:g} s on the wall each: "
@@ -325,7 +326,7 @@ def increasing_difficulty(runs: Runs) -> Finding:
     by = [_story(runs, "paper", [scene]) for scene in SCENES]
     times = [median_interval([m.total for m in found]).value for found in by]
     why = "Paper's method, " + "; ".join(
-        f"{scene}: {_count(found)} verified, {time:.1f} s in the median"
+        f"{scene}: {count_verified(found)} verified, {time:.1f} s in the median"
         for scene, found, time in zip(SCENES, by, times, strict=True)
     )
     shares = [_share(found) for found in by]
@@ -495,8 +496,8 @@ def _by_papers_method(runs: Runs, scene: str) -> Finding:
     paper, ours = _story(runs, "paper", [scene]), _story(runs, "comove", [scene])
     error = max(m.distance_error for m in paper)
     why = (
-        f"Paper's method with schedules, {scene}: {_count(paper)} seeds verified, the distance is off by "
-        f"{_mm(error)} at most. comove: {_count(ours)}, {max(m.distance_error for m in ours):.1g} m."
+        f"Paper's method with schedules, {scene}: {count_verified(paper)} seeds verified, the distance is off by "
+        f"{_mm(error)} at most. comove: {count_verified(ours)}, {max(m.distance_error for m in ours):.1g} m."
     )
     if _share(paper) >= RELIABLE:
         return Finding(Verdict.REPRODUCED, why)
@@ -509,10 +510,6 @@ def _story(runs: Runs, who: str, scenes: Sequence[str]) -> list[Measures]:
 
 def _share(found: Sequence[Measures]) -> float:
     return sum(m.verified for m in found) / len(found)
-
-
-def _count(found: Sequence[Measures]) -> str:
-    return f"{sum(m.verified for m in found)} of {len(found)}"
 
 
 def _verified(m: Measures) -> str:

@@ -72,10 +72,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
             ]
         ),
         "roles.png": _side_by_side(
-            [
-                (title, runs.one("leaders", who=who))
-                for title, who in zip(("left leads", "right leads", "both follow"), ROLES, strict=True)
-            ],
+            [(title, runs.one("leaders", who=who)) for who, title in ROLES.items()],
             columns=3,
         ),
         "story.png": draw_measures(story_panels(runs), tuple(CONTENDERS), SCENES),

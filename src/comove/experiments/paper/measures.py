@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,6 +108,11 @@ def _measures(motion: CoordinatedMotion, cost: float, first: float | None, total
         total=total,
         reasons=verdict.reasons,
     )
+
+
+def count_verified(found: Sequence[Measures]) -> str:
+    """How many are verified, of how many, in words."""
+    return f"{sum(m.verified for m in found)} of {len(found)}"
 
 
 def apart_in_the_mean(one: CoordinatedMotion, other: CoordinatedMotion) -> float:

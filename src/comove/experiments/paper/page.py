@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from comove._version import __version__
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.examples import example
 from comove.experiments.markdown import table
 from comove.experiments.paper import tables
 from comove.experiments.paper.claims import Claim, Finding, Verdict
 from comove.experiments.paper.figures import verdict
 from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST
-from comove.experiments.paper.measures import Measures
+from comove.experiments.paper.measures import count_verified, measure_motion
 from comove.experiments.paper.runs import BAND, GAIT, RESEMBLANCE, SCENES, STORY, TWO, Runs
 from comove.views.motion import N_STATES
 
@@ -73,7 +75,7 @@ def _head(runs: Runs, findings: Sequence[tuple[Claim, Finding]], effort: Effort,
     rows = []
     for who in CONTENDERS:
         found = [runs.measures("story", scene=scene, who=who) for scene in SCENES]
-        rows.append([who, *(f"{sum(m.verified for m in cell)} of {len(cell)}" for cell in found)])
+        rows.append([who, *map(count_verified, found)])
     return f"""
 # The paper, reproduced
 
@@ -107,6 +109,7 @@ instant.
 
 
 def _figures(runs: Runs, folder: str) -> str:
+    straight = measure_motion(CoordinatedMotion.straight(example("wide")))
     first, initial, given = (runs.one(name).measures for name in ("figure 1", "figure 3", "given"))
     paper, comove = (
         {scene: runs.one("figure 4", scene=scene, who=who) for scene in ("wide", "narrow")}
@@ -156,8 +159,9 @@ more ways to do it (`comove run turning.yaml --out beside --compare`); tolerance
 
 Left: movements of a library combined and optimised for one hand, after [6]: {verdict(initial)}, J =
 {initial.cost:.3f}. Right: the same DMP for both hands, before any optimisation: {verdict(given)}.
-The passage is wide,
-and a straight line would pass it too. The searches of Figures 4, 5, 6a and 6b by the paper's method and after [22]
+The passage is wide:
+straight lines of both hands are {verdict(straight)}. The searches of Figures 4, 5, 6a and 6b by
+the paper's method and after [22]
 begin with it. (`comove solve wide.yaml --out one --method single`; here with the numbers above.)
 
 ### Figure 4: wide and narrow passage
@@ -210,7 +214,7 @@ movement, at the same settings as the [large comparison](#over-seeds).
 No wall is what [7] was made for: two hands that were taught different movements, here {TWO[0]} and {TWO[1]} of
 people's handwriting, and nothing in the way.
 
-![Who leads decides whose movement is kept]({folder}/roles.png)
+![The left hand leads, the right hand leads, both follow]({folder}/roles.png)
 
 {tables.roles_table(runs)}
 """
@@ -288,17 +292,16 @@ def _review(runs: Runs) -> str:
 **What a reviewer needs to know.** The paper gives no code, no coordinates, no weights of (4), no numbers of samples,
 basis functions or constraints, and no band for (7b). Assumed here: scenes of one metre with a bar of {LENGTH}, 16
 basis functions a coordinate, 16 samples a generation, hard obstacles, a band of {1e3 * BAND:g} mm in the figures and
-of {TOLERANCE} in the tables. The constrained CMA-ES as printed (`--method printed`) is verified in {_count(printed)}
+of {TOLERANCE} in the tables. The constrained CMA-ES as printed (`--method printed`) is verified in
+{count_verified(printed)}
 runs. The same idea with repairs, each of which is [left out by itself](ablation.md) elsewhere (`--method paper`): in
-{_count(paper)}, within a band, as sampling cannot hold an equality. comove's default holds it by its coordinates:
-{_count(ours)}. Joint demonstration without the constraint [22]: {_count(free)}. A matrix of the nearest hand on both
+{count_verified(paper)}, within a band, as sampling cannot hold an equality. comove's default holds
+it by its coordinates:
+{count_verified(ours)}. Joint demonstration without the constraint [22]: {count_verified(free)}. A
+matrix of the nearest hand on both
 hands {_outcome(runs, "nearest hand's matrix")}. No physical robot was used, and Figures 7 to 9 have no
 counterpart here but [simulation](simulation.md).
 """
-
-
-def _count(found: Sequence[Measures]) -> str:
-    return f"{sum(m.verified for m in found)} of {len(found)}"
 
 
 def _outcome(runs: Runs, method: str) -> str:

@@ -29,7 +29,12 @@ RESEMBLANCE = 10.0
 PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
 MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
 FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
-ROLES = ("leader-follower [7]", "right hand leads", "both follow")
+ROLES = {
+    "leader-follower [7]": "left leads",
+    "right hand leads": "right leads",
+    "both follow": "both follow",
+}
+"""Who leads, by contender."""
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
 MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
 RECORDED = {

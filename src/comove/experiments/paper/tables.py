@@ -63,7 +63,7 @@ def systems_table(runs: Runs) -> str:
 def roles_table(runs: Runs) -> str:
     """Root mean square error of the distance by epoch, by who leads."""
     rows = []
-    for title, who in zip(("left leads", "right leads", "both follow"), ROLES, strict=True):
+    for who, title in ROLES.items():
         outcome = runs.one("leaders", who=who)
         rms = outcome.log["epoch_error_rms_m"]
         shown = [f"{1e3 * rms[i - 1]:.3g}" if i <= len(rms) else "none" for i in EPOCHS]
