@@ -15,6 +15,7 @@ from comove.cli import app as _  # noqa: F401
 from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
 from comove.cli.robot import export
+from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
 from comove.robots import description as robot_files
@@ -285,12 +286,34 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
         (["send", ".", "--timeout", "0"], "--timeout: 0.0 is not possible"),
         (["send", ".", "--start-tolerance", "-1"], "--start-tolerance: -1.0 is not possible"),
         (["send", ".", "--path-tolerance", "nan"], "--path-tolerance: nan is not possible"),
+        (["solve", SCENE, "--out", "never", "--method", "printed"], "--method: unknown method 'printed'"),
+        (["solve", SCENE, "--out", "never", "--method", "paper"], "method: free hands"),
+        (["solve", SCENE, "--out", "never", "--library", "nowhere"], "none of the 0 movements"),
         (["solve", SCENE, "--out", "never", "--robot", "baxxter"], "--robot: there is no robot 'baxxter'"),
     ],
 )
 def test_wrong_words_on_the_command_line(arguments, word):
     result = run("robot", *arguments)
     assert result.exit_code == 2 and word in text_of(result)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("passage", ["wide", "narrow"])
+def test_the_papers_pipeline_with_a_robot(passage, tmp_path):
+    """Movements of a library combined for one hand, given to both, optimised for arms that follow, simulated."""
+    for shape in ("Sine", "CShape", "Line"):
+        result = run("library", "add", f"lasa:{shape}", "--folder", tmp_path / "library")
+        assert result.exit_code == 0, text_of(result)
+    result = run(
+        *("robot", "solve", example_path(f"baxter_{passage}"), "--out", tmp_path / "arms", "--budget", 60),
+        *("--method", "paper", "--library", tmp_path / "library", "--weights", "1,0.2,10"),
+    )
+    assert result.exit_code == 0, text_of(result)
+    assert "a combination of" in text_of(result)
+    summary = json.loads((tmp_path / "arms" / "solution.json").read_text())
+    assert summary["verified"] and summary["method"] == "paper"
+    assert run("verify", tmp_path / "arms" / "scene.json", tmp_path / "arms").exit_code == 0
+    assert run("robot", "simulate", tmp_path / "arms").exit_code == 0
 
 
 def test_a_robot_that_is_not_there(solved, monkeypatch):

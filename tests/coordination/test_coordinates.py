@@ -15,6 +15,7 @@ from comove.coordination.coordinates import (
     unit_motion,
 )
 from comove.errors import OptionError
+from comove.scenes import Scene
 from comove.scenes.groups import quaternion_of_rotation
 
 from .examples import (
@@ -247,9 +248,29 @@ def test_what_projection_does_not_serve():
 
 
 def test_what_free_hands_do_not_serve():
-    for scene, word in ((TRAY, "upright"), (PLANAR_TRAY, "upright"), (POSE, "relative pose")):
+    tilted = TRAY.file.model_dump(exclude_defaults=True)
+    for end in ("start", "goal"):
+        x, y, z = tilted["manipulators"][0][end]
+        tilted["manipulators"][0][end] = (x, y, z + 1e-4)
+    tilted["constraints"] = [{"type": "upright", "tolerance_deg": 20.0}]
+    for scene, word in (
+        (Scene.from_dict(tilted), "upright"),
+        (PLANAR_TRAY, "upright"),
+        (POSE, "relative pose"),
+    ):
         with pytest.raises(OptionError, match=word):
             arms_coordinates(scene)
+
+
+@given(seeds, st.floats(0.01, 100))
+def test_free_hands_keep_a_level_load_level_whatever_the_configuration(seed, spread):
+    coordinates = arms_coordinates(TRAY)
+    n_hands = len(TRAY.manipulators)
+    assert coordinates.n_columns == 2 * n_hands + 1
+    q = np.random.default_rng(seed).normal(0.0, spread, (1, coordinates.n_columns, 5))
+    heights = coordinates.nodes(q)[0, :, :n_hands, 2]
+    assert (heights == heights[:, :1]).all()
+    assert np.ptp(coordinates.nodes(q)[0, :, :n_hands, 0], axis=1).max() > 0
 
 
 @settings(max_examples=60)

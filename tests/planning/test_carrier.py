@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from comove.planning import Comove, PaperCost, solve
+from comove.planning import Comove, Paper, PaperCost, solve
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, profiles
@@ -73,6 +73,32 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     for motion in (found, unchecked):
         assert motion.verified and highest(motion.attempt) <= low + 1e-3
         assert motion.report.acceleration_max < 0.2 * paper.report.acceleration_max
+
+
+def test_the_papers_method_asks_it_about_the_load_as_it_is():
+    """However small a load that grows is drawn, hands hold the real one."""
+
+    @dataclass(frozen=True)
+    class Watched(Ceiling):
+        apart: list = field(default_factory=list)
+
+        def ask(self, nodes):
+            self.apart.append(np.linalg.norm(nodes[:, :, 0] - nodes[:, :, 1], axis=2).mean())
+            return super().ask(nodes)
+
+    free = solve(SCENE, method=Paper(), budget=10)
+    assert free.verified
+    low = highest(free.attempt) - 0.02
+    carrier = Watched(low)
+    found = solve(
+        SCENE,
+        method=Paper(),
+        budget=20,
+        carrier=carrier,
+        checks=[lambda m: [] if highest(m) <= low else ["too high"]],
+    )
+    assert found.verified and highest(found.attempt) <= low
+    assert min(carrier.apart) > 0.05
 
 
 def test_what_a_check_rejects_makes_the_carrier_careful():

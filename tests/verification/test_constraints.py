@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.coordination import arms_coordinates, load_coordinates, projected_coordinates
+from comove.coordination import CoordinatedDMP, arms_coordinates, load_coordinates, projected_coordinates
 from comove.errors import ComoveWarning, OptionError, SceneError
+from comove.primitives import motion_basis
 from comove.scenes import (
     DistanceConstraint,
     SameHeightConstraint,
@@ -216,6 +217,32 @@ def test_a_load_that_may_tilt_is_not_upright_whatever_its_coordinates_are_called
         renamed = replace(motion, scene=demanding, coordinates=replace(motion.coordinates, kind=kind))
         assert verify(renamed).report.tilt_max == np.inf
         assert reasons(verify(renamed), "coordinates are not those of the scene")
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_free_hands_keep_a_load_level_by_one_height_for_all(seed):
+    """Hands that share the column of their heights; those that have one each may tilt it."""
+    rng = np.random.default_rng(seed)
+    ends = [{"start": [x, 0.2, 0.4], "goal": [x, 0.7, 0.6]} for x in (0.4, 0.6)]
+    data = {
+        "name": "level",
+        "duration": 5.0,
+        "workspace": {"lower": [-2, -2, -2], "upper": [3, 3, 3]},
+        "load": {"shape": "bar", "length": 0.2},
+        "manipulators": [{"name": name, **one} for name, one in zip("ab", ends, strict=True)],
+    }
+    upright = Scene.from_dict(data | {"constraints": UPRIGHT})
+    basis = motion_basis(8, "acceleration")
+    for scene in (upright, Scene.from_dict(data)):
+        free = arms_coordinates(scene)
+        weights = rng.normal(0.0, 1e-6, (free.n_columns, 8))
+        motion = CoordinatedDMP(scene, free, basis, free.boundary(), weights).rollout()
+        verdict = verify(replace(motion, scene=upright))
+        if scene is upright:
+            assert verdict.verified and verdict.report.tilt_max == 0.0
+        else:
+            assert verdict.verified is None and verdict.report.tilt_max == np.inf
 
 
 def test_a_block_that_leans_is_caught_at_its_ends():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -246,14 +247,14 @@ def _weights(text: str) -> dict[str, float]:
     return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
 
 
-def method_named(name: str):
-    """The method object of a name."""
+def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
+    """Return the method of a name, one of those `known`."""
     from comove.planning import Comove, Paper, Printed, Projection
     from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 
     own = (Comove, Projection, Paper, Printed)
     compared = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
-    methods = {kind.name: kind for kind in (*own, *compared)}
+    methods = {kind.name: kind for kind in (*own, *compared) if kind.name in known}
     if name not in methods:
         raise OptionError(f"unknown method '{name}'", key="--method", way_out=near_name(name, methods))
     return methods[name]()

@@ -12,7 +12,7 @@ quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
 ============ ============================== ====================================================
 
 A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
-Hands that must be at one height share the column of their heights.
+Hands that must be at one height share the column of their heights, as do free hands that keep a load level.
 The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
 vector between them) is the same thing as direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
 `projected_coordinates` holds that linear map. `arms_coordinates` leave every hand to itself, as the paper does: one
@@ -32,7 +32,12 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.primitives.rotations import quaternion_product
-from comove.scenes.constraints import RelativePoseConstraint, SameHeightConstraint, UprightConstraint
+from comove.scenes.constraints import (
+    ROUNDING,
+    RelativePoseConstraint,
+    SameHeightConstraint,
+    UprightConstraint,
+)
 from comove.scenes.groups import (
     Pose,
     RigidGroup,
@@ -313,11 +318,13 @@ def arms_coordinates(scene: Scene) -> Coordinates:
     Raises
     ------
     OptionError
-        If the load has points beside the hands, which free hands do not determine; if it must stay upright;
-        and if hands must keep their relative pose in space.
+        If the load has points beside the hands, which free hands do not determine; if it must stay upright in the
+        plane, or between hands at different heights; and if hands must keep their relative pose in space.
     """
-    for held, unheld in (("upright", UprightConstraint), ("relative pose", RelativePoseConstraint)):
-        if any(isinstance(c, unheld) for c in scene.constraints) and (held == "upright" or scene.n_dims == 3):
+    tilted = [c for c in scene.constraints if isinstance(c, UprightConstraint) and not _is_level(scene, c)]
+    posed = [c for c in scene.constraints if isinstance(c, RelativePoseConstraint) and scene.n_dims == 3]
+    for held, unheld in (("upright", tilted), ("relative pose", posed)):
+        if unheld:
             raise OptionError(
                 f"free hands do not hold the constraint '{held}'",
                 key="method",
@@ -389,9 +396,21 @@ def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
     level = list(range(len(groups)))
     for c in scene.constraints:
         if isinstance(c, SameHeightConstraint):
-            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
+            pairs = [(c.first, c.second)]
+        elif isinstance(c, UprightConstraint) and _is_level(scene, c):
+            pairs = [(c.members[0], other) for other in c.members[1:]]
+        else:
+            continue
+        for first, second in pairs:
+            old, new = sorted((level[group_of[first]], level[group_of[second]]), reverse=True)
             level = [new if b == old else b for b in level]
     return level
+
+
+def _is_level(scene: Scene, c: UprightConstraint) -> bool:
+    """Return whether hands that keep a load upright are at one height at both ends, and so all along; in space."""
+    heights = [ends[list(c.members), -1] for ends in (scene.start, scene.goal)]
+    return scene.n_dims == 3 and all(np.ptp(h) <= ROUNDING for h in heights)
 
 
 def _width(kind: int, n_dims: int) -> int:

@@ -72,7 +72,7 @@ class Paper(Method):
 
     name: ClassVar[str] = "paper"
     coordinates: Callable[[Scene], Coordinates] = arms_coordinates
-    n_basis: int = 16
+    n_basis: int = 8
     optimiser: CCMAES = OPTIMISER
     population: int = 16
     sigma: float = 0.05
@@ -126,6 +126,7 @@ class Paper(Method):
         """One run of the optimiser; the best motion within the final band, None where it did not get there."""
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
+        widest = max(1.5 * first.max(), self._reach(search, dmp))
         run = self._started(search.rng, dmp.weights.size, n_limits=first.size)
         progress = furthest = 0.0 if self.narrowing or self.growing else 1.0
         finished, waited = 0, 0
@@ -134,7 +135,7 @@ class Paper(Method):
             if search.over():  # what there is, judged and labelled
                 search.judge(dmp.rollout(latest))
             search.check_time()
-            request, bands = run.ask(), self._bands(scene, progress, first.max())
+            request, bands = run.ask(), self._bands(scene, progress, widest)
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
                 missed = self._errors(dmp, weights) - bands
@@ -145,7 +146,7 @@ class Paper(Method):
                 continue
             grown = min(1.0, progress / GROWN) if self.growing else 1.0
             size = SMALLEST_LOAD + (1 - SMALLEST_LOAD) * grown
-            value = objective.evaluate(dmp.rollouts(weights, N_STEPS), size)
+            value = search.evaluate(objective, dmp, weights, size)
             fitness = objective.search_value(value)
             i = int(np.argmin(fitness))
             search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
@@ -181,6 +182,11 @@ class Paper(Method):
         )
         return self.optimiser.start(start)
 
+    def _reach(self, search: Search, dmp: CoordinatedDMP) -> float:
+        """Return a band that enough of the first samples meet [m]; hands of three and more stray further than two."""
+        draws = self.sigma * search.rng.standard_normal((self.population, *dmp.weights.shape))
+        return float(np.quantile(self._errors(dmp, dmp.weights + draws).max(axis=1), ENOUGH))
+
     def _errors(self, dmp: CoordinatedDMP, weights: Array) -> Array:
         """`window_errors` of rollouts; weights (n_rollouts, n_columns, n_basis)."""
         hands = dmp.coordinates.centers(dmp.rollouts(weights, N_STEPS))
@@ -192,13 +198,13 @@ class Paper(Method):
         Parameters
         ----------
         progress : from 0 to 1
-        least : width with which the bands begin at least [m]: the first movement lies well inside
+        least : width with which the bands begin at least [m]
         """
         widths = []
         for c in scene.distances:
             final = INSIDE * (c.tolerance if c.tolerance > LEAST[0] * c.distance else LEAST[1] * c.distance)
             share = min(1.0, progress / NARROWED) if self.narrowing else 1.0
-            first = max(FIRST_BAND * c.distance, 1.5 * least)
+            first = max(FIRST_BAND * c.distance, least)
             widths.append(first * (final / first) ** share)
         return np.repeat(widths, 2 * self.windows)
 

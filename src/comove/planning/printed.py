@@ -45,7 +45,7 @@ class Printed(Method):
 
     name: ClassVar[str] = "printed"
     coordinates: Callable[[Scene], Coordinates] = arms_coordinates
-    n_basis: int = 16
+    n_basis: int = 8
     population: int = 16
     sigma: float = 0.05
     phase: Phase = ExponentialPhase()

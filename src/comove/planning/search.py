@@ -213,7 +213,7 @@ class Search:
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q, size)
         if self.carrier is not None:
-            penalty, possible = self.carrier.ask(objective.coordinates.nodes(q, size))
+            penalty, possible = self.carrier.ask(objective.coordinates.nodes(q))  # arms hold the real load
             value = value._replace(penalty=value.penalty + penalty, possible=possible)
         return value
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from comove.planning.compiling import compiling
-from comove.planning.methods import Comove
+from comove.planning.method import Method
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
 from comove.planning.solution import ProgressCallback, Solution
@@ -64,6 +64,7 @@ def carry(
     *,
     demonstration: DMP | None = None,
     seed: int = 0,
+    method: Method | None = None,
     budget: float = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
@@ -77,6 +78,9 @@ def carry(
         asked for, the motion is as fast as the limits of hands and joints allow at its own law of motion.
     robot
         `Robot.load("baxter")`, for example.
+    method
+        Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4):
+        along a load without ends beyond them, and in the duration that the scene states.
     demonstration, seed, objective, progress
         As for `comove.planning.solve`.
     budget
@@ -100,6 +104,8 @@ def carry(
         RobotCheck(task).prepare()
     spent = time.perf_counter() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
+    if method is not None:
+        return _searched(scene, task.on(scene) if scene.is_timed else task, method, budget, wanted)
     if not scene.is_timed or isinstance(objective, LeastTime):
         return _searched(scene.timed(None), task, robot_method(), budget, wanted)
     timed = least_possible(scene) <= scene.duration
@@ -122,7 +128,7 @@ def carry(
 
 
 def _searched(
-    scene: Scene, task: Carrying, method: Comove, budget: float, wanted: dict[str, Any]
+    scene: Scene, task: Carrying, method: Method, budget: float, wanted: dict[str, Any]
 ) -> RobotSolution:
     """Search in the duration of the task's scene for a motion on `scene`."""
     check = RobotCheck(task)

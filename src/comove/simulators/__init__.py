@@ -9,8 +9,12 @@ from comove.simulators.pictures import draw_film, draw_sheet
 from comove.simulators.playback import play
 from comove.simulators.settings import Settings
 from comove.simulators.simulate import simulate
+from comove.simulators.studio import ABOVE, FRONT, View
 
 __all__ = [
+    "ABOVE",
+    "FRONT",
+    "View",
     "Connect",
     "Contact",
     "Execution",

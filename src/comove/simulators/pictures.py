@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from comove.scenes.groups import quaternion_of_rotation
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
 from comove.simulators.execution import Execution
 from comove.simulators.film import encoder, write_film
-from comove.simulators.studio import LARGEST, camera_for, furnish
+from comove.simulators.studio import FRONT, LARGEST, View, camera_for, furnish
 from comove.simulators.things import lower_floor
 from comove.simulators.world import World, build_world
 
@@ -32,7 +32,13 @@ INK, PAPER = (40, 44, 52), (255, 255, 255)
 
 
 def draw_sheet(
-    execution: Execution, path: str | Path, *, count: int = 6, columns: int = 3, width: int = 640
+    execution: Execution,
+    path: str | Path,
+    *,
+    count: int = 6,
+    columns: int = 3,
+    width: int = 640,
+    views: Sequence[View] = (FRONT,),
 ) -> None:
     """Write a sheet of equally spaced instants as PNG.
 
@@ -40,6 +46,7 @@ def draw_sheet(
     ----------
     count, columns : how many instants, and how many of them in a row
     width : of one picture; its height is three quarters of that [pixels]
+    views : from where it is seen; the instants once more for each, below
 
     Raises
     ------
@@ -49,10 +56,13 @@ def draw_sheet(
         If the file cannot be written.
     """
     height, rows = round(width * 3 / 4), -(-count // columns)
-    sheet = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), PAPER)
-    with camera(execution, width, height) as shot:
-        for i, step in enumerate(_steps(execution, count)):
-            sheet.paste(shot(step), ((i % columns) * (width + GAP), (i // columns) * (height + GAP)))
+    size = columns * (width + GAP) - GAP, len(views) * rows * (height + GAP) - GAP
+    sheet = Image.new("RGB", size, PAPER)
+    for k, view in enumerate(views):
+        with camera(execution, width, height, view=view) as shot:
+            for i, step in enumerate(_steps(execution, count)):
+                row = k * rows + i // columns
+                sheet.paste(shot(step), ((i % columns) * (width + GAP), row * (height + GAP)))
     with whole_file(path, ResultError) as file:
         sheet.save(file, format="PNG", optimize=True)
 
@@ -100,7 +110,7 @@ def _steps(execution: Execution, count: int) -> list[int]:
 
 @contextmanager
 def camera(
-    execution: Execution, width: int, height: int, *, shadows: bool = True
+    execution: Execution, width: int, height: int, *, shadows: bool = True, view: View = FRONT
 ) -> Iterator[Callable[[int], Image.Image]]:
     """Lend a function that draws one sample of an execution, of the size given in pixels.
 
@@ -136,12 +146,12 @@ def camera(
         options.geomgroup[:] = [group in DRAWN_GROUPS for group in range(len(options.geomgroup))]
         place(execution, world, data, 0)
         lower_floor(world.model, data)
-        view = camera_for(execution, _seen(execution, world, data), width / height)
+        stand = camera_for(execution, _seen(execution, world, data), width / height, view)
         with _renderer(world.model, height, width) as renderer:
 
             def shot(step: int) -> Image.Image:
                 place(execution, world, data, step)
-                renderer.update_scene(data, view, options)
+                renderer.update_scene(data, stand, options)
                 picture = Image.fromarray(renderer.render())
                 size = max(12, width // 30)
                 words = f"{execution.time[step]:.1f} s"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,25 @@ Array = NDArray[np.float64]
 
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
 FIELD = 40.0  # degrees, that the camera sees from top to bottom
-ELEVATION = -30.0  # degrees, from which it looks down
-ASIDE = 24.0  # degrees, by which it looks from the side of the front
 NO_FRONT = 0.1  # m, between hands and bases: robots around what they do have no front
 ROOM = 0.10  # m, around the middles of what must be seen
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a camera stands.
+
+    Attributes
+    ----------
+    aside : by how much it looks from the side of the robot's front [deg]
+    elevation : from which it looks down, negative [deg]
+    """
+
+    aside: float
+    elevation: float
+
+
+FRONT, ABOVE = View(aside=24.0, elevation=-30.0), View(aside=0.0, elevation=-89.0)
 
 
 def furnish(spec: Any, *, shadows: bool = True) -> None:
@@ -56,8 +72,8 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
         light.diffuse, light.specular = (strength,) * 3, (0.12,) * 3
 
 
-def camera_for(execution: Execution, seen: Array, aspect: float) -> Any:
-    """A camera that looks at the robot from its front and sees all of some points.
+def camera_for(execution: Execution, seen: Array, aspect: float, view: View = FRONT) -> Any:
+    """A camera that looks at the robot and sees all of some points.
 
     Parameters
     ----------
@@ -66,8 +82,8 @@ def camera_for(execution: Execution, seen: Array, aspect: float) -> Any:
     """
     camera = engine().MjvCamera()
     camera.lookat[:] = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    camera.azimuth, camera.elevation = _azimuth(execution), ELEVATION
-    a, e = np.deg2rad([camera.azimuth, ELEVATION])
+    camera.azimuth, camera.elevation = _front(execution) + view.aside, view.elevation
+    a, e = np.deg2rad([camera.azimuth, camera.elevation])
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([np.sin(a), -np.cos(a), 0.0])
     up = np.cross(right, forward)
@@ -83,10 +99,9 @@ def camera_for(execution: Execution, seen: Array, aspect: float) -> Any:
     return camera
 
 
-def _azimuth(execution: Execution) -> float:
-    """Of a look from what the hands do to where the robot stands, along an axis but for `ASIDE` [deg]."""
+def _front(execution: Execution) -> float:
+    """Azimuth of a look from what the hands do to where the robot stands, along an axis [deg]."""
     work = execution.hands[:, :, :2, 3].mean(axis=(0, 1))
     bases = np.mean([source.base.position[:2] for source in execution.robot.sources], axis=0)
     x, y = bases - work
-    front = 180.0 if np.hypot(x, y) < NO_FRONT else 90.0 * np.round(2 / np.pi * np.arctan2(y, x))
-    return float(front + ASIDE)
+    return 180.0 if np.hypot(x, y) < NO_FRONT else float(90.0 * np.round(2 / np.pi * np.arctan2(y, x)))

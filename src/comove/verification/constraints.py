@@ -111,14 +111,25 @@ def _separation(
 
 
 def _upright(motion: CoordinatedMotion, c: UprightConstraint, bounds: NodeBounds, position: Array) -> float:
-    """Infinite where the block may tilt.
+    """Infinite where the load may tilt.
 
-    A block that only shifts, or in space turns about the vertical, keeps what lies across and along the vertical.
+    A block that only shifts, or in space turns about the vertical, keeps what lies across and along the vertical;
+    and so do hands in space that are at one height because they share the column of q that says it.
     """
     n_dims, (part, _) = motion.scene.n_dims, _block(motion, c.members[0])
-    if not set(c.members) <= set(part.nodes.tolist()) or not _keeps_tilt(part, n_dims):
+    together = set(c.members) <= set(part.nodes.tolist()) and _keeps_tilt(part, n_dims)
+    if not together and not _is_level(motion, c.members):
         return np.inf
     return float(tilts(position, c.members, n_dims).max())
+
+
+def _is_level(motion: CoordinatedMotion, members: Sequence[int]) -> bool:
+    """Return whether hands in space are at one height, whatever q is."""
+    columns = np.arange(motion.coordinates.n_columns)
+    blocks = [_block(motion, hand) for hand in members]
+    if motion.scene.n_dims != 3 or not all(_keeps_tilt(part, 3) for part, _ in blocks):
+        return False
+    return len({(int(columns[part.columns][2]), float(part.points[i, 2])) for part, i in blocks}) == 1
 
 
 def tilts(position: Array, members: Sequence[int], n_dims: int) -> Array:

@@ -5,9 +5,11 @@ from functools import cache
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.execution.comparison import METHODS
+from comove.experiments.paper.baxter import METHODS as WAYS
+from comove.experiments.paper.baxter import PASSAGES, Passage, Transport
 from comove.experiments.paper.jobs import Job, Outcome, scene_of
 from comove.experiments.paper.measures import Along, Measures
-from comove.experiments.paper.runs import RECORDED, STRAIGHT, Encounter, Runs, all_jobs
+from comove.experiments.paper.runs import INITIAL, RECORDED, STRAIGHT, Encounter, Runs, all_jobs, recordings
 from comove.scenes import Scene
 
 GOOD = Measures(
@@ -50,6 +52,8 @@ def motion_of(job):
 def measures_of(job):
     if job.who == "paper" and job.scene == "narrow":
         return replace(GOOD, jerk=100.0, turn=1.2)
+    if job.purpose == "straight" and job.scene == "complex":
+        return replace(GOOD, verified=False, clearance=-0.05)
     if job.who == "unconstrained [22]":
         return replace(GOOD, verified=False, distance_error=0.1)
     if job.purpose == "leaders" or job.who in ("leader-follower [7]", "speed-scaled [8]"):
@@ -58,17 +62,28 @@ def measures_of(job):
 
 
 def ideal_runs(seeds=3):
-    movements = dict.fromkeys((STRAIGHT, "initial", "joint", "two", *RECORDED))
+    movements = dict.fromkeys((STRAIGHT, "initial", "winding", "joint", "two", *recordings(), *RECORDED))
     jobs = [
-        Job("figure 3", "wide", "single [6]", STRAIGHT),
-        Job("given", "wide", "nobody", "initial"),
+        *(Job("figure 3", scene, "single [6]", STRAIGHT) for scene in INITIAL),
+        *(Job("given", scene, "nobody", movement) for scene, movement in INITIAL.items()),
+        *(Job("straight", scene, "nobody", STRAIGHT) for scene in INITIAL),
         Job("joint", "wide", "comove", "initial"),
         *all_jobs(seeds, movements),
     ]
     outcomes = tuple(
         Outcome(job, measures_of(job), STEADY if job.keep else None, motion_of(job), LOG) for job in jobs
     )
-    return Runs(seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS))
+    transports = tuple(
+        Transport(
+            *(Passage(scene, who, 0.2), True, True, (), 1.0 if scene == "narrow" else 0.1),
+            *(1e-4, 0.01, 1e-3, 1e-3, 10.0, b"picture"),
+        )
+        for scene in PASSAGES
+        for who in WAYS
+    )
+    return Runs(
+        seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS), transports=transports
+    )
 
 
 def led(runs, who, height):
@@ -90,6 +105,17 @@ def changed(runs, purpose, asked=None, along=None, **changes):
                 outcome = replace(outcome, along=replace(outcome.along, **along))
         outcomes.append(outcome)
     return replace(runs, outcomes=tuple(outcomes))
+
+
+def carried(runs, asked, **changes):
+    """The runs with other outcomes of some of Baxter's."""
+    return replace(
+        runs,
+        transports=tuple(
+            replace(t, **changes) if all(getattr(t.passage, k) == v for k, v in asked.items()) else t
+            for t in runs.transports
+        ),
+    )
 
 
 def met(runs, method, **changes):

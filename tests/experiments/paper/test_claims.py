@@ -1,10 +1,12 @@
 """Verdicts follow from the numbers: what is broken in the runs is broken in the verdicts."""
 
+from dataclasses import replace
+
 import pytest
 
 from comove.experiments.paper import claims
 from comove.experiments.paper.claims import CLAIMS, Verdict, judge_all
-from tests.experiments.paper.ideal import changed, ideal_runs, led, met
+from tests.experiments.paper.ideal import carried, changed, ideal_runs, led, met
 
 GOOD, REMARK, NOT, BUILT_IN = Verdict.REPRODUCED, Verdict.REMARK, Verdict.NOT, Verdict.BUILT_IN
 FIG4 = {"scene": "narrow", "who": "paper"}
@@ -35,6 +37,7 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
         )
     for method in (claims.NEAREST, "same matrix on all", "obstacles seen only"):
         broken = met(broken, method, clearance=-0.1, distance_error=0.2)
+    broken = carried(broken, {}, verified=False, delivered=False, lag=None, end_error=None)
     for claim, finding in judge_all(broken):
         if claim.judge not in (claims.does_not_enforce, claims.roles_matter):
             assert finding.verdict in (NOT, Verdict.UNTESTED), claim.quote
@@ -62,7 +65,9 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
         (claims.one_phase, "given", {}, {"distance_error": 1e-6}, None, BUILT_IN, NOT),
         (claims.obstacles_either_way, "obstacles in the cost", {}, {"verified": False}, None, GOOD, REMARK),
         (claims.obstacles_either_way, "systems", {"who": "comove"}, {"verified": False}, None, GOOD, NOT),
-        (claims.combined, "figure 3", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.combined, "figure 3", {"scene": "complex"}, {"verified": False}, None, GOOD, NOT),
+        (claims.combined, "straight", {"scene": "complex"}, {"verified": True}, None, GOOD, REMARK),
+        (claims.navigates, "figure 3", {"scene": "wide"}, {"verified": False}, None, GOOD, NOT),
         (claims.more_than_two, "three hands", PAPER, {"verified": False}, None, GOOD, REMARK),
         (claims.more_than_two, "three hands", {}, {"verified": False}, None, GOOD, NOT),
         (claims.figure_4a, "story", {**PAPER, "scene": "wide"}, {"verified": False}, None, GOOD, REMARK),
@@ -118,6 +123,28 @@ def test_a_verdict_turns_with_its_numbers(ideal, judge, purpose, asked, changes,
 def test_verdicts_on_moving_obstacles(ideal, judge, method, changes, before, after):
     assert judge(ideal).verdict is before
     assert judge(met(ideal, method, **changes)).verdict is after
+
+
+@pytest.mark.parametrize(
+    ("judge", "asked", "changes", "before", "after"),
+    [
+        (claims.completes, {"who": "paper", "scene": "wide"}, {"delivered": False}, GOOD, REMARK),
+        (claims.completes, {"scene": "narrow"}, {"verified": False}, GOOD, NOT),
+        (claims.simulated_baxter, {"who": "paper"}, {"delivered": False}, REMARK, NOT),
+        (claims.simulated_baxter, {"who": "comove"}, {"delivered": False}, REMARK, REMARK),
+        (claims.almost_unchanged, {"scene": "wide"}, {"turn": 0.9}, REMARK, NOT),
+    ],
+)
+def test_verdicts_on_the_robot(ideal, judge, asked, changes, before, after):
+    assert judge(ideal).verdict is before
+    assert judge(carried(ideal, asked, **changes)).verdict is after
+
+
+def test_without_models_and_simulator_the_robot_is_not_tested(ideal):
+    without = replace(ideal, transports=(), absent="a simulation needs more than the core")
+    for judge in (claims.completes, claims.simulated_baxter):
+        assert judge(without).verdict is Verdict.UNTESTED
+    assert claims.almost_unchanged(without).verdict is REMARK  # in the plane
 
 
 @pytest.mark.parametrize(("height", "verdict"), [(0.1, GOOD), (0.02, GOOD), (0.001, NOT)])

@@ -12,11 +12,20 @@ from comove.cli import reproduce  # noqa: F401  registers the verb
 from comove.cli.app import app
 from comove.errors import ResultError
 from comove.experiments.paper.claims import Verdict, judge_all
-from comove.experiments.paper.figures import FIGURES, story_panels
+from comove.experiments.paper.figures import BAXTER, FIGURES, story_panels
 from comove.experiments.paper.jobs import CONTENDERS, run
 from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.reproduction import CONTENTS
-from comove.experiments.paper.runs import SCENES, STORY, STRAIGHT, Job, all_jobs, recorded
+from comove.experiments.paper.runs import (
+    RECORDED,
+    SCENES,
+    STORY,
+    STRAIGHT,
+    Job,
+    all_jobs,
+    recorded,
+    recordings,
+)
 from comove.experiments.paper.tables import all_runs
 from comove.primitives import DMP
 from comove.results import check_target
@@ -30,7 +39,7 @@ def page():
 
 
 def test_the_page_shows_every_figure_and_every_claim(page):
-    assert re.findall(r"!\[.+?\]\(paper/(.+?)\)", page) == list(FIGURES)
+    assert re.findall(r"!\[.+?\]\(paper/(.+?)\)", page) == [*FIGURES[:6], *BAXTER.values(), *FIGURES[6:]]
     for claim, finding in judge_all(ideal_runs()):
         assert f"“{claim.quote}” | **{finding.verdict.value}**" in page
     assert "in 1.5 minutes" in " ".join(page.split())
@@ -67,9 +76,7 @@ def test_panels_are_methods_by_scenes():
 
 
 def test_those_without_random_numbers_run_once():
-    movements = dict.fromkeys(
-        (STRAIGHT, "initial", "joint", "two", "line", "curve", "Angle", "Sine", "Sshape", "Multi_Models_3")
-    )
+    movements = dict.fromkeys((STRAIGHT, "initial", "winding", "joint", "two", *recordings(), *RECORDED))
     jobs = [job for job in all_jobs(7, movements) if job.purpose == "story" and job.scene == "wide"]
     for who, contender in CONTENDERS.items():
         assert [job.seed for job in jobs if job.who == who] == list(range(7 if contender.random else 1))

@@ -12,6 +12,7 @@ from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, c
 from comove.cli.robot.app import robot_app
 
 SAVING = 2.0  # s, kept back from the budget for the files and pictures
+METHODS = ("comove", "paper")
 
 
 @verb_of(robot_app)
@@ -23,6 +24,7 @@ def solve(
         typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
     budget: Annotated[
         float,
         typer.Option(
@@ -40,6 +42,13 @@ def solve(
         str | None,
         typer.Option(metavar="GOAL,VELOCITY,OBSTACLE", help="Weights of equation (4) for 'paper'."),
     ] = None,
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration; "
+            "the method 'paper' combines several for one hand."
+        ),
+    ] = None,
     duration: Duration = None,
     speed: Speed = None,
     acceleration: Acceleration = None,
@@ -51,20 +60,35 @@ def solve(
     from comove.cli.progress import progress_bar
     from comove.cli.robot.report import joints_text, of_scene, robot_named
     from comove.cli.show import summary_text
-    from comove.cli.solve import budget_left, check_budget, objective_of, require_taught, write_result
+    from comove.cli.solve import (
+        LIBRARY_SHARE,
+        budget_left,
+        check_budget,
+        from_library,
+        method_named,
+        objective_of,
+        require_taught,
+        write_result,
+    )
     from comove.planning import load_kernels, movements_of
+    from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.robots import carry, write_joints
     from comove.scenes import Scene
     from comove.views import draw_joints, save
 
+    chosen = method_named(method, METHODS)
+    smooth = method == "comove"
     check_budget(budget)
     check_target(out)
     with progress_bar(budget) as progress:
         loaded = Scene.load(scene, changes_of(duration, speed, acceleration, jerk, clearance))
-        wanted = objective_of(objective, resemblance, weights, loaded, smooth=True)
+        wanted = objective_of(objective, resemblance, weights, loaded, smooth)
         carrier, named = robot_named(robot, loaded, scene)
-        dmp = movements_of(loaded.taught, loaded)
+        source, taught = None, loaded.taught
+        if library is not None:
+            source, taught = from_library(Library(library), loaded, chosen, seed, LIBRARY_SHARE * budget)
+        dmp = movements_of(taught, loaded)
         require_taught(resemblance, dmp, scene)
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         with of_scene(scene):
@@ -73,6 +97,7 @@ def solve(
                 carrier,
                 demonstration=dmp,
                 seed=seed,
+                method=None if smooth else chosen,
                 budget=budget_left(budget, SAVING, loaded),
                 progress=progress,
                 objective=wanted,
@@ -88,6 +113,8 @@ def solve(
     else:
         print(summary_text(summary, out))
         print(joints_text(carrier.name, found.report.asdict()))
+        if source is not None:
+            print(f"  {'demonstration':24s}{source} of {library}")
         print(f"  {'joint motion':24s}{out / 'joints.npz'}, drawn in {out / 'joints.png'}")
     if solution.interrupted:
         return INTERRUPTED

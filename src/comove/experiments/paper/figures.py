@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Outcome
 from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import GAIT, ROLES, SCENES, Runs
+from comove.experiments.paper.runs import GAIT, INITIAL, ROLES, SCENES, Runs
 from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
 from comove.views import (
     Panel,
@@ -21,6 +22,12 @@ from comove.views import (
 )
 
 FIGURES = tuple(f"figure{i}.png" for i in range(1, 7)) + ("systems.png", "roles.png", "story.png")
+BAXTER = {
+    (scene, who): f"figure{number}{letter}.png"
+    for scene, number in zip(baxter.PASSAGES, (8, 9), strict=True)
+    for who, letter in zip(baxter.METHODS, "ab", strict=True)
+}
+"""Pictures of the robot by passage and method, where it can be simulated and drawn."""
 REACTIONS = ("nearest hand's matrix", "same matrix on all", "motions known")
 OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 
@@ -34,8 +41,12 @@ def draw_all(runs: Runs, folder: Path) -> None:
         "figure2.png": draw_comparison([c for c in runs.compared if c.method in REACTIONS]),
         "figure3.png": _side_by_side(
             [
-                ("initial movement of one hand", runs.one("figure 3")),
-                ("given to both hands, not yet optimised", runs.one("given")),
+                drawn
+                for scene in INITIAL
+                for drawn in (
+                    (f"{scene}: initial movement of one hand", runs.one("figure 3", scene=scene)),
+                    (f"{scene}: given to both hands, not yet optimised", runs.one("given", scene=scene)),
+                )
             ],
             states=False,
         ),
@@ -79,6 +90,9 @@ def draw_all(runs: Runs, folder: Path) -> None:
     }
     for name in FIGURES:
         save(pictures[name], folder / name)
+    for t in runs.transports:
+        if t.picture:
+            (folder / BAXTER[t.passage.scene, t.passage.who]).write_bytes(t.picture)
 
 
 def story_panels(runs: Runs) -> list[Panel]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
@@ -55,6 +57,9 @@ OTHERS = {
     "single [6]": Contender(Single()),
     "printed": Contender(Printed()),
     "paper without schedules": Contender(Paper(narrowing=False, growing=False)),
+    "paper, 4 basis functions": Contender(Paper(n_basis=4)),
+    "paper, 16 basis functions": Contender(Paper(n_basis=16)),
+    "paper, 32 basis functions": Contender(Paper(n_basis=32)),
     "right hand leads": Contender(LeaderFollower(leader="right"), random=False),
     "both follow": Contender(LeaderFollower(mutual=True), random=False),
 }
@@ -76,6 +81,7 @@ class Job:
     tolerance : of distances [m]; the scene's own unless given
     acceleration : limit of the hands [m/s^2]; the contender's, or the scene's own, unless given
     velocity : c_vel of equation (4)
+    gap : between the two walls of the scene [m]; the scene's own unless given
     resemblance : how much the shape of the movement counts in the cost
     obstacles : hard constraints, or a term of the cost
     keep : the motion itself is wanted too
@@ -91,6 +97,7 @@ class Job:
     tolerance: float | None = None
     acceleration: float | None = None
     velocity: float = 0.01
+    gap: float | None = None
     resemblance: float = 0.0
     obstacles: Literal["constraint", "cost"] = "constraint"
     keep: bool = False
@@ -112,7 +119,12 @@ def run(job: Job) -> Outcome:
     contender = (CONTENDERS | OTHERS)[job.who]
     begun = time.process_time()
     solution = solve(
-        scene_of(job.scene, tolerance=job.tolerance, acceleration=job.acceleration or contender.acceleration),
+        scene_of(
+            job.scene,
+            tolerance=job.tolerance,
+            acceleration=job.acceleration or contender.acceleration,
+            gap=job.gap,
+        ),
         demonstration=job.taught,
         seed=job.seed,
         method=contender.method,
@@ -130,8 +142,14 @@ def run(job: Job) -> Outcome:
     return Outcome(job, measures, follow(solution.attempt, job.velocity), solution.attempt, solution.log)
 
 
-def scene_of(name: str, *, tolerance: float | None = None, acceleration: float | None = None) -> Scene:
-    """An example with another tolerance of its distance [m], or another limit of accelerations [m/s^2]."""
+def scene_of(
+    name: str,
+    *,
+    tolerance: float | None = None,
+    acceleration: float | None = None,
+    gap: float | None = None,
+) -> Scene:
+    """An example with another tolerance of its distance [m], limit of accelerations [m/s^2], or gap [m]."""
     if name == "open":
         scene, changes = example("wide"), {"obstacles": []}
     else:
@@ -143,7 +161,20 @@ def scene_of(name: str, *, tolerance: float | None = None, acceleration: float |
         data["constraints"] = [{**distance, "between": [first["name"], second["name"]]}]
     if acceleration is not None:
         data["limits"] = {**data.get("limits", {}), "acceleration": acceleration}
+    if gap is not None:
+        data["obstacles"] = _apart(data["obstacles"], gap)
     return Scene.from_dict(data, folder=scene.folder)
+
+
+def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
+    """Two boxes, the second above the first, whose inner faces are so far apart about the same middle [m]."""
+    low, high = (np.array([wall["center"][1], wall["size"][1]]) for wall in walls)
+    moved, middle = [], (low[0] + low[1] / 2 + high[0] - high[1] / 2) / 2
+    for wall, (center, size), side in zip(walls, (low, high), (-1, 1), strict=True):
+        inner, outer = middle + side * gap / 2, center + side * size / 2
+        center, size = float((inner + outer) / 2), float(abs(outer - inner))
+        moved.append(wall | {"center": [wall["center"][0], center], "size": [wall["size"][0], size]})
+    return moved
 
 
 def warm_up() -> None:

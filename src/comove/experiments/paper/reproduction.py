@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from comove.experiments.paper.claims import Verdict, judge_all
-from comove.experiments.paper.figures import FIGURES, draw_all
+from comove.experiments.paper.figures import BAXTER, FIGURES, draw_all
 from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.runs import run_everything
 from comove.experiments.paper.tables import all_runs
@@ -17,7 +17,9 @@ from comove.results import Contents
 
 PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
 CONTENTS = Contents(
-    "reproduction", frozenset({PAGE}), frozenset({PAGE, *(f"{FOLDER}/{name}" for name in (*FIGURES, RUNS))})
+    "reproduction",
+    frozenset({PAGE}),
+    frozenset({PAGE, *(f"{FOLDER}/{name}" for name in (*FIGURES, *BAXTER.values(), RUNS))}),
 )
 """Of the folder that is written."""
 

@@ -4,30 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from comove.coordination.coordinates import arms_coordinates
+from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.demonstrations import Demonstration
+from comove.demonstrations import Demonstration, lasa_names
 from comove.execution import Executor, compare
 from comove.execution.comparison import Compared
 from comove.experiments.examples import example
+from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
 from comove.experiments.paper.measures import Measures, measure_motion
 from comove.experiments.workers import run_all
 from comove.planning import load_kernels
+from comove.planning.compared.single import alone
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
 
 SCENES = ("wide", "narrow", "complex")
 STRAIGHT = "none"
+INITIAL = {"wide": "initial", "complex": "winding"}
+"""What a library's movements are combined to for one hand, by the environment in which it is (Figure 3)."""
 BAND = 0.002  # m, within which the paper's method holds the distance in its figures: a hundredth of it
 GAIT = {"velocity": 0.2, "acceleration": 1.0}
 """c_vel and the limit of accelerations [m/s^2] in Figures 3 to 6, with which movements take all of their time."""
 RESEMBLANCE = 10.0
 PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
 MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
+SENSITIVITY_SEEDS = 5
+SENSITIVITY: dict[str, dict[str, dict[str, Any]]] = {
+    "band of the distance [mm]": {
+        "0.1": {"tolerance": 1e-4},
+        "0.2": {},
+        "0.5": {"tolerance": 5e-4},
+        "2": {"tolerance": 2e-3},
+    },
+    "gap over length": {"0.35": {"gap": 0.07}, "0.5": {}, "0.65": {"gap": 0.13}, "0.8": {"gap": 0.16}},
+    "basis functions": {
+        "4": {"who": "paper, 4 basis functions"},
+        "8": {},
+        "16": {"who": "paper, 16 basis functions"},
+        "32": {"who": "paper, 32 basis functions"},
+    },
+    "c_vel": {"0": {"velocity": 0.0}, "0.01": {}, "0.2": {"velocity": 0.2}, "1": {"velocity": 1.0}},
+}
+"""One thing changed at a time, for the paper's method in the narrow passage: how a job differs."""
+N_RECORDINGS = 10
 FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
 ROLES = {
     "leader-follower [7]": "left leads",
@@ -78,10 +102,11 @@ class Runs:
     Attributes
     ----------
     seeds : how many, in the large table
-    outcomes : of all jobs; ("joint") of what is taught jointly in the wide passage; and ("given") of the initial
-        movement of one hand as it is given to both there, before any optimisation
+    outcomes : of all jobs; ("joint") of what is taught jointly in the wide passage; ("given") of the initial
+        movements of one hand as they are given to both, before any optimisation; ("straight") of its straight line
     encounters, compared : among moving obstacles: figures, and what is drawn
     recorded : the human movement of Figure 1, its primitive, and what it is when it is given to both hands
+    transports : what Baxter carried; none where `absent` says what is not installed for it
     """
 
     seeds: int
@@ -89,6 +114,8 @@ class Runs:
     encounters: tuple[Encounter, ...]
     compared: tuple[Compared, ...] = ()
     recorded: tuple[Demonstration, DMP, CoordinatedMotion] | None = None
+    transports: tuple[baxter.Transport, ...] = ()
+    absent: str = ""
 
     def of(self, purpose: str, **asked: object) -> list[Outcome]:
         """Outcomes for a purpose whose jobs have these attributes."""
@@ -108,6 +135,11 @@ class Runs:
         """Figures of such outcomes."""
         return [outcome.measures for outcome in self.of(purpose, **asked)]
 
+    def transport(self, scene: str, who: str) -> baxter.Transport:
+        """What Baxter made of one passage by one method."""
+        (found,) = [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
+        return found
+
     def encounter(self, method: str) -> Encounter:
         """Figures of one method among moving obstacles."""
         (found,) = [e for e in self.encounters if e.method == method]
@@ -123,46 +155,67 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     processes : how many runs at once
     tell : called with words on how far it is
     """
-    tell("the initial movement of one hand")
-    initial = run(Job("figure 3", "wide", "single [6]", STRAIGHT, keep=True, **GAIT))
+    tell("the initial movements of one hand")
+    initial, winding = (
+        run(Job("figure 3", scene, "single [6]", STRAIGHT, keep=True, **GAIT)) for scene in INITIAL
+    )
     taught = movement_of(initial, 0)
     joint = run(Job("joint", "wide", "comove", "initial", taught, keep=True, tolerance=BAND, **GAIT))
-    movements = movements_after(initial, joint)
+    movements = movements_after(initial, winding, joint)
     jobs = all_jobs(seeds, movements)
+    absent = baxter.missing()
+    passages = [
+        baxter.Passage(scene, who, GAIT["velocity"], baxter.BUDGET)
+        for scene in baxter.PASSAGES
+        for who in baxter.METHODS
+        if not absent
+    ]
     step = max(1, len(jobs) // 20)
 
     def told(done: int) -> None:
-        if done % step == 0 or done > len(jobs):
-            tell(f"{done} of {len(jobs) + 1} runs")
+        if done % step == 0 or done == n:
+            tell(f"{done} of {n} runs")
 
-    tell(f"{len(jobs) + 1} runs, {processes} at once; first the kernels are loaded")
-    # Moving obstacles, with kernels of their own to load, go first.
-    compared, *outcomes = run_all(_do, [None, *jobs], processes=processes, prepare=warm_up, tell=told)
+    n = 1 + len(passages) + len(jobs)
+    tell(f"{n} runs, {processes} at once; first the kernels are loaded")
+    # Moving obstacles and arms, with kernels of their own to load, go first.
+    compared, *done = run_all(_do, [None, *passages, *jobs], processes=processes, prepare=warm_up, tell=told)
+    transports, outcomes = done[: len(passages)], done[len(passages) :]
     recording = example("narrow").demonstration
-    given = given_to_both(movements["initial"], "wide")
-    unchanged = Outcome(Job("given", "wide", "nobody", "initial"), measure_motion(given), None, given)
+    unchanged = [
+        _unsearched("given", scene, movement, given_to_both(movements[movement], scene))
+        for scene, movement in INITIAL.items()
+    ]
+    straight = [_unsearched("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
     return Runs(
         seeds=seeds,
-        outcomes=(initial, joint, unchanged, *outcomes),
+        outcomes=(initial, winding, joint, *unchanged, *straight, *outcomes),
+        transports=tuple(transports),
+        absent=absent,
         encounters=tuple(_encounter(c) for c in compared),
         compared=tuple(compared),
         recorded=(recording, movements["Sine"], given_to_both(movements["Sine"], "narrow")),
     )
 
 
-def movements_after(initial: Outcome, joint: Outcome) -> dict[str, DMP | dict[str, DMP] | None]:
+def movements_after(
+    initial: Outcome, winding: Outcome, joint: Outcome
+) -> dict[str, DMP | dict[str, DMP] | None]:
     """All movements by name.
 
-    None; the initial one of Figure 3; that of each hand as they were taught jointly in the wide passage; those
-    recorded or made up; and two of these, another for each hand.
+    None; the initial ones of Figure 3, in the wide and in the complex environment; that of each hand as they were
+    taught jointly in the wide passage; those recorded or made up; and two of these, another for each hand.
     """
     alone = {name: DMP.fit(recorded(name)) for name in RECORDED}
+    first = {shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()}
     hands = joint.motion.scene.manipulators
     return {
         STRAIGHT: None,
         "initial": movement_of(initial, 0),
+        "winding": movement_of(winding, 0),
         "joint": {name: movement_of(joint, i) for i, name in enumerate(hands)},
         "two": {name: alone[movement] for name, movement in zip(hands, TWO, strict=True)},
+        **first,
         **alone,
     }
 
@@ -173,6 +226,11 @@ def movement_of(outcome: Outcome, hand: int) -> DMP:
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
+def recordings() -> tuple[str, ...]:
+    """Return the first shapes of the set of handwriting, of which the first recording each is taken."""
+    return lasa_names()[:N_RECORDINGS]
+
+
 def recorded(name: str) -> Demonstration:
     """One of the `RECORDED` movements; the synthetic ones last a second and are a metre long."""
     if RECORDED[name] is not None:
@@ -181,6 +239,17 @@ def recorded(name: str) -> Demonstration:
     along = minimum_jerk(time)
     aside = 0.15 * np.sin(2 * np.pi * along) if name == "curve" else np.zeros_like(along)
     return Demonstration(time, np.stack([along, aside], axis=1), name)
+
+
+def _unsearched(purpose: str, scene: str, movement: str, motion: CoordinatedMotion) -> Outcome:
+    """A motion that nobody searched for, measured."""
+    return Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
+
+
+def straight_of_one(scene: str) -> CoordinatedMotion:
+    """The straight line of the first hand alone."""
+    single = alone(example(scene))
+    return CoordinatedMotion.straight(single, load_coordinates(single))
 
 
 def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
@@ -215,7 +284,7 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
     for who in ("paper", "comove"):
         for scene in ("wide", "narrow"):
             jobs.append(job("figure 4", scene, who, "initial", keep=True, **figure))
-        jobs.append(job("figure 6", "complex", who, STORY["complex"], keep=True, **figure))
+        jobs.append(job("figure 6", "complex", who, "winding", keep=True, **figure))
     jobs.append(job("figure 6", "narrow", "unconstrained [22]", "joint", keep=True, **figure))
     for who in (
         "comove",
@@ -240,6 +309,23 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
         for seed in range(_few(seeds, MOVEMENT_SEEDS))
     ]
     jobs += [
+        Job(
+            **{"purpose": "sensitivity", "scene": "narrow", "who": "paper", "movement": STORY["narrow"]}
+            | changes,
+            taught=movements[STORY["narrow"]],
+            seed=seed,
+            budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds),
+        )
+        for changes in differing(SENSITIVITY)
+        for seed in range(_few(seeds, SENSITIVITY_SEEDS))
+    ]
+    jobs += [
+        job("recordings", scene, "paper", shape, seed=seed, budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds))
+        for shape in recordings()
+        for scene in SCENES
+        for seed in range(_few(seeds, MOVEMENT_SEEDS))
+    ]
+    jobs += [
         job("story", scene, who, STORY[scene], seed=seed)
         for scene in SCENES
         for who, contender in CONTENDERS.items()
@@ -248,12 +334,20 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
     return jobs
 
 
+def differing(table: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Every way in which a job differs, once."""
+    ways = [changes for values in table.values() for changes in values.values()]
+    return [changes for i, changes in enumerate(ways) if changes not in ways[:i]]
+
+
 def _few(seeds: int, most: int) -> int:
     return min(most, max(1, round(FEW * seeds)))
 
 
-def _do(job: Job | None) -> Outcome | list[Compared]:
+def _do(job: Job | baxter.Passage | None) -> Outcome | baxter.Transport | list[Compared]:
     """A job; or, for None, every way to deal with the moving obstacle of the example `turning`."""
+    if isinstance(job, baxter.Passage):
+        return baxter.transport(job)
     if job is not None:
         return run(job)
     load_kernels(2, True)

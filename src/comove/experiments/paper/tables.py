@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,19 @@ from comove.experiments.markdown import table
 from comove.experiments.paper.claims import Claim, Finding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS
-from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import MOVEMENT_CONTENDERS, RECORDED, ROLES, SCENES, Runs
+from comove.experiments.paper.measures import Measures, count_verified
+from comove.experiments.paper.runs import (
+    MOVEMENT_CONTENDERS,
+    RECORDED,
+    ROLES,
+    SCENES,
+    SENSITIVITY,
+    Runs,
+    recordings,
+)
 from comove.experiments.statistics import Interval
 
+PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "velocity": 0.01}
 EPOCHS = (1, 2, 4, 8, 20)
 SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
 
@@ -82,6 +92,55 @@ def movements_table(runs: Runs) -> str:
     return table(["movement", "method", *SCENES], rows)
 
 
+def transports_table(runs: Runs) -> str:
+    """What Baxter carried, by passage and method."""
+    rows = []
+    for t in runs.transports:
+        simulated = (
+            "-" if t.lag is None else f"{1e3 * t.lag:.1f}",
+            "-" if t.end_error is None else f"{1e3 * t.end_error:.1f}",
+        )
+        rows.append(
+            [
+                *(t.passage.scene, t.passage.who, "yes" if t.verified else "no", f"{np.rad2deg(t.turn):.0f}"),
+                *(f"{t.distance_error:.2g}", f"{1e3 * t.clearance:.1f}", f"{t.seconds:.1f}"),
+                *("yes" if t.delivered else "no", *simulated),
+            ]
+        )
+    head = [
+        "passage",
+        "method",
+        "verified",
+        "stick turns [°]",
+        "distance error [m]",
+        "clearance [mm]",
+        "search [s]",
+    ]
+    return table([*head, "delivered", "behind its plan [mm]", "from its goal [mm]"], rows)
+
+
+def sensitivity_table(runs: Runs) -> str:
+    """The paper's method in the narrow passage with one thing changed at a time."""
+    rows = []
+    for what, values in SENSITIVITY.items():
+        for value, changes in values.items():
+            asked = PLAIN | changes
+            found = runs.measures("sensitivity", **asked)
+            rows.append(
+                [what, value, count_verified(found), *(_median(found, n) for n in ("first", "cost", "jerk"))]
+            )
+    return table(["what", "value", "verified", "first [s]", "J", "squared jerk [m²/s⁵]"], rows)
+
+
+def recordings_table(runs: Runs) -> str:
+    """The paper's method from ten recordings."""
+    rows = [
+        [shape, *(_cost(runs.measures("recordings", movement=shape, scene=scene)) for scene in SCENES)]
+        for shape in recordings()
+    ]
+    return table(["recording", *SCENES], rows)
+
+
 def encounters_table(runs: Runs) -> str:
     """Figures of all ways to deal with the moving obstacle."""
     rows = [
@@ -101,7 +160,7 @@ def all_runs(runs: Runs) -> str:
     text = io.StringIO()
     names = [
         *("purpose", "scene", "who", "movement", "seed"),
-        *("tolerance", "acceleration", "velocity", "resemblance", "obstacles"),
+        *("tolerance", "acceleration", "velocity", "gap", "resemblance", "obstacles"),
     ]
     figures = [name for name in asdict(runs.outcomes[0].measures) if name != "reasons"]
     writer = csv.writer(text, lineterminator="\n")
@@ -135,6 +194,12 @@ def _cost(found: Sequence[Measures]) -> str:
     verified = [m for m in found if m.verified]
     count = f"{len(verified)} of {len(found)}"
     return f"{count}, J {np.median([m.cost for m in verified]):.3f}" if verified else count
+
+
+def _median(found: Sequence[Measures], name: str) -> str:
+    """Median of a measure over the verified runs, in words where there are none."""
+    values = [getattr(m, name) for m in found if m.verified]
+    return f"{np.median(values):.3g}" if values else "none"
 
 
 def _plain(value: object) -> object:
