@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
 from comove.scenes import model
-from comove.scenes.model import canonical, load_scene_file, parse_scene
+from comove.scenes.model import canonical
+from comove.scenes.reading import load_scene_file, parse_scene
 
 EXAMPLE = """\
 version: 1                 # optional; required: name, workspace, manipulators

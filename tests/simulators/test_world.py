@@ -11,10 +11,10 @@ from comove.robots import JointMotion, Robot
 from comove.robots.description import bundled_robots
 from comove.scenes import Scene
 from comove.simulators import Friction, Weld, simulate
+from comove.simulators.building import build_world
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import servo_gains
-from comove.simulators.world import build_world
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import posts, standing
 

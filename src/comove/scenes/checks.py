@@ -6,15 +6,12 @@ import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 from comove.errors import ComoveWarning, near_name
 from comove.scenes.constraints import ROUNDING, distance_tolerance
 from comove.scenes.messages import Flaw, KeyPath, counted, show
+from comove.scenes.model import SceneFile
 from comove.scenes.yaml_reader import MAX_NAMES, near_files
-
-if TYPE_CHECKING:
-    from comove.scenes.model import SceneFile
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""

@@ -12,8 +12,6 @@ metres, times in seconds, angles in degrees where the key says so, quaternions i
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -23,12 +21,10 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     Tag,
-    ValidationError,
     model_serializer,
     model_validator,
 )
 
-from comove.scenes.checks import cross_checked, warn_of_what_is_odd
 from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
 from comove.scenes.keys import (
     UNTURNED,
@@ -47,9 +43,8 @@ from comove.scenes.keys import (
     no_minus_zero,
     safe_name,
 )
-from comove.scenes.messages import Contract, Family, counted, explained, scene_error, show
+from comove.scenes.messages import Contract, Family, counted, show
 from comove.scenes.moving import Motion
-from comove.scenes.yaml_reader import Lines, read_yaml
 
 CHOICES = ("episode", "topic")
 """Keys that say which recording of a file is meant."""
@@ -528,62 +523,6 @@ CONTRACT = Contract(
     },
 )
 """What messages know of the keys."""
-
-
-def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
-    """Read and check the scene file at `path`, with `changes` instead of what it says under these keys.
-
-    Raises
-    ------
-    SceneError
-        One message that names file, key, line, value and way out of the first three errors.
-    """
-    data, lines = read_yaml(path)
-    data = _changed(data, changes or {})
-    return parse_scene(data, folder=Path(path).parent, file=path, lines=lines)
-
-
-def _changed(data: Any, changes: Mapping[str, Any]) -> Any:
-    """Data with other values under some keys; mappings are merged."""
-    if not isinstance(data, dict):
-        return data  # which is refused in words
-    merged = {k: _changed(data.get(k) or {}, v) if isinstance(v, Mapping) else v for k, v in changes.items()}
-    return data | merged
-
-
-def parse_scene(
-    data: dict[str, Any],
-    *,
-    folder: str | Path | None = None,
-    file: str | Path | None = None,
-    lines: Lines | None = None,
-) -> SceneFile:
-    """Check a scene given as plain data.
-
-    Parameters
-    ----------
-    data
-        What a scene file holds; arrays pass for lists.
-    folder
-        What relative paths in the scene start from; where None, files are not looked for.
-    file, lines
-        Where the data comes from, for messages; `lines` as of :func:`comove.scenes.yaml_reader.read_yaml`.
-
-    Raises
-    ------
-    SceneError
-        One message that names file, key, line, value and way out of the first three errors.
-    """
-    try:
-        scene = SceneFile.model_validate(data)
-    except ValidationError as error:
-        flaws = explained(error, data, CONTRACT)
-    else:
-        flaws = cross_checked(scene, Path(folder) if folder is not None else None)
-    if flaws:
-        raise scene_error(flaws, file, lines or {})
-    warn_of_what_is_odd(scene, file)
-    return scene
 
 
 def canonical(scene: SceneFile) -> bytes:

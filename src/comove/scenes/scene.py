@@ -34,9 +34,10 @@ from comove.scenes.cover import Cover
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import Pose, RigidGroup, rotation_in_plane
 from comove.scenes.meshes import Mesh, read_mesh
-from comove.scenes.model import SceneFile, canonical, load_scene_file, parse_scene
+from comove.scenes.model import SceneFile, canonical
 from comove.scenes.moving import Motion
 from comove.scenes.polytopes import rows_of
+from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
 from comove.scenes.solids import N_CORNERS, solids_clearance
 from comove.scenes.surfaces import Placed, Surfaces, signed_distance, surfaces_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from comove.simulators.grasps import HARD
 from comove.simulators.loads import THINNEST
 from comove.simulators.servos import add_servo
 from comove.simulators.things import STIFF, THE_LOAD
-
-if TYPE_CHECKING:
-    from comove.simulators.world import World
+from comove.simulators.world import World
 
 CLOSING = 0.5  # s, in which fingers close, and in which they then grip
 GIVE = 0.001  # m, behind the surface, at which a finger's servo has its whole force

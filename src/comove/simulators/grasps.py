@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from comove.robots.model import Arm
 from comove.simulators.engine import engine
 from comove.simulators.things import STIFF
-
-if TYPE_CHECKING:
-    from comove.simulators.world import World
+from comove.simulators.world import World
 
 HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % soft at most
 

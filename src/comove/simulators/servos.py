@@ -7,7 +7,7 @@ effort limit E a servo may use what is left of it: from -E - w to E - w, w being
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, RobotError
 from comove.robots.model import Robot
 from comove.simulators.engine import engine
-
-if TYPE_CHECKING:
-    from comove.simulators.world import World
+from comove.simulators.world import World
 
 Array = NDArray[np.float64]
 

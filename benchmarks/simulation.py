@@ -1,0 +1,76 @@
+"""What becomes of a proven motion in MuJoCo: Baxter's stick between posts, by how it is held and what goes wrong.
+
+    python benchmarks/simulation.py [--perturbed 20]
+
+`examples/baxter/gap_30.yaml` is solved once (seed 0). Rows: each grasp as planned, at twice the pace (the same
+way in half the time, which nobody proved), and perturbed by seeds 0 to N - 1, of which the worst is shown:
+friction, mass, gains, the load's place in the hands, and a push. Columns: how far the load ends from its goal, lags
+behind its plan and slides in a hand, how far the hands' distance is off, the force inside the load, and whether it
+was delivered.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from timing import number, on_one_thread, print_table
+
+from comove.planning import load_kernels, movements_of
+from comove.robots import JointMotion, Robot, carry
+from comove.scenes import Scene
+from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
+
+SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
+GRASPS = {"weld": Weld(), "connect": Connect(), "friction": Friction()}
+SHOWN = {
+    "end_error": ("end error [mm]", 1e3),
+    "lag_max": ("lag [mm]", 1e3),
+    "distance_error_max": ("distance error [mm]", 1e3),
+    "slip_max": ("slip [mm]", 1e3),
+    "internal_force_max": ("internal force [N]", 1.0),
+}
+
+
+def main() -> None:
+    """Solve, simulate and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--perturbed", type=int, default=20, help="Perturbations of every grasp.")
+    count = parser.parse_args().perturbed
+    on_one_thread()
+    scene, robot = Scene.load(SCENE), Robot.load("baxter")
+    load_kernels(scene.n_dims, False)
+    found = carry(scene, robot, demonstration=movements_of(scene.taught, scene))
+    if not found.verified:
+        raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.solution.reasons)}")
+    rows = []
+    for name, grasp in GRASPS.items():
+        planned = simulate(found.joints, scene, robot, grasp)
+        hurried = simulate(at_pace(found.joints, 2.0), scene, robot, grasp)
+        drawn = [
+            Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names)) for seed in range(count)
+        ]
+        perturbed = [simulate(found.joints, scene, robot, grasp, one) for one in drawn]
+        rows.append([name, "as planned", *worst([planned]), number(planned.steps_per_second, 3)])
+        rows.append([name, "at twice the pace", *worst([hurried]), ""])
+        rows.append([name, f"perturbed, worst of {count}", *worst(perturbed), ""])
+    print_table(["grasp", "", *(title for title, _ in SHOWN.values()), "delivered", "steps/s"], rows)
+
+
+def at_pace(motion: JointMotion, pace: float) -> JointMotion:
+    """The same joints so many times as fast."""
+    return JointMotion(motion.time / pace, motion.joint_names, motion.position)
+
+
+def worst(executions: Sequence[Execution]) -> list[str]:
+    """The largest of every measure, and how many were delivered."""
+    told = [
+        number(factor * max(e.measures[key] for e in executions), 2) for key, (_, factor) in SHOWN.items()
+    ]
+    return [*told, f"{sum(e.delivered for e in executions)} of {len(executions)}"]
+
+
+if __name__ == "__main__":
+    main()

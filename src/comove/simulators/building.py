@@ -1,0 +1,164 @@
+"""Building the world of a simulation: robot, obstacles and load as one MuJoCo model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import RobotError
+from comove.robots.model import Arm, Robot
+from comove.scenes.groups import quaternion_of_rotation
+from comove.scenes.scene import Scene
+from comove.simulators.engine import engine, hangs_on
+from comove.simulators.grasps import Grasp
+from comove.simulators.loads import Load
+from comove.simulators.perturbation import PLAN, Perturbation
+from comove.simulators.servos import add_servos
+from comove.simulators.things import ROBOT, THE_LOAD, add_load, add_obstacles
+from comove.simulators.urdf import for_mujoco
+from comove.simulators.world import World
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIMESTEP = 0.002  # s
+
+
+def build_world(
+    robot: Robot,
+    scene: Scene,
+    load: Load | None,
+    grasp: Grasp,
+    perturbation: Perturbation = PLAN,
+    *,
+    finish: Callable[[Any], None] | None = None,
+) -> World:
+    """Put robot, obstacles and load together.
+
+    Parameters
+    ----------
+    finish : puts into the world what only pictures need; visual meshes are read where it is given
+
+    Raises
+    ------
+    RobotError
+        If the robot cannot hold the load so, or MuJoCo cannot build it.
+    """
+    arms = [robot.arm(name) for name in scene.manipulators]
+    holding = [] if load is None else [arms[i] for i in load.holders]
+    moving = {*robot.joint_names, *grasp.moving(holding)}
+    spec = _with_robot(robot, moving, drawn=finish is not None)
+    for arm in arms:
+        _add_hand(spec, robot, arm)
+    add_obstacles(spec, scene)
+    lead = add_servos(spec, robot, perturbation.gains)
+    if load is not None:
+        add_load(spec, load, load.mass * perturbation.mass, holding)
+        grasp.furnish(spec, holding, perturbation.friction)
+        if not grasp.touching:
+            _let_hands_through(spec, robot, holding)
+    if finish is not None:
+        finish(spec)
+    with _telling(robot):
+        model = spec.compile()
+    return _indexed(model, robot, load, arms, holding, lead, moving)
+
+
+@contextmanager
+def _telling(robot: Robot) -> Iterator[None]:
+    """Tell what MuJoCo does not understand of a robot."""
+    try:
+        yield
+    except ValueError as error:
+        reason = " ".join(str(error).split()).removeprefix("Error: ")
+        raise RobotError(
+            f"MuJoCo cannot build '{robot.name}': {reason}", way_out="correct its URDF"
+        ) from error
+
+
+def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:
+    mj, text = engine(), for_mujoco(robot.sources, robot.description.posture, moving, drawn=drawn)
+    with _telling(robot):
+        spec = mj.MjSpec.from_string(text)
+    for body in spec.bodies:
+        body.gravcomp = 1.0
+        for geom in body.geoms:
+            geom.density = 0.0  # masses are the URDF's alone
+            if geom.contype:
+                geom.contype, geom.conaffinity = ROBOT
+    for mesh in spec.meshes:
+        mesh.inertia = mj.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a flat mesh, a screen, has no volume
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mj.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mj.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 100.0  # friction as hard as contact, so that what is gripped does not creep
+    spec.option.jacobian = mj.mjtJacobian.mjJAC_DENSE  # its rows are read for the forces on the load
+    spec.option.disableflags |= mj.mjtDisableBit.mjDSBL_AUTORESET  # what breaks down is told, not begun anew
+    return spec
+
+
+def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
+    """The grasp frame, at the body that the arm's last joint moves: its frame is the joint's in both models."""
+    frame = robot.model.frames[robot.model.getFrameId(arm.tip)]
+    pose = frame.placement.homogeneous @ arm.tool
+    body = spec.joint(robot.model.names[frame.parentJoint]).parent
+    body.add_site(
+        name=f"hand {arm.name}", pos=pose[:3, 3], quat=quaternion_of_rotation(pose[:3, :3]), group=4
+    )
+
+
+def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
+    """No contact between the load and the hands that it is fixed to."""
+    for arm in holding:
+        for body in _hand_bodies(spec, robot, arm):
+            if body.geoms:
+                spec.add_exclude(name=f"load {body.name}", bodyname1=THE_LOAD, bodyname2=body.name)
+
+
+def _hand_bodies(spec: Any, robot: Robot, arm: Arm) -> list[Any]:
+    """What the arm's last joint moves."""
+    body = spec.joint(robot.joint_names[arm.columns[-1]]).parent
+    return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
+
+
+def _indexed(
+    model: Any,
+    robot: Robot,
+    load: Load | None,
+    arms: Sequence[Arm],
+    holding: Sequence[Arm],
+    lead: Array,
+    moving: set[str],
+) -> World:
+    joints = [model.joint(name) for name in robot.joint_names]
+    loaded = load is not None
+    body = model.body(THE_LOAD).id if loaded else -1
+    hand_of_geom = np.full(model.ngeom, -1)
+    for i, arm in enumerate(holding):
+        last = model.jnt_bodyid[model.joint(robot.joint_names[arm.columns[-1]]).id]
+        hand_of_geom[[g for g in range(model.ngeom) if hangs_on(model, model.geom_bodyid[g], last)]] = i
+    of_load = model.geom_bodyid == body
+    told = ~(of_load[:, None] & (hand_of_geom >= 0)[None, :])
+    return World(
+        model=model,
+        robot=robot,
+        load=load,
+        qpos=np.array([joint.qposadr[0] for joint in joints]),
+        dofs=np.array([joint.dofadr[0] for joint in joints]),
+        servos=np.array([model.actuator(name).id for name in robot.joint_names]),
+        lead=lead,
+        sites=np.array([model.site(f"hand {arm.name}").id for arm in arms]),
+        holder_names=tuple(arm.name for arm in holding),
+        holder_sites=np.array([model.site(f"hand {arm.name}").id for arm in holding], dtype=int),
+        held_sites=np.array([model.site(f"held {arm.name}").id for arm in holding], dtype=int),
+        fingers=tuple(tuple(f for f in arm.fingers if f in moving) for arm in holding),
+        load_body=body,
+        load_qpos=int(model.joint(THE_LOAD).qposadr[0]) if loaded else -1,
+        load_dof=int(model.joint(THE_LOAD).dofadr[0]) if loaded else -1,
+        hand_of_geom=hand_of_geom,
+        watched=told & told.T,
+    )
