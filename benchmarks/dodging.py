@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from comove.optimisers import CMAES
-from comove.reaction.twists import Poses, advanced, twists_between
+from comove.reaction.twists import HandPoses, advanced, twists_between
 from comove.verification.record import Record, judge
 
 HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s, both ends counted
@@ -51,8 +51,8 @@ def gone_on(
     record: Record, k: int, time: np.ndarray, knots: np.ndarray, axes: list[int], around: tuple
 ) -> Record:
     """A record that goes on after step k with given twists, array of shape (N_KNOTS - 1, n_axes)."""
-    n, before = len(time), Poses(record.center[max(k - 1, 0)], record.quaternion[max(k - 1, 0)])
-    poses = Poses(record.center[k], record.quaternion[k])
+    n, before = len(time), HandPoses(record.center[max(k - 1, 0)], record.quaternion[max(k - 1, 0)])
+    poses = HandPoses(record.center[k], record.quaternion[k])
     at, now = np.linspace(time[k], time[-1], N_KNOTS), twists_between(record.scene, before, poses, PERIOD)
     twists = np.zeros((n, 1, 6))
     for i, axis in enumerate(axes):

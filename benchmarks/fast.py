@@ -25,7 +25,7 @@ from comove import LeastJerk, LeastTime, PaperCost
 from comove.experiments.examples import example_path
 from comove.experiments.peers.common import clearances
 from comove.experiments.peers.drake import constrained
-from comove.experiments.systems import Offers, Problem
+from comove.experiments.systems import Offers, SystemProblem
 
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 NAMES = ("narrow", "complex", "window", "triangle")
@@ -123,7 +123,7 @@ def drake_duration(motion: comove.CoordinatedMotion) -> str:
     """Shortest duration by Drake, from the path of a motion; what it misses of distance and clearance, if it does."""
     solvers = peer("pydrake.solvers")
     scene = motion.scene
-    problem, offers = Problem(scene, budget=DRAKE_BUDGET), Offers()
+    problem, offers = SystemProblem(scene, budget=DRAKE_BUDGET), Offers()
     optimisation = constrained(problem, offers, N_CONTROL, ORDER)
     n, (n_hands, n_dims) = scene.start.size, scene.start.shape
     share = 1.0 / np.sqrt(n_dims)  # of a hand's limit, that each of its axes may use

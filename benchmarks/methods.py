@@ -30,9 +30,9 @@ from timing import number, on_one_thread, print_table
 from comove import optimisers
 from comove.experiments.examples import example
 from comove.experiments.peers import PEERS
-from comove.experiments.peers.common import OutOfTime, load_clearances, refusal
+from comove.experiments.peers.common import PeerOutOfTime, load_clearances, refusal
 from comove.experiments.peers.shapes import Shapes
-from comove.experiments.systems import Offers, Outcome, Own, Problem, System, measured
+from comove.experiments.systems import Offers, OwnSystem, System, SystemOutcome, SystemProblem, measured
 from comove.planning import Comove, Paper, Projection
 
 SCENES = ("wide", "narrow", "complex")
@@ -49,11 +49,11 @@ class Optimised(System):
         """What no peer can be told."""
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Compile the distances."""
         load_clearances(problem.scene)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J."""
         shapes = Shapes(problem, offers, N_BASIS)
 
@@ -64,7 +64,7 @@ class Optimised(System):
                 shapes.note(x, float(costs[k]), asked, k)
             return costs
 
-        with suppress(OutOfTime):
+        with suppress(PeerOutOfTime):
             optimisers.minimise(
                 cost,
                 np.zeros(shapes.n),
@@ -77,22 +77,22 @@ class Optimised(System):
 
 
 SYSTEMS: dict[str, System] = {
-    "comove": Own("comove", Comove()),
-    "comove, no planner": Own("comove, no planner", Comove(), planner=False),
-    "projection": Own("projection", Projection()),
-    "projection, no planner": Own("projection, no planner", Projection(), planner=False),
-    "paper": Own("paper", Paper(), planner=False),
+    "comove": OwnSystem("comove", Comove()),
+    "comove, no planner": OwnSystem("comove, no planner", Comove(), planner=False),
+    "projection": OwnSystem("projection", Projection()),
+    "projection, no planner": OwnSystem("projection, no planner", Projection(), planner=False),
+    "paper": OwnSystem("paper", Paper(), planner=False),
     **{name: Optimised(name) for name in ("AugmentedLagrangian", "CCMAES", "EpsilonLevel", "Penalty")},
     **PEERS,
 }
 
 
-def run(job: tuple[str, str, int, float]) -> tuple[Outcome | None, float]:
+def run(job: tuple[str, str, int, float]) -> tuple[SystemOutcome | None, float]:
     """One system on one scene with one seed, and the tolerance of the scene's distance [m]."""
     name, system, seed, budget = job
     warnings.simplefilter("ignore")
     scene = example(name)
-    problem = Problem(scene, scene.taught, seed, budget)
+    problem = SystemProblem(scene, scene.taught, seed, budget)
     return measured(SYSTEMS[system], problem), scene.distances[0].tolerance
 
 
@@ -125,7 +125,7 @@ def main() -> None:
     print_table(columns, rows)
 
 
-def row(scene: str, system: str, outcomes: list[tuple[Outcome | None, float]]) -> list[str]:
+def row(scene: str, system: str, outcomes: list[tuple[SystemOutcome | None, float]]) -> list[str]:
     """Cells of one row."""
     offered = [(outcome, tolerance) for outcome, tolerance in outcomes if outcome is not None]
     good = [outcome for outcome, _ in offered if outcome.verified]

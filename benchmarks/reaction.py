@@ -22,7 +22,7 @@ from timing import number, on_one_thread, print_table, quantile
 
 from comove.reaction import programme as tp
 from comove.reaction.nearness import moved_obstacles
-from comove.reaction.programme import Programme, Sighting
+from comove.reaction.programme import Sighting, TwistProgramme
 from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 
@@ -70,7 +70,7 @@ def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
 def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
     """Times of all steps [s], and the share of steps in which nothing was admissible."""
     rng, n, n_hands = np.random.default_rng(0), len(scene.obstacles), len(scene.manipulators)
-    programme, poses = Programme(scene, PERIOD), poses_of(scene, "start")
+    programme, poses = TwistProgramme(scene, PERIOD), poses_of(scene, "start")
     before, table, after = np.zeros((n_hands, 3)), scene.obstacles.copy(), scene.obstacles.copy()
     velocity, spin = np.zeros((n, 3)), np.zeros((n, 3))
     velocity[:, : scene.n_dims] = rng.uniform(-0.2, 0.2, (n, scene.n_dims))
@@ -98,9 +98,9 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
 def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
     """Programmes that have a solution and rows, as they come up on a drive."""
     found: list[tuple[np.ndarray, ...]] = []
-    solve = Programme._solved
+    solve = TwistProgramme._solved
 
-    def record(self: Programme, m: int, *others):
+    def record(self: TwistProgramme, m: int, *others):
         result = solve(self, m, *others)
         desk = self._desk
         if result[2] == tp.HARD and m > 4:
@@ -109,11 +109,11 @@ def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
             )
         return result
 
-    Programme._solved = record
+    TwistProgramme._solved = record
     try:
         drive(scene, 4000)
     finally:
-        Programme._solved = solve
+        TwistProgramme._solved = solve
     return found[:: max(1, len(found) // N_RECORDED)]
 
 

@@ -20,7 +20,7 @@ from timing import Watch, on_one_thread, print_table
 import comove
 from comove.errors import InputError
 from comove.experiments.peers import PEERS
-from comove.experiments.systems import Problem, measured
+from comove.experiments.systems import SystemProblem, measured
 
 SIDE, THICK, WIDTH = 3.0, 0.02, (0.05, 0.4)  # m
 COUNTS = {2: 60, 3: 150}
@@ -55,7 +55,7 @@ def timed(scene: comove.Scene) -> tuple[tuple[float, ...], tuple[float, ...]]:
     whole = time.perf_counter() - begun
     first = solution.time_to_first_verified_s
     own = solution.verified, np.inf if first is None else first, watch.converged(), whole
-    found = measured(PEERS["ompl-rrtconnect-raw"], Problem(scene, budget=BUDGET))
+    found = measured(PEERS["ompl-rrtconnect-raw"], SystemProblem(scene, budget=BUDGET))
     if found is None:
         return own, (False, np.inf, np.inf, BUDGET)
     return own, (found.verified, found.seconds, found.seconds, found.seconds)

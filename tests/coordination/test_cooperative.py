@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.coordination.constraints import (
     TURN_LENGTH,
-    Distance,
+    HandDistance,
     Poses,
     RelativePose,
     SameHeight,
@@ -158,9 +158,9 @@ def average_height(poses):
 
 
 CASES = {
-    "distance": [Distance("left", "right", 0.5)],
+    "distance": [HandDistance("left", "right", 0.5)],
     "height": [SameHeight("left", "right")],
-    "both": [SameHeight("left", "right"), Distance("left", "right", 0.45)],
+    "both": [SameHeight("left", "right"), HandDistance("left", "right", 0.45)],
     "separation": [Separation("left", "right", 0.52)],
     "pose": [RelativePose("left", "right", Pose.of([0.1, 0.45, 0.0], Rotation.from_rotvec([0.2, 0, 0])))],
     "level": [Upright("left"), Upright("right")],
@@ -207,7 +207,7 @@ def test_the_projection_is_the_nearest_point_for_a_distance(seed):
     positions = rng.uniform(-1, 1, (4, 2, 3))
     positions[:, 1] += 2.0
     poses = Poses(("a", "b"), positions, np.tile([1.0, 0, 0, 0], (4, 2, 1)))
-    moved = project(poses, [Distance("a", "b", 0.7)])
+    moved = project(poses, [HandDistance("a", "b", 0.7)])
     middle, away = positions.mean(axis=1), positions[:, 1] - positions[:, 0]
     half = 0.35 * away / np.linalg.norm(away, axis=1, keepdims=True)
     assert np.abs(moved.positions - np.stack([middle - half, middle + half], axis=1)).max() < 1e-6
@@ -239,7 +239,7 @@ def test_a_tray_is_not_turned_upside_down():
 
 def test_constraints_that_contradict_each_other():
     with pytest.raises(ConstraintError, match="cannot be met together"):
-        alone([Distance("left", "right", 0.4), Distance("left", "right", 0.5)]).rollout()
+        alone([HandDistance("left", "right", 0.4), HandDistance("left", "right", 0.5)]).rollout()
 
 
 @pytest.mark.slow
@@ -292,10 +292,10 @@ def test_slips_are_told():
     for grasps in ([grasp], None, {"a": Pose([0.0, 1.0])}, {"a": [0, 0, 0]}):
         with pytest.raises(OptionError, match="grasps"):
             CooperativeDMP.from_hand(shown, "a", grasps)
-    for constraints in (["distance"], Distance("a", "b", 1.0), "x"):
+    for constraints in (["distance"], HandDistance("a", "b", 1.0), "x"):
         with pytest.raises(OptionError, match="constraints"):
             CooperativeDMP(load, {"a": grasp}, constraints)
-    for wrong in (lambda: Distance("a", "b", "1"), lambda: Separation("a", "b", -1.0),
+    for wrong in (lambda: HandDistance("a", "b", "1"), lambda: Separation("a", "b", -1.0),
                   lambda: RelativePose("a", "b", [0, 1, 0]), lambda: Upright("a", "z"),
                   lambda: CooperativeDMP(load, [grasp])):  # fmt: skip
         with pytest.raises(OptionError):
@@ -336,7 +336,7 @@ def test_what_is_refused():
 
 
 @pytest.mark.parametrize("time", [1.0, "x", ["x"], [[0.0], [1.0]], [0.0, np.nan], None])
-@pytest.mark.parametrize("constraints", [(), (Distance("a", "b", 0.5),)])
+@pytest.mark.parametrize("constraints", [(), (HandDistance("a", "b", 0.5),)])
 def test_times_that_are_none(time, constraints):
     load = PoseDMP.fit(recording(0))
     aside = load.towards(start=Pose(load.start.position + 0.3, load.start.orientation))

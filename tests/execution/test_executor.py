@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Pace
 from comove.experiments.random_scenes import moving_scene
-from comove.reaction.twists import Poses, advanced, nodes_of, poses_of, twists_between
+from comove.reaction.twists import HandPoses, advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import judge
 
@@ -158,4 +158,4 @@ def test_a_run_shorter_than_a_step_makes_one():
 
 
 def test_poses_are_of_the_scene():
-    assert isinstance(Executor(moving_scene(0)).poses, Poses)
+    assert isinstance(Executor(moving_scene(0)).poses, HandPoses)

@@ -15,7 +15,7 @@ from comove.experiments.peers.common import (
     timed,
 )
 from comove.experiments.peers.shapes import N_STEPS, Shapes
-from comove.experiments.systems import N_SAMPLES, Offers, Problem, measured
+from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, measured
 from comove.scenes import Scene
 
 MODULES = {
@@ -73,7 +73,7 @@ def peers(names=MODULES):
 
 def offered(name, scene, *, budget=BUDGET, seed=0):
     pytest.importorskip(MODULES[name])
-    problem, offers = Problem(scene, seed=seed, budget=budget), Offers()
+    problem, offers = SystemProblem(scene, seed=seed, budget=budget), Offers()
     PEERS[name].warm_up(problem)
     offers.__init__()
     PEERS[name].run(problem, offers)
@@ -101,7 +101,7 @@ def test_offers_lead_from_start_to_goal_in_time(name, n_dims):
 @pytest.mark.parametrize("name", peers([name for name in MODULES if name not in SLOW]))
 def test_the_judge_accepts_what_they_find_where_it_is_easy(name):
     pytest.importorskip(MODULES[name])
-    outcome = measured(PEERS[name], Problem(easy(2), budget=BUDGET))
+    outcome = measured(PEERS[name], SystemProblem(easy(2), budget=BUDGET))
     assert outcome.verified, outcome.reasons
     assert outcome.first_verified <= outcome.seconds
 
@@ -109,7 +109,7 @@ def test_the_judge_accepts_what_they_find_where_it_is_easy(name):
 @pytest.mark.parametrize("name", ["ompl-rrtconnect", "ompl-projected", "slsqp"])
 def test_three_hands_in_space(name):
     pytest.importorskip(MODULES[name])
-    assert measured(PEERS[name], Problem(easy(3, n_hands=3), budget=2 * BUDGET)).verified
+    assert measured(PEERS[name], SystemProblem(easy(3, n_hands=3), budget=2 * BUDGET)).verified
 
 
 @pytest.mark.parametrize("name", TIMELESS)
@@ -176,7 +176,7 @@ def test_a_peer_that_is_not_installed_says_how(name, monkeypatch):
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setattr(sys, "meta_path", [Missing, *sys.meta_path])
     with pytest.raises(ExtraError, match=r"pip install 'comove\[bench\]'"):
-        PEERS[name].warm_up(Problem(easy(2)))
+        PEERS[name].warm_up(SystemProblem(easy(2)))
 
 
 def test_distances_that_follow_from_others_are_left_out():
@@ -188,7 +188,7 @@ def test_distances_that_follow_from_others_are_left_out():
 def test_slopes_of_clearances():
     scene = easy(3, n_hands=3)
     rng = np.random.default_rng(0)
-    hands = first_hands(Problem(scene), np.linspace(0, 1, 7)) - [0.0, 0.1, 0.0]
+    hands = first_hands(SystemProblem(scene), np.linspace(0, 1, 7)) - [0.0, 0.1, 0.0]
     hands += rng.normal(0, 0.01, hands.shape)  # away from kinks
     shift, step = rng.normal(0, 1, hands.shape), 1e-5
     expected = (clearances(scene, hands + step * shift) - clearances(scene, hands - step * shift)) / (
@@ -201,7 +201,7 @@ def test_slopes_of_clearances():
 @pytest.mark.parametrize("n_dims", [2, 3])
 def test_slopes_of_shape_weights(n_dims):
     limits = {"speed": 0.5, "acceleration": 1.0}
-    problem = Problem(easy(n_dims, n_hands=3, limits=limits), budget=60.0)
+    problem = SystemProblem(easy(n_dims, n_hands=3, limits=limits), budget=60.0)
     shapes, rng = Shapes(problem, Offers(), 8), np.random.default_rng(1)
     x, shift, step = rng.normal(0, 0.05, shapes.n), rng.normal(0, 1, shapes.n), 1e-6
 
@@ -219,7 +219,7 @@ def test_slopes_of_shape_weights(n_dims):
 def test_paths_keep_the_speed_limit():
     """1 m in 2 s: minimum jerk would reach 0.94 m/s."""
     scene = easy(2, duration=2.0, limits={"speed": 0.6})
-    hands = timed(lambda u: scene.start + u[:, None, None] * [1.0, 0.0], Problem(scene))
+    hands = timed(lambda u: scene.start + u[:, None, None] * [1.0, 0.0], SystemProblem(scene))
     speed = np.linalg.norm(np.diff(hands, axis=0), axis=2) * (N_SAMPLES - 1) / 2.0
     assert speed.max() <= 0.6
     assert speed[[0, -1]].max() < 1e-3

@@ -7,7 +7,15 @@ import pytest
 
 import comove
 from comove.experiments.examples import example
-from comove.experiments.systems import N_SAMPLES, Own, Problem, System, cost_of, measured, report_of
+from comove.experiments.systems import (
+    N_SAMPLES,
+    OwnSystem,
+    System,
+    SystemProblem,
+    cost_of,
+    measured,
+    report_of,
+)
 from comove.planning import Comove
 from comove.planning.objectives import PaperCost
 
@@ -49,10 +57,10 @@ def free():
 def test_comove_offers_what_it_hands_out(narrow):
     """The last offer is the solution: same ends, same cost to what 8001 samples tell."""
     budget = 20.0
-    outcome = measured(Own("comove", Comove()), Problem(narrow, seed=3, budget=budget))
+    outcome = measured(OwnSystem("comove", Comove()), SystemProblem(narrow, seed=3, budget=budget))
     solution = comove.solve(narrow, seed=3, budget=budget, objective=PaperCost())
     assert outcome.verified and solution.verified
-    hands = solution.attempt.hands(Problem(narrow).instants)[0]
+    hands = solution.attempt.hands(SystemProblem(narrow).instants)[0]
     assert outcome.cost == pytest.approx(cost_of(narrow, hands), rel=1e-9)
     assert outcome.cost == pytest.approx(solution.cost.total, rel=0.02)  # which is of 201 samples
     assert outcome.first_verified <= outcome.seconds
@@ -61,7 +69,7 @@ def test_comove_offers_what_it_hands_out(narrow):
 
 
 def test_history_falls(narrow):
-    history = measured(Own("comove", Comove()), Problem(narrow, budget=20.0)).history
+    history = measured(OwnSystem("comove", Comove()), SystemProblem(narrow, budget=20.0)).history
     assert len(history) > 1
     assert (np.diff([seconds for seconds, _ in history]) >= 0).all()
     assert (np.diff([cost for _, cost in history]) < 0).all()
@@ -70,7 +78,7 @@ def test_history_falls(narrow):
 def test_cost_is_a_quadrature():
     """J of minimum jerk by hand: the integral of (1 - r(s))^2 is 181/462, that of r'(s)^2 is 10/7."""
     scene = free()
-    problem = Problem(scene)
+    problem = SystemProblem(scene)
     share = (problem.instants**3 * (10 - 15 * problem.instants + 6 * problem.instants**2))[:, None, None]
     hands = scene.start + share * (scene.goal - scene.start)
     expected = 2 * 0.6**2 * (181 / 462 + 0.01 * 10 / 7)
@@ -78,7 +86,7 @@ def test_cost_is_a_quadrature():
 
 
 def test_a_straight_line_is_measured():
-    outcome = measured(Line(times=3), Problem(free()))
+    outcome = measured(Line(times=3), SystemProblem(free()))
     assert outcome.verified and outcome.reasons == ()
     assert len(outcome.history) == 1  # the others are no better
     assert outcome.path_length == pytest.approx(1.2)
@@ -89,17 +97,17 @@ def test_a_straight_line_is_measured():
 
 
 def test_what_runs_into_a_wall_is_not_verified(narrow):
-    outcome = measured(Line(), Problem(narrow))
+    outcome = measured(Line(), SystemProblem(narrow))
     assert not outcome.verified and outcome.first_verified is None and outcome.history == ()
     assert "obstacles[" in outcome.reasons[0]
 
 
 def test_a_system_that_offers_nothing(narrow):
-    assert measured(Line(times=0), Problem(narrow)) is None
+    assert measured(Line(times=0), SystemProblem(narrow)) is None
 
 
 def test_samples_go_from_start_to_goal(narrow):
-    problem = Problem(narrow)
+    problem = SystemProblem(narrow)
     assert len(problem.instants) == N_SAMPLES
     assert problem.instants[[0, -1]].tolist() == [0.0, 1.0]
     still = np.repeat(narrow.start[None], N_SAMPLES, axis=0)

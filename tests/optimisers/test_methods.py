@@ -23,7 +23,7 @@ from comove.optimisers import (
     Penalty,
     Plain,
     PrintedForm,
-    Projection,
+    ProjectionRepair,
     Reason,
     StaleForm,
     minimise,
@@ -40,7 +40,7 @@ METHODS = {
     "matrix": CCMAES(),
     "factor": CCMAES(FactorForm),
     "epsilon": EpsilonLevel(),
-    "projection": Projection(onto_half_space),
+    "projection": ProjectionRepair(onto_half_space),
     "penalty": Penalty(),
 }
 EXACT = ["lagrangian", "matrix", "factor", "epsilon", "projection"]
@@ -163,7 +163,7 @@ def test_a_constraint_that_is_never_violated_changes_nothing(name):
 @pytest.mark.parametrize("name", EXACT)
 def test_a_scaled_problem_gives_the_scaled_run(name):
     """By a power of two, and without rounding where nothing but the samples' order counts."""
-    method = Projection(lambda x: 8 * onto_half_space(x / 8)) if name == "projection" else METHODS[name]
+    method = ProjectionRepair(lambda x: 8 * onto_half_space(x / 8)) if name == "projection" else METHODS[name]
     plain = Minimiser(np.full(5, 2.0), 0.5, n_constraints=1, method=METHODS[name])
     scaled = Minimiser(np.full(5, 16.0), 4.0, n_constraints=1, method=method)
     one = drive(plain, sphere, wall, 150)
@@ -278,7 +278,7 @@ def test_linear_equalities_by_projection():
     rng = np.random.default_rng(0)
     matrix, right = rng.standard_normal((2, 6)), rng.standard_normal(2)
     result = minimise(
-        sphere, np.zeros(6), 1.0, method=Projection(Affine(matrix, right)), restarts=NoRestarts()
+        sphere, np.zeros(6), 1.0, method=ProjectionRepair(Affine(matrix, right)), restarts=NoRestarts()
     )
     expected = np.linalg.pinv(matrix) @ right
     assert matrix @ result.x == pytest.approx(right, abs=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.optimisers import Printed
+from comove.optimisers import PrintedCCMAES
 
 
 def root(matrix):
@@ -13,7 +13,7 @@ def root(matrix):
 
 
 def test_a_generation_is_lines_4_to_11():
-    run = Printed(np.array([1.0, -2.0, 0.5]), 0.3, np.random.default_rng(0), 8)
+    run = PrintedCCMAES(np.array([1.0, -2.0, 0.5]), 0.3, np.random.default_rng(0), 8)
     p, n = run.parameters, 3
     alpha = p.weights[: p.mu]
     p_sigma, p_c = np.zeros(n), np.zeros(n)
@@ -38,7 +38,7 @@ def test_a_generation_is_lines_4_to_11():
 
 def test_records_and_covariance_are_equations_5_and_6():
     rng = np.random.default_rng(1)
-    run = Printed(np.zeros(4), 0.5, rng)
+    run = PrintedCCMAES(np.zeros(4), 0.5, rng)
     records, cov = np.zeros((3, 4)), np.eye(4)
     for _ in range(4):
         points, violated = rng.standard_normal((5, 4)), rng.random((5, 3)) < 0.5
@@ -53,14 +53,14 @@ def test_records_and_covariance_are_equations_5_and_6():
 
 
 def test_a_sphere_is_minimised():
-    run = Printed(np.full(6, 2.0), 1.0, np.random.default_rng(0))
+    run = PrintedCCMAES(np.full(6, 2.0), 1.0, np.random.default_rng(0))
     for _ in range(300):
         run.adapt((run.sample() ** 2).sum(axis=1))
     assert (run.mean**2).sum() < 1e-10
 
 
 def test_those_drawn_again_are_others():
-    run = Printed(np.zeros(3), 1.0, np.random.default_rng(0))
+    run = PrintedCCMAES(np.zeros(3), 1.0, np.random.default_rng(0))
     before = run.sample().copy()
     which = np.arange(len(before)) % 2 == 0
     assert run.sample(which) == pytest.approx(run.samples[which])
@@ -70,7 +70,7 @@ def test_those_drawn_again_are_others():
 
 def test_what_is_always_violated_ends_with_no_distribution():
     """Each violation takes away as much, however little is left."""
-    run = Printed(np.zeros(3), 1.0, np.random.default_rng(0))
+    run = PrintedCCMAES(np.zeros(3), 1.0, np.random.default_rng(0))
     with pytest.raises(np.linalg.LinAlgError):
         for _ in range(1000):
             points = run.sample()

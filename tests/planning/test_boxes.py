@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import comove
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
-from comove.planning.objective import Objective, Penalty
+from comove.planning.objective import ContactPenalty, Objective
 from comove.scenes import Scene
 from comove.views.motion import draw_motion
 from tests.verification.random_boxes import box_near_contact, least_clearance, random_box_motion
@@ -119,7 +119,7 @@ def test_search_planner_and_scene_agree_on_the_clearance(seed):
         if told > 0:
             assert planned >= min(told, space.cap) - 3e-4
         still = np.repeat(configuration[None, :, None], 3, axis=2)
-        objective = Objective(scene, coordinates, penalty=Penalty(margin=0.05))
+        objective = Objective(scene, coordinates, penalty=ContactPenalty(margin=0.05))
         searched = objective.evaluate(np.ascontiguousarray(still)).clearance[0]
         assert (
             searched == pytest.approx(min(told, 0.05 + scene.clearance), abs=2e-4)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
 from comove.planning import PaperCost
-from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
@@ -25,7 +25,7 @@ S = np.linspace(0.0, 1.0, N_STEPS)
 def evaluated(motion, penalty=None, weights=None, demonstration=None, size=1.0):
     """The evaluation of one motion."""
     objective = Objective(
-        motion.scene, motion.coordinates, weights or PaperCost(), penalty or Penalty(), demonstration
+        motion.scene, motion.coordinates, weights or PaperCost(), penalty or ContactPenalty(), demonstration
     )
     return objective.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS), size)
 
@@ -74,7 +74,7 @@ def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
     taught = np.zeros((N_STEPS, y.shape[1], 3))
     taught[..., : y.shape[2]] = rng.uniform(0, 1, y.shape)
     weights = PaperCost(goal=c_goal, velocity=c_vel, obstacle=7.0, resemblance=c_res)
-    cost = Objective(motion.scene, motion.coordinates, weights, Penalty(), taught).cost(motion)
+    cost = Objective(motion.scene, motion.coordinates, weights, ContactPenalty(), taught).cost(motion)
     n = N_STEPS
     assert cost.goal == pytest.approx(c_goal * ((y - y[-1]) ** 2).sum() / n, rel=1e-9)
     assert cost.velocity == pytest.approx(
@@ -120,7 +120,7 @@ def test_a_motion_like_the_demonstration_has_no_resemblance_cost():
     taught = np.zeros((N_STEPS, 2, 3))
     taught[..., :2] = motion.hands(S)[0]
     weights = PaperCost(resemblance=5.0)
-    cost = Objective(motion.scene, motion.coordinates, weights, Penalty(), taught).cost(motion)
+    cost = Objective(motion.scene, motion.coordinates, weights, ContactPenalty(), taught).cost(motion)
     assert cost.resemblance == pytest.approx(0.0, abs=1e-20)
 
 
@@ -151,7 +151,7 @@ def test_no_penalty_above_the_margin_and_some_below(seed, margin):
     motion = near_contact(np.random.default_rng(seed))
     data = scene_data(motion.scene)
     motion = on_scene(motion, data | {"limits": {"clearance": 0.0}})
-    value = evaluated(motion, Penalty(margin=margin))
+    value = evaluated(motion, ContactPenalty(margin=margin))
     truth = brute_force.least_clearance(motion)[0]
     at_samples = brute_force.configuration_clearance(motion.scene, brute_force.hands_at(motion, S)).min()
     peak = (
@@ -173,7 +173,7 @@ def test_without_a_margin_only_contact_costs():
     """As in the search with `obstacles="cost"`; the motion passes every obstacle by 9 mm or more."""
     motion = solved("narrow").attempt
     assert brute_force.least_clearance(motion)[0] > 0.005
-    assert evaluated(motion, Penalty(margin=0.0)).penalty[0] == 0.0
+    assert evaluated(motion, ContactPenalty(margin=0.0)).penalty[0] == 0.0
 
 
 def test_the_penalty_grows_with_depth():
@@ -195,7 +195,9 @@ def test_the_penalty_grows_with_depth():
 
 def test_a_wider_margin_is_felt_sooner():
     motion = solved("narrow").attempt
-    values = [evaluated(motion, Penalty(margin=margin)).penalty[0] for margin in (0.004, 0.01, 0.02, 0.04)]
+    values = [
+        evaluated(motion, ContactPenalty(margin=margin)).penalty[0] for margin in (0.004, 0.01, 0.02, 0.04)
+    ]
     assert (np.diff(values) >= 0).all()
     assert values[-1] > 0
 
@@ -247,7 +249,7 @@ def test_a_thin_wall_between_two_samples_is_not_skipped(n_dims, thickness, speed
         if thickness < 1e-2:
             assert sampled_distances(walled).min() > 0  # no sample touches it
         for along_path in (False, True):
-            value = evaluated(walled, Penalty(along_path=along_path))
+            value = evaluated(walled, ContactPenalty(along_path=along_path))
             assert value.penalty[0] > 0
             assert value.clearance[0] < 0.01
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.reaction.programme import Programme, Sighting
+from comove.reaction.programme import Sighting, TwistProgramme
 from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 from comove.scenes.distances import CENTER, ROTATION
@@ -117,7 +117,7 @@ class Run(NamedTuple):
 def run(world, wanted, n_steps, *, period=0.01, settings=None, look=5, margin=0.0):
     """Drive with the hands' velocities `wanted(i, nodes)`, array of shape (n_hands, 3), for so many steps."""
     scene = world.scene
-    programme, poses = Programme(scene, period, settings), poses_of(scene, "start")
+    programme, poses = TwistProgramme(scene, period, settings), poses_of(scene, "start")
     before = np.zeros((len(scene.manipulators), 3))
     clearance, speed, acceleration, relaxed, n_relaxed = np.inf, 0.0, 0.0, 0.0, 0
     for i in range(n_steps):

@@ -10,7 +10,7 @@ from comove.coordination.coordinates import load_coordinates, projected_coordina
 from comove.errors import OptionError
 from comove.primitives.rotations import matrices
 from comove.reaction.twists import (
-    Poses,
+    HandPoses,
     advanced,
     hand_velocities,
     nodes_of,
@@ -38,7 +38,9 @@ def loaded(load, spatial, **more):
 
 def random_poses(rng, n_groups):
     quaternion = rng.standard_normal((n_groups, 4))
-    return Poses(rng.standard_normal((n_groups, 3)), quaternion / np.linalg.norm(quaternion, axis=1)[:, None])
+    return HandPoses(
+        rng.standard_normal((n_groups, 3)), quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
+    )
 
 
 @given(seeds)
@@ -69,7 +71,7 @@ def test_steps_of_one_twist_add_up(seed):
 
 
 def test_a_tiny_turn_is_a_turn():
-    poses = Poses(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+    poses = HandPoses(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
     after = advanced(poses, np.array([[0, 0, 0, 1e-9, 0, 0]]), 1.0)
     np.testing.assert_allclose(after.quaternion[0], [1.0, 5e-10, 0, 0], atol=1e-24)
 

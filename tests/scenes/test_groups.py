@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.primitives.rotations import matrices
 from comove.scenes.groups import (
-    Pose,
+    GroupPose,
     RigidGroup,
     fit_angle,
     fit_pose,
@@ -27,10 +27,10 @@ def pose(rng, orientation):
     """A random pose of what `orientation` determines."""
     center = rng.uniform(-1, 1, 3)
     if orientation == "none":
-        return Pose(center, np.eye(3))
+        return GroupPose(center, np.eye(3))
     if orientation == "plane":
-        return Pose(center * [1, 1, 0], rotation_in_plane(rng.uniform(-np.pi, np.pi)))
-    return Pose(center, Rotation.random(random_state=rng.integers(2**31)).as_matrix())
+        return GroupPose(center * [1, 1, 0], rotation_in_plane(rng.uniform(-np.pi, np.pi)))
+    return GroupPose(center, Rotation.random(random_state=rng.integers(2**31)).as_matrix())
 
 
 def grasps(rng, orientation):
@@ -156,6 +156,6 @@ def test_what_hands_determine():
 
 def test_the_reach_is_that_of_the_farthest_point():
     held, corners = np.array([[-0.1, 0, 0], [0.1, 0, 0]]), np.array([[0.3, 0.4, 0.0]])
-    group = RigidGroup((0, 1), held, corners, "plane", Pose(X, np.eye(3)), Pose(X, np.eye(3)))
+    group = RigidGroup((0, 1), held, corners, "plane", GroupPose(X, np.eye(3)), GroupPose(X, np.eye(3)))
     assert group.reach == pytest.approx(0.5)
     assert np.array_equal(group.points, np.concatenate([held, corners]))

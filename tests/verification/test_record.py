@@ -8,7 +8,7 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.scenes import Scene
-from comove.verification.record import Record, Samples, judge
+from comove.verification.record import Record, RecordSamples, judge
 
 PERIOD, DURATION = 0.01, 2.0
 
@@ -163,7 +163,7 @@ def samples(around, hands=None, n_steps=201):
     s = time / DURATION
     share = (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]
     straight = around.start + share * (around.goal - around.start)
-    return Samples(around, time, straight if hands is None else hands(straight))
+    return RecordSamples(around, time, straight if hands is None else hands(straight))
 
 
 def test_samples_of_a_straight_line_are_as_they_should_be():
@@ -176,7 +176,7 @@ def test_samples_of_a_solved_motion_are_accepted():
     wall = [{"shape": "box", "center": [0.5, y], "size": [0.1, 0.44]} for y in (0.22, 0.78)]
     solution = comove.solve(scene(*wall, speed=1.0), seed=0)
     s = np.linspace(0.0, 1.0, 2001)
-    report = judge(Samples(solution.attempt.scene, s * DURATION, solution.attempt.hands(s)[0]))
+    report = judge(RecordSamples(solution.attempt.scene, s * DURATION, solution.attempt.hands(s)[0]))
     assert report.reasons == ()
     assert report.clearance_min == pytest.approx(solution.report.clearance_min, abs=1e-3)
 

@@ -22,7 +22,7 @@ def reproduce(
 ) -> int:
     """Run every experiment of the paper and of the systems it names; write one page with all figures."""
     from comove.experiments.paper import reproduce as reproduce_all
-    from comove.experiments.paper.claims import Verdict
+    from comove.experiments.paper.claims import ClaimVerdict
     from comove.experiments.paper.reproduction import CONTENTS, PAGE
     from comove.primitives.arguments import require_count
     from comove.results import whole_folder
@@ -36,6 +36,6 @@ def reproduce(
 
     with whole_folder(out, CONTENTS) as draft:
         counts = reproduce_all(draft, seeds, processes=processes, tell=tell)
-    print("\n".join(f"{counts[verdict]:3d} {verdict.value}" for verdict in Verdict))
+    print("\n".join(f"{counts[verdict]:3d} {verdict.value}" for verdict in ClaimVerdict))
     print(f"page: {out / PAGE}")
     return VERIFIED

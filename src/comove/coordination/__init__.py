@@ -2,7 +2,7 @@
 
 from comove.coordination.constraints import (
     Constraint,
-    Distance,
+    HandDistance,
     Poses,
     RelativePose,
     SameHeight,
@@ -28,7 +28,7 @@ __all__ = [
     "CoordinatedDMP",
     "CoordinatedMotion",
     "Coordinates",
-    "Distance",
+    "HandDistance",
     "Poses",
     "RelativePose",
     "SameHeight",

@@ -70,7 +70,7 @@ Constraint = Callable[[Poses], Array]
 
 
 @dataclass(frozen=True)
-class Distance:
+class HandDistance:
     """Two hands stay `distance` apart [m]."""
 
     first: str
@@ -98,7 +98,7 @@ class Separation:
         _require_length(self.distance)
 
     def __call__(self, poses: Poses) -> Array:
-        return np.maximum(0.0, -Distance(self.first, self.second, self.distance)(poses))
+        return np.maximum(0.0, -HandDistance(self.first, self.second, self.distance)(poses))
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ from comove.scenes.constraints import (
     UprightConstraint,
 )
 from comove.scenes.groups import (
-    Pose,
+    GroupPose,
     RigidGroup,
     fit_angle,
     fit_direction,
@@ -90,7 +90,7 @@ class Blocks(NamedTuple):
     n_dims: int
 
 
-class Part(NamedTuple):
+class Block(NamedTuple):
     """One block of the coordinates.
 
     Attributes
@@ -255,11 +255,11 @@ class Coordinates:
         return result
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[Block, ...]:
         """The blocks one by one."""
         blocks = self.blocks
         return tuple(
-            Part(
+            Block(
                 int(kind),
                 _columns(blocks.center[b, : self.n_dims], blocks.turn[b], _width(kind, self.n_dims)),
                 blocks.node[blocks.first[b] : blocks.first[b + 1]],
@@ -338,7 +338,11 @@ def arms_coordinates(scene: Scene) -> Coordinates:
         )
     alone = [
         RigidGroup(
-            (i,), np.zeros((1, 3)), np.zeros((0, 3)), "none", *(Pose(_padded(y), np.eye(3)) for y in ends)
+            (i,),
+            np.zeros((1, 3)),
+            np.zeros((0, 3)),
+            "none",
+            *(GroupPose(_padded(y), np.eye(3)) for y in ends),
         )
         for i, ends in enumerate(zip(scene.start, scene.goal, strict=True))
     ]
@@ -473,7 +477,7 @@ def place_one(blocks, q, size, nodes):
             node[2] = cz + z
 
 
-def write_pose(kind: int, pose: Pose, n_dims: int) -> Array:
+def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
     """The block of q that describes a pose; array, shape (n_block_columns,)."""
     center, rotation = pose.center[:n_dims], pose.rotation
     if kind == POINT:

@@ -2,7 +2,7 @@
 
 from comove.execution.clouds import Clouds, Scanned
 from comove.execution.comparison import Compared, compare, write_comparison
-from comove.execution.executor import Event, Executor, Log, Pace, Plan
+from comove.execution.executor import Event, ExecutionLog, Executor, Pace, Plan
 from comove.execution.files import write_run
 from comove.execution.measured import Measured, Observed, Sensor
 from comove.execution.sight import Functions, Known, Sight
@@ -15,7 +15,7 @@ __all__ = [
     "Executor",
     "Functions",
     "Known",
-    "Log",
+    "ExecutionLog",
     "Measured",
     "Observed",
     "Pace",

@@ -37,7 +37,7 @@ class Cells(NamedTuple):
     of: NDArray[np.int64]
 
 
-class Cover(NamedTuple):
+class SphereCover(NamedTuple):
     """Spheres.
 
     Attributes
@@ -64,7 +64,7 @@ def thinned(points: Array, edge: float) -> Cells:
     return Cells(np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None], key[first], of)
 
 
-def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float, most: int) -> Cover:
+def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float, most: int) -> SphereCover:
     """Spheres that hold all points, each those of one group.
 
     Parameters
@@ -76,7 +76,7 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
     most : how many spheres there may be; more than that only where there are more groups
     """
     if not len(points):
-        return Cover(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
+        return SphereCover(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
     counts = np.bincount(group)
     order = np.argsort(group, kind="stable")
     ends = np.cumsum(counts)
@@ -86,7 +86,7 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
     np.maximum.at(radius, mine, np.linalg.norm(points - center[mine], axis=1))
     owner = np.zeros(n, dtype=np.int64)
     owner[sphere] = group
-    return Cover(center, radius * (1 + 1e-12), owner)
+    return SphereCover(center, radius * (1 + 1e-12), owner)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.planning.objective import Objective
 from comove.primitives.rotations import exponential, matrices, quaternion_product
-from comove.reaction.twists import Poses, hand_velocities, twists_between
+from comove.reaction.twists import HandPoses, hand_velocities, twists_between
 from comove.scenes.distances import inflated
 from comove.scenes.scene import Scene
 
@@ -35,9 +35,9 @@ TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 
 def evasive_course(
     objective: Objective,
-    poses: Poses,
+    poses: HandPoses,
     twists: Array,
-    goal: Poses,
+    goal: HandPoses,
     offsets: Array,
     rng: np.random.Generator,
     before: Array | None = None,
@@ -88,7 +88,7 @@ def prospect() -> Array:
 
 
 def _drawn(
-    scene: Scene, poses: Poses, twists: Array, goal: Poses, hands: Array, rng: np.random.Generator
+    scene: Scene, poses: HandPoses, twists: Array, goal: HandPoses, hands: Array, rng: np.random.Generator
 ) -> Array:
     """To stand still, to go on, to go to the goal, and what is drawn; (N_DRAWN, N_MOMENTS, n_groups, 6)."""
     drawn = _random(scene, hands, N_DRAWN, rng)
@@ -125,7 +125,7 @@ def _limited(twists: Array, hands: Array, limit: float) -> Array:
     return twists * np.minimum(1.0, limit / np.maximum(_speeds(hands, twists), 1e-9))[..., None, None]
 
 
-def _followed(scene: Scene, poses: Poses, twists: Array, courses: Array, hands: Array) -> Array:
+def _followed(scene: Scene, poses: HandPoses, twists: Array, courses: Array, hands: Array) -> Array:
     """Nodes of those who follow courses, at the ends of the moments; (n_courses, N_MOMENTS + 1, n_nodes, 3) [m]."""
     velocity = np.zeros((len(courses), N_MOMENTS + 1, *twists.shape))
     way = np.zeros_like(velocity)
@@ -145,7 +145,7 @@ def _followed(scene: Scene, poses: Poses, twists: Array, courses: Array, hands: 
     return nodes
 
 
-def _hands(scene: Scene, poses: Poses) -> Array:
+def _hands(scene: Scene, poses: HandPoses) -> Array:
     """What makes velocities of the hands of twists; array, shape (n_hands, 3, n_groups, 6)."""
     n_groups = len(scene.groups)
     of_each = [hand_velocities(scene, poses, row.reshape(n_groups, 6)) for row in np.eye(6 * n_groups)]

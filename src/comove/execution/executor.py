@@ -29,9 +29,9 @@ from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.rotations import matrices
-from comove.reaction.programme import MAX_PERIOD, NOTHING, Programme, ProgrammeSettings
+from comove.reaction.programme import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import (
-    Poses,
+    HandPoses,
     advanced,
     hand_velocities,
     nodes_of,
@@ -40,7 +40,7 @@ from comove.reaction.twists import (
     twists_between,
 )
 from comove.scenes.distances import inflated
-from comove.scenes.groups import Pose
+from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
 from comove.verification.record import Record
@@ -96,7 +96,7 @@ class Event:
 
 
 @dataclass(eq=False)
-class Log:
+class ExecutionLog:
     """What is written down on the way.
 
     Attributes
@@ -135,7 +135,7 @@ class Plan:
         """[s]"""
         return self.begins + self.motion.scene.duration
 
-    def poses(self, *time: float) -> list[Poses]:
+    def poses(self, *time: float) -> list[HandPoses]:
         """At some instants; those of the goal after the end."""
         s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
         return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
@@ -172,14 +172,14 @@ class Executor:
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = movements_of(demonstration, scene)
         self.sight = Known(scene) if sight is None else sight
-        self.log, self.n_steps = Log(), 0
+        self.log, self.n_steps = ExecutionLog(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
         self.twists = np.zeros((len(scene.groups), 6))
         self._before = np.zeros((len(scene.manipulators), 3))
         self.plan: Plan | None = None
         self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
-        self._programme = Programme(scene, self.pace.period, ProgrammeSettings(spare=SPARE))
+        self._programme = TwistProgramme(scene, self.pace.period, ProgrammeSettings(spare=SPARE))
         self._watched = self._planned = self._evaded = -np.inf
         self._course: Array | None = None  # where to go without a plan
         self._rng = np.random.default_rng(seed)
@@ -350,7 +350,7 @@ class Executor:
         expected = self.sight.ahead(now)
         expected = replace(expected, obstacles=inflated(expected.obstacles, self.sight.seen(now).margin))
         starts = tuple(
-            Pose(center, matrices(quaternion))
+            GroupPose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
         method, deadline = self._method(now), begun + (self.pace.haste if self.n_steps else self.pace.leisure)
@@ -409,7 +409,7 @@ class Executor:
         )
         return max(self.scene.duration - now, enough)
 
-    def _hands(self, poses: Poses) -> Array:
+    def _hands(self, poses: HandPoses) -> Array:
         """Hands at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
 

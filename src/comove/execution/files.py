@@ -18,7 +18,7 @@ import numpy as np
 
 from comove._version import __version__
 from comove.coordination.coordinates import load_coordinates
-from comove.execution.executor import Log
+from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
 from comove.results.folder import RUN_ARRAYS, RUN_SUMMARY, checksum
 from comove.verification.record import Record, RecordReport
@@ -28,7 +28,7 @@ def write_run(
     folder: Path,
     record: Record,
     report: RecordReport,
-    log: Log,
+    log: ExecutionLog,
     *,
     seed: int,
     interrupted: bool,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from comove.errors import OptionError, near_name
 from comove.experiments.peers import PEERS
-from comove.experiments.systems import Own, System
+from comove.experiments.systems import OwnSystem, System
 from comove.planning.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.methods import Comove, Projection
 from comove.planning.paper import Paper
@@ -13,15 +13,15 @@ from comove.planning.printed import Printed
 OWN: dict[str, System] = {
     system.name: system
     for system in (
-        Own("comove", Comove()),
-        Own("comove-no-planner", Comove(), planner=False),
-        Own("projection", Projection()),
-        Own("paper", Paper()),
-        Own("printed", Printed()),
-        Own("unconstrained", Unconstrained()),
-        Own("leader-follower", LeaderFollower()),
-        Own("speed-scaled", SpeedScaled()),
-        Own("task-priority", TaskPriority()),
+        OwnSystem("comove", Comove()),
+        OwnSystem("comove-no-planner", Comove(), planner=False),
+        OwnSystem("projection", Projection()),
+        OwnSystem("paper", Paper()),
+        OwnSystem("printed", Printed()),
+        OwnSystem("unconstrained", Unconstrained()),
+        OwnSystem("leader-follower", LeaderFollower()),
+        OwnSystem("speed-scaled", SpeedScaled()),
+        OwnSystem("task-priority", TaskPriority()),
     )
 }
 SYSTEMS: dict[str, System] = OWN | PEERS

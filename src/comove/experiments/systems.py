@@ -21,7 +21,7 @@ from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
-from comove.verification.record import RecordReport, Samples, judge
+from comove.verification.record import RecordReport, RecordSamples, judge
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ FIRST_LOOK = 0.3  # s
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class SystemProblem:
     """What a system is asked.
 
     Attributes
@@ -86,16 +86,16 @@ class System(ABC):
         """Why it is not made for a scene, in words; empty where it is."""
         return ""
 
-    def warm_up(self, problem: Problem) -> None:  # noqa: B027  most have nothing to do
+    def warm_up(self, problem: SystemProblem) -> None:  # noqa: B027  most have nothing to do
         """Load and compile what a first run would have to wait for; the clock does not run."""
 
     @abstractmethod
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Solve the problem within its budget and offer what is found, the best last."""
 
 
 @dataclass(frozen=True)
-class Own(System):
+class OwnSystem(System):
     """A method of `comove.solve`.
 
     Attributes
@@ -108,12 +108,12 @@ class Own(System):
     method: Method
     planner: bool = True
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Compile the kernels, those of the method itself too."""
         load_kernels(problem.scene.n_dims, bool(problem.scene.moving.any()))
         _first_look(self, problem.scene.n_dims)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Offer every motion that was the best so far, and at the end what `solve` hands out."""
         found: list[tuple[float, object]] = []
 
@@ -138,7 +138,7 @@ class Own(System):
 
 
 @lru_cache(maxsize=32)
-def _first_look(system: Own, n_dims: int) -> None:
+def _first_look(system: OwnSystem, n_dims: int) -> None:
     """Let a method begin on a bar beside a ball, so that it is compiled."""
     start, goal = ([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)] for x in (0.2, 0.8))
     scene = Scene.from_dict(
@@ -158,7 +158,7 @@ def _first_look(system: Own, n_dims: int) -> None:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SystemOutcome:
     """What came of one run.
 
     Attributes
@@ -193,7 +193,7 @@ class Outcome:
     clearance_min: float
 
 
-def measured(system: System, problem: Problem) -> Outcome | None:
+def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     """Run a system and judge what it offers; None where it offers nothing."""
     system.warm_up(problem)
     offers = Offers()
@@ -211,7 +211,7 @@ def measured(system: System, problem: Problem) -> Outcome | None:
     step = problem.scene.duration / (N_SAMPLES - 1)
     jerk = np.diff(last, n=3, axis=0) / step**3
     way = float(((problem.scene.goal - problem.scene.start) ** 2).sum())
-    return Outcome(
+    return SystemOutcome(
         verified=not report.reasons,
         reasons=report.reasons,
         seconds=seconds,
@@ -228,9 +228,9 @@ def measured(system: System, problem: Problem) -> Outcome | None:
     )
 
 
-def report_of(problem: Problem, hands: Array) -> RecordReport:
+def report_of(problem: SystemProblem, hands: Array) -> RecordReport:
     """What the judge says of an offer."""
-    return judge(Samples(problem.scene, problem.instants * problem.scene.duration, hands))
+    return judge(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
 def cost_of(scene: Scene, hands: Array) -> float:

@@ -1,17 +1,17 @@
 """Export: verified joint motions as files and messages that robots play."""
 
 from comove.export.formats import FORMATS, Format, check_export, export
-from comove.export.parts import ExportError, Part, Provenance, parts_of
+from comove.export.parts import ExportError, MotionPart, MotionProvenance, parts_of
 from comove.export.ros1 import Ros1Client
-from comove.export.send import Outcome, SendError, Tolerances, TrajectoryClient, send
+from comove.export.send import SendError, SendOutcome, Tolerances, TrajectoryClient, send
 
 __all__ = [
     "FORMATS",
     "ExportError",
     "Format",
-    "Outcome",
-    "Part",
-    "Provenance",
+    "SendOutcome",
+    "MotionPart",
+    "MotionProvenance",
     "Ros1Client",
     "SendError",
     "Tolerances",

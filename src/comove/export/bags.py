@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from comove.errors import ExtraError
-from comove.export.parts import NANO, Part, Samples
+from comove.export.parts import NANO, MotionPart, PartSamples
 
 START = NANO  # ns, stamp of time zero
 CALLER = "/comove"
@@ -39,7 +39,7 @@ Message = tuple[str, str, int, Any]
 """Topic, type, stamp [ns] and the message."""
 
 
-def require_rosbags(part: Part) -> None:
+def require_rosbags(part: MotionPart) -> None:
     """Tell that the library is missing before anything is written."""
     try:
         import rosbags  # noqa: F401
@@ -47,7 +47,7 @@ def require_rosbags(part: Part) -> None:
         raise ExtraError("a bag of ROS", "data") from error
 
 
-def write_rosbag1(path: Path, part: Part, rate: float) -> None:
+def write_rosbag1(path: Path, part: MotionPart, rate: float) -> None:
     """One file of ROS 1."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -62,7 +62,7 @@ def write_rosbag1(path: Path, part: Part, rate: float) -> None:
         _write(writer, connect, store.serialize_ros1, _messages(store, part, part.samples(rate)))
 
 
-def write_rosbag2(path: Path, part: Part, rate: float) -> None:
+def write_rosbag2(path: Path, part: MotionPart, rate: float) -> None:
     """A folder of ROS 2: SQLite and ``metadata.yaml``."""
     inner = path / part.name  # the library names files after their folder, which has no name yet
     path.mkdir(exist_ok=True)
@@ -72,14 +72,14 @@ def write_rosbag2(path: Path, part: Part, rate: float) -> None:
     inner.rmdir()
 
 
-def write_mcap(path: Path, part: Part, rate: float) -> None:
+def write_mcap(path: Path, part: MotionPart, rate: float) -> None:
     """One file of ROS 2, as it stands in the folder that ROS 2 would record."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         _write_ros2(Path(folder, "bag"), part, rate, "MCAP")
         os.replace(Path(folder, "bag", "bag.mcap"), path)
 
 
-def _write_ros2(path: Path, part: Part, rate: float, storage: str) -> None:
+def _write_ros2(path: Path, part: MotionPart, rate: float, storage: str) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -134,7 +134,7 @@ def _write(
         writer.write(connections[topic], stamp, encode(message, kind))
 
 
-def _messages(store: Any, part: Part, samples: Samples) -> list[Message]:
+def _messages(store: Any, part: MotionPart, samples: PartSamples) -> list[Message]:
     """All messages in the order of their stamps."""
     String, State = store.types[TEXT], store.types[STATE]
     text = json.dumps(part.provenance.asdict(), sort_keys=True)
@@ -157,7 +157,7 @@ def _messages(store: Any, part: Part, samples: Samples) -> list[Message]:
     return messages
 
 
-def _trajectory(store: Any, names: tuple[str, ...], samples: Samples, columns: list[int]) -> Any:
+def _trajectory(store: Any, names: tuple[str, ...], samples: PartSamples, columns: list[int]) -> Any:
     Point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
     Duration = store.types["builtin_interfaces/msg/Duration"]
     position, velocity, acceleration = (

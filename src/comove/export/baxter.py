@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from comove.errors import near_name
-from comove.export.parts import ExportError, Part
+from comove.export.parts import ExportError, MotionPart
 from comove.export.tables import write_table
 
 SIDES = ("left", "right")
@@ -21,7 +21,7 @@ ARMS = {side: tuple(f"{side}_{joint}" for joint in JOINTS) for side in SIDES}
 HEADER = ["time", *(name for side in SIDES for name in (*ARMS[side], f"{side}_gripper"))]
 
 
-def write_baxter(path: Path, part: Part, rate: float) -> None:
+def write_baxter(path: Path, part: MotionPart, rate: float) -> None:
     """Seconds, radians and the grippers' opening in per cent, 0 closed."""
     samples = part.samples(rate)
     opening = part.opening(samples.time)[:, None]
@@ -29,7 +29,7 @@ def write_baxter(path: Path, part: Part, rate: float) -> None:
     write_table(path, HEADER, np.column_stack([samples.time, *arms]))
 
 
-def require_baxter(part: Part) -> None:
+def require_baxter(part: MotionPart) -> None:
     """Refuse robots that are not a Baxter.
 
     Raises

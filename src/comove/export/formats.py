@@ -18,7 +18,7 @@ from comove.export.parts import (
     PARTS,
     SAMPLE_RATE,
     ExportError,
-    Part,
+    MotionPart,
     parts_of,
     require_rate,
 )
@@ -27,7 +27,7 @@ from comove.robots.approach import Transfers
 from comove.robots.judge.verify import VerifiedJointMotion
 
 
-def _nothing(part: Part) -> None:
+def _nothing(part: MotionPart) -> None:
     """Any robot will do, and nothing is needed."""
 
 
@@ -49,8 +49,8 @@ class Format:
     name: str
     what: str
     suffix: str
-    write: Callable[[Path, Part, float], None]
-    require: Callable[[Part], None] = _nothing
+    write: Callable[[Path, MotionPart, float], None]
+    require: Callable[[MotionPart], None] = _nothing
     carry: str = "motion"
     others: str = "motion_{}"
     sidecar: bool = False
@@ -205,5 +205,5 @@ def _draft(path: Path, format: Format) -> contextlib.AbstractContextManager[Path
     return whole_path(path, ExportError, replace=False) if format.suffix else whole_folder(path)
 
 
-def _told(part: Part, rate: float) -> dict[str, object]:
+def _told(part: MotionPart, rate: float) -> dict[str, object]:
     return {**part.provenance.asdict(), "rate_hz": rate, "duration_s": part.joints.duration}

@@ -36,7 +36,7 @@ class ExportError(RobotError):
 
 
 @dataclass(frozen=True)
-class Provenance:
+class MotionProvenance:
     """Where a motion comes from; written into everything that leaves the tool.
 
     The checksums are those in the `robot.json` of a result: of the hands' motion and of the joints' carry.
@@ -57,7 +57,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PartSamples:
     """A joint motion at even instants, whole nanoseconds as ROS counts them; at rest at both ends.
 
     Attributes
@@ -75,7 +75,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MotionPart:
     """One motion to play.
 
     Attributes
@@ -91,9 +91,9 @@ class Part:
     joints: JointMotion
     arms: Mapping[str, tuple[str, ...]]
     gripped_from: float
-    provenance: Provenance
+    provenance: MotionProvenance
 
-    def samples(self, rate: float) -> Samples:
+    def samples(self, rate: float) -> PartSamples:
         """From the exact curve, at `rate` [Hz] or a little finer, so that the end is a sample."""
         n_steps = max(2, int(np.ceil(self.joints.duration * rate - 1e-9)) + 1)
         nanoseconds = np.rint(np.linspace(0.0, self.joints.duration, n_steps) * NANO).astype(np.int64)
@@ -101,7 +101,7 @@ class Part:
         position, velocity, acceleration = self.joints.at(time)
         ends = [0, -1]
         position[ends], velocity[ends] = self.joints.position[ends], 0.0
-        return Samples(time, nanoseconds, position, velocity, acceleration)
+        return PartSamples(time, nanoseconds, position, velocity, acceleration)
 
     def opening(self, time: Array) -> Array:
         """Opening of the grippers [per cent]; array, shape (n_steps,)."""
@@ -112,7 +112,7 @@ class Part:
         return [self.joints.joint_names.index(name) for name in names]
 
 
-def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, Part]:
+def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, MotionPart]:
     """The motions to play, by name: the carry, and approach and release where there are transfers.
 
     Raises
@@ -134,7 +134,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
     robot = motion.robot
     arms = {arm.name: tuple(robot.joint_names[column] for column in arm.columns) for arm in robot.arms}
     return {
-        name: Part(name, joints, arms, gripped_from, _provenance(motion, name))
+        name: MotionPart(name, joints, arms, gripped_from, _provenance(motion, name))
         for name, (joints, gripped_from) in motions.items()
     }
 
@@ -203,9 +203,9 @@ def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
     return np.linalg.norm(np.diff(hands, axis=1), axis=-1)[..., None]
 
 
-def _provenance(motion: VerifiedJointMotion, part: str) -> Provenance:
+def _provenance(motion: VerifiedJointMotion, part: str) -> MotionProvenance:
     scene, robot = motion.scene, motion.robot
-    return Provenance(
+    return MotionProvenance(
         comove=__version__,
         scene=scene.name,
         scene_sha256=scene.sha256,

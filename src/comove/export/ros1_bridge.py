@@ -119,7 +119,7 @@ class Teller(object):
                 pass
 
 
-class Bridge(object):
+class RosBridge(object):
     """A node that has a goal at each of several action servers and listens to the joints."""
 
     def __init__(self, tell):
@@ -306,7 +306,7 @@ def main():
     except ImportError as error:
         tell("refused", reason="ros", what=str(error))
         return
-    bridge = Bridge(tell)
+    bridge = RosBridge(tell)
     try:
         for line in iter(sys.stdin.readline, ""):
             command = json.loads(line)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError, near_name
-from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, Part, Samples, parts_of, require_rate
+from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, MotionPart, PartSamples, parts_of, require_rate
 from comove.robots.approach import Transfers
 from comove.robots.judge.verify import VerifiedJointMotion
 from comove.ties import first_largest
@@ -150,7 +150,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SendOutcome:
     """How it went.
 
     Attributes
@@ -174,7 +174,7 @@ class Outcome:
 class SendError(RobotError):
     """A motion that was not begun, or did not end as it should; `outcome` says how far it got, if it began."""
 
-    outcome: Outcome | None = None
+    outcome: SendOutcome | None = None
 
 
 def send(
@@ -186,7 +186,7 @@ def send(
     tolerances: Tolerances = Tolerances(),
     rate: float = SAMPLE_RATE,
     clock: Clock = time.monotonic,
-) -> Outcome:
+) -> SendOutcome:
     """Let a robot play a verified motion; returns when all its arms are done.
 
     Parameters
@@ -224,7 +224,7 @@ def send(
         raise
 
 
-def _goal(part: Part, names: tuple[str, ...], samples: Samples) -> Goal:
+def _goal(part: MotionPart, names: tuple[str, ...], samples: PartSamples) -> Goal:
     columns = part.columns(names)
     position, velocity, acceleration = (
         array[:, columns] for array in (samples.position, samples.velocity, samples.acceleration)
@@ -232,7 +232,7 @@ def _goal(part: Part, names: tuple[str, ...], samples: Samples) -> Goal:
     return Goal(names, samples.nanoseconds, position, velocity, acceleration)
 
 
-def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances, clock: Clock) -> None:
+def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, clock: Clock) -> None:
     """Refuse to move a robot that does not say where it is, or is elsewhere."""
     wanted = part.joints.joint_names
     until = clock() + tolerances.connect
@@ -272,8 +272,8 @@ def _require_start(client: TrajectoryClient, part: Part, tolerances: Tolerances,
 
 
 def _watched(
-    client: TrajectoryClient, part: Part, tolerances: Tolerances, delay: float, clock: Clock
-) -> Outcome:
+    client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, delay: float, clock: Clock
+) -> SendOutcome:
     """Wait until all arms are done, or stop them."""
     began, worst = clock(), 0.0
     while True:
@@ -283,7 +283,7 @@ def _watched(
         reason = _failure(state, tolerances) or _astray(off, joint, tolerances)
         arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
         if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
-            return Outcome(state.arms, worst)
+            return SendOutcome(state.arms, worst)
         allowed = delay + part.joints.duration + tolerances.late
         if not reason and not clock() - began <= allowed:
             slow = next(
@@ -295,7 +295,7 @@ def _watched(
             error = SendError(
                 reason, way_out="all arms were told to stop; look at the robot before anything else"
             )
-            error.outcome = Outcome(_stopped(client, clock).arms, worst, reason)
+            error.outcome = SendOutcome(_stopped(client, clock).arms, worst, reason)
             raise error
 
 
@@ -312,7 +312,7 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
     return ""
 
 
-def _deviation(state: RobotState, part: Part) -> tuple[float, str]:
+def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
     """Which joint is farthest from where it should be, and how far [rad]."""
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.export.parts import Part
+from comove.export.parts import MotionPart
 
 KINDS = ("position", "velocity", "acceleration")
 
 
-def write_csv(path: Path, part: Part, rate: float) -> None:
+def write_csv(path: Path, part: MotionPart, rate: float) -> None:
     """``time`` [s], then ``JOINT.position``, ``JOINT.velocity``, ``JOINT.acceleration`` [rad, s] of each joint."""
     samples = part.samples(rate)
     header = ["time", *(f"{joint}.{kind}" for joint in part.joints.joint_names for kind in KINDS)]
@@ -19,7 +19,7 @@ def write_csv(path: Path, part: Part, rate: float) -> None:
     write_table(path, header, np.column_stack([samples.time, table.reshape(len(table), -1)]))
 
 
-def write_npz(path: Path, part: Part, rate: float) -> None:
+def write_npz(path: Path, part: MotionPart, rate: float) -> None:
     """Arrays ``time (T,)``, ``joint_names (N,)``, ``position``, ``velocity``, ``acceleration (T, N)`` and texts.
 
     The texts are those of the provenance, one scalar array each.

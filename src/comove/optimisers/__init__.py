@@ -16,10 +16,10 @@ from comove.optimisers.epsilon_level import EpsilonLevel
 from comove.optimisers.minimise import minimise
 from comove.optimisers.minimiser import Minimiser, Result
 from comove.optimisers.parameters import Parameters
-from comove.optimisers.printed import Printed
+from comove.optimisers.printed import PrintedCCMAES
 from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import BIPOP, IPOP, NoRestarts
-from comove.optimisers.simple import Affine, Penalty, Plain, Projection
+from comove.optimisers.simple import Affine, Penalty, Plain, ProjectionRepair
 
 __all__ = [
     "BIPOP",
@@ -39,9 +39,9 @@ __all__ = [
     "Parameters",
     "Penalty",
     "Plain",
-    "Printed",
+    "PrintedCCMAES",
     "PrintedForm",
-    "Projection",
+    "ProjectionRepair",
     "Reason",
     "Reduction",
     "Result",

@@ -67,7 +67,7 @@ class Start:
         return np.where(np.isnan(missed), np.inf, np.maximum(missed, 0.0))
 
 
-class Run(Protocol):
+class OptimiserRun(Protocol):
     """One run of a method, from a start to a reason to end; may be copied and pickled at any time."""
 
     reason: Reason | None
@@ -79,10 +79,10 @@ class Run(Protocol):
         """Values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
 
 
-class Method(Protocol):
+class ConstrainedMethod(Protocol):
     """A way to minimise under constraints: a frozen description that starts runs."""
 
-    def start(self, start: Start) -> Run:
+    def start(self, start: Start) -> OptimiserRun:
         """Begin a run."""
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.optimisers.cmaes import check_start
-from comove.optimisers.method import Method
+from comove.optimisers.method import ConstrainedMethod
 from comove.optimisers.minimiser import SIGN, Minimiser, Result, checked_bounds
 from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import Restarts
@@ -30,7 +30,7 @@ def minimise(
     equality: object = None,
     tolerance: float = 1e-4,
     bounds: tuple[object, object] | None = None,
-    method: Method | None = None,
+    method: ConstrainedMethod | None = None,
     restarts: Restarts | None = None,
     population: int | None = None,
     seed: int = 0,

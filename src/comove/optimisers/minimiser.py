@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
 from comove.optimisers.cmaes import check_start
-from comove.optimisers.method import Method, Request, Run, Start
+from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Request, Start
 from comove.optimisers.parameters import default_population
 from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
@@ -97,7 +97,7 @@ class Minimiser:
         equality: object = None,
         tolerance: float = 1e-4,
         bounds: tuple[object, object] | None = None,
-        method: Method | None = None,
+        method: ConstrainedMethod | None = None,
         restarts: Restarts | None = None,
         population: int | None = None,
         seed: int = 0,
@@ -206,7 +206,7 @@ class Minimiser:
 
     def _start_run(self, x: Array) -> None:
         self._restoration = None
-        self._run: Run = self._method.start(replace(self._begun, x=x))
+        self._run: OptimiserRun = self._method.start(replace(self._begun, x=x))
 
     def check_finite(self) -> None:
         """Raise `OptionError` if values were told and none of them was ever finite."""

@@ -10,7 +10,7 @@ from comove.optimisers.parameters import Parameters
 Array = NDArray[np.float64]
 
 
-class Printed:
+class PrintedCCMAES:
     """A run: sample, constrain and draw again until no sample violates anything, adapt.
 
     The paper leaves its constants open: those of CMA-ES are Hansen's (arXiv 1604.00772), c_v and beta are Arnold and

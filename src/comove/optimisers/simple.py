@@ -57,7 +57,7 @@ class Penalty:
 
 
 @dataclass(frozen=True)
-class Projection:
+class ProjectionRepair:
     """CMA-ES whose samples are projected onto the feasible set by a function of the user.
 
     Attributes

@@ -26,7 +26,7 @@ from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.compiling import compiling
 from comove.planning.kernels import load_kernels
-from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.search import OutOfTime, Search, stricter
 from comove.planning.solution import ProgressCallback
@@ -120,7 +120,7 @@ def combine(
     started = time.perf_counter()
     coordinates = load_coordinates(scene)
     search = Search(
-        objective=Objective(scene, coordinates, objective or PaperCost(), Penalty(along_path=True)),
+        objective=Objective(scene, coordinates, objective or PaperCost(), ContactPenalty(along_path=True)),
         taught=None,
         hard=True,
         rng=np.random.default_rng(seed),

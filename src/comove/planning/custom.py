@@ -12,7 +12,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
-from comove.planning.objectives.own import Own, Samples
+from comove.planning.objectives.own import OwnFunctions, Samples
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis, rollouts
 
@@ -26,7 +26,7 @@ MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # and the relative gain for which a run is 
 PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
 
 
-def improve_own(search: Search, own: Own, start: CoordinatedMotion) -> bool:
+def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> bool:
     """Improve a motion by the user's functions, and have the best judged; whether one is verified.
 
     A run that has come to rest is taken up again from where it is, as long as that brings something.
@@ -47,7 +47,9 @@ def improve_own(search: Search, own: Own, start: CoordinatedMotion) -> bool:
     return verified
 
 
-def _minimised(search: Search, own: Own, start: CoordinatedMotion, margin: float) -> CoordinatedMotion:
+def _minimised(
+    search: Search, own: OwnFunctions, start: CoordinatedMotion, margin: float
+) -> CoordinatedMotion:
     scene, coordinates = search.scene, load_coordinates(search.scene)
     basis = motion_basis(N_BASIS, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))

@@ -7,8 +7,8 @@ In unit duration and with T samples,
         + c_res 1/T sum_t sum_i |y_i - d_i|^2
 
 where d_i is the demonstration carried to manipulator i. The indicator is what is reported; a search sees
-in its place a penetration term with a slope (`Penalty`), taken between the samples too. Hands that must stay apart
-are felt in the same way: what is between them beyond their separation counts as a clearance.
+in its place a penetration term with a slope (`ContactPenalty`), taken between the samples too. Hands that must stay
+apart are felt in the same way: what is between them beyond their separation counts as a clearance.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Penalty:
+class ContactPenalty:
     """How a search feels obstacles: ``slope * max(0, margin - d) + step * (d <= 0)``.
 
     Here d is the clearance less what the scene asks for (`limits.clearance`).
@@ -116,7 +116,7 @@ class Objective:
     scene: Scene
     coordinates: Coordinates
     weights: PaperCost = field(default_factory=PaperCost)
-    penalty: Penalty = Penalty()
+    penalty: ContactPenalty = ContactPenalty()
     demonstration: Array | None = None
 
     def with_penalty(self, **changes: object) -> Objective:

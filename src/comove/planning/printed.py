@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, arms_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.errors import OptionError
-from comove.optimisers.printed import Printed as Algorithm
+from comove.optimisers.printed import PrintedCCMAES as Algorithm
 from comove.planning.method import Method
-from comove.planning.objective import N_STEPS, Objective, Penalty
+from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
 from comove.primitives.phase import ExponentialPhase, Phase
@@ -120,5 +120,5 @@ def of_hands_alone(objective: Objective) -> Objective:
     data["constraints"] = []
     hands = Scene.from_dict(data, folder=scene.folder)
     return Objective(
-        hands, arms_coordinates(hands), objective.weights, Penalty(margin=0.0, slope=0.0, step=0.0)
+        hands, arms_coordinates(hands), objective.weights, ContactPenalty(margin=0.0, slope=0.0, step=0.0)
     )

@@ -22,7 +22,7 @@ from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS, Evaluation, Objective
-from comove.planning.objectives import LeastJerk, LeastTime, Own, PaperCost, Samples
+from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.dmp import DMP
@@ -174,7 +174,7 @@ class Search:
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None
     needed: float = np.inf
-    own: Own | None = None
+    own: OwnFunctions | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
     _handed: tuple[CoordinatedMotion, CoordinatedMotion] | None = field(default=None, init=False, repr=False)
 

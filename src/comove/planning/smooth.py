@@ -12,7 +12,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.planning.convex.jerk import Anchored, squares
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.paper import PaperSquares
-from comove.planning.convex.programme import Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 N_BASIS = (16, 24, 40)  # shape weights a column: few, and more where these cannot follow a way
 RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the fit that a search begins with, from smooth to near
 NEAR = 0.05  # m, within which a fit follows the way about which clearances are linearised
-SETTINGS = Settings()
+SETTINGS = ConvexSettings()
 AGAIN = 0.03  # m, trust region after a rejection
 ATTEMPTS = 4  # until a motion is verified, each with more margin
 MORE, MORE_BORDER = 1e-3, 2e-4  # m
@@ -53,7 +53,7 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     return _verified(search, programme, z, reference)
 
 
-def _along(search: Search, way: Array, boundary: Array) -> tuple[Programme, Array, Array]:
+def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme, Array, Array]:
     """A programme, weights near to a way, and the way at its samples; more weights where few cannot follow it."""
     for n_basis in N_BASIS:
         programme = _programme(search, boundary, n_basis)
@@ -89,16 +89,16 @@ def least_worth(search: Search) -> float:
     return 1.0 if isinstance(search.aim, LeastJerk) and not follows(search) and not own else 0.0
 
 
-def _programme(search: Search, boundary: Array, n_basis: int) -> Programme:
+def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme:
     scene = search.scene
     peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # where such limits are used to the full
     n_coarse = 201 if peaky else 101
-    return Programme(
+    return ConvexProgramme(
         scene, load_coordinates(scene), motion_basis(n_basis, "jerk"), boundary, n_coarse=n_coarse
     )
 
 
-def _verified(search: Search, programme: Programme, z: Array, reference: Array | None) -> bool:
+def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
     """Optimise, judge, and again with more margin where that is rejected; then faster where that is wanted."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     settings = replace(SETTINGS, wish=smooth.room)
@@ -124,7 +124,7 @@ def _verified(search: Search, programme: Programme, z: Array, reference: Array |
     return verified
 
 
-def _carried(search: Search, programme: Programme, z: Array, reference: Array) -> bool:
+def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Array) -> bool:
     """Optimise for what moves the hands as well: it can go the planned way, and what is near enough to that.
 
     The smoothest comes first; where it is rejected, hands are drawn more strongly to where they were planned to be.
@@ -162,7 +162,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
-    programme = Programme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
+    programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
     cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), SETTINGS
     for attempt in range(ATTEMPTS):
         search.check_time()
@@ -177,7 +177,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
 
 
-def too_fast(programme: Programme, z: Array) -> bool:
+def too_fast(programme: ConvexProgramme, z: Array) -> bool:
     """Whether limits are exceeded in the duration that is given, by more than samples miss."""
     return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > UNMET
 
@@ -195,7 +195,7 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
     n_basis, n_coarse = detail
     n_basis = min(n_basis, max(FAST[0], MOST_WEIGHTS // motion.coordinates.n_columns))
     coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
-    programme = Programme(
+    programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=search.limits
     )
     z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], RIDGES[-1])
@@ -233,7 +233,7 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
     return True
 
 
-def _stricter(settings: Settings, attempt: int) -> Settings:
+def _stricter(settings: ConvexSettings, attempt: int) -> ConvexSettings:
     """What is asked for after a rejection."""
     more = attempt + 1
     return replace(

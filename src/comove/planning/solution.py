@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.followed import Followed
 from comove.planning.objective import Cost
-from comove.planning.objectives import LeastJerk, LeastTime, Own, PaperCost
+from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, VerifiedMotion
@@ -75,7 +75,7 @@ class Solution:
     solve_time_s: float
     interrupted: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
-    objective: LeastJerk | LeastTime | PaperCost | Own = field(default_factory=PaperCost)
+    objective: LeastJerk | LeastTime | PaperCost | OwnFunctions = field(default_factory=PaperCost)
     followed: Followed | None = None
 
     @property

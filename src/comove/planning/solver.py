@@ -21,9 +21,9 @@ from comove.planning.followed import Followed, followed
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
-from comove.planning.objective import Objective, Penalty
+from comove.planning.objective import ContactPenalty, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
-from comove.planning.objectives.own import Own, own
+from comove.planning.objectives.own import OwnFunctions, own
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
 from comove.planning.search import Carrier, OutOfTime, Search
 from comove.planning.shortest import alone, shortest
@@ -157,7 +157,7 @@ class Problem:
     planner: bool
     budget: float
     objective: LeastJerk | LeastTime | PaperCost
-    own: Own | None
+    own: OwnFunctions | None
     hard: bool
     checks: tuple[Check, ...]
     carrier: Carrier | None
@@ -213,7 +213,7 @@ def _searched(problem: Problem) -> Solution:
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)
     weights = objective if isinstance(objective, PaperCost) else PaperCost()
-    penalty = Penalty() if problem.hard else Penalty(margin=0.0, step=weights.obstacle)
+    penalty = ContactPenalty() if problem.hard else ContactPenalty(margin=0.0, step=weights.obstacle)
     carried = None if taught is None else carried_demonstration(taught, scene)
     search = Search(
         objective=Objective(scene, problem.method.coordinates(scene), weights, penalty, carried),

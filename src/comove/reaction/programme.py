@@ -35,7 +35,7 @@ from comove.primitives.arguments import is_number, require_positive
 from comove.reaction.desk import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.nearness import load_points
 from comove.reaction.rows import RESERVE, WRONG, first_rows, missing_rows
-from comove.reaction.twists import Poses, group_nodes
+from comove.reaction.twists import HandPoses, group_nodes
 from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
@@ -136,7 +136,7 @@ class ProgrammeSettings:
             )
 
 
-class Programme:
+class TwistProgramme:
     """The twist programme of one scene.
 
     Parameters
@@ -183,7 +183,7 @@ class Programme:
         self._high = np.full(n_rows, ENDLESS)
         self._sense = np.zeros(n_rows, dtype=np.int32)
 
-    def allowed(self, poses: Poses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
+    def allowed(self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
         """The twists of one control step.
 
         Parameters
@@ -228,11 +228,11 @@ class Programme:
         return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking, float(clearance))
 
     def _checked(
-        self, poses: Poses, before: Array, wanted: Array, sighting: Sighting
-    ) -> tuple[Poses, Array, Array, Sighting]:
+        self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
+    ) -> tuple[HandPoses, Array, Array, Sighting]:
         """The arguments as the kernels take them."""
         try:
-            poses = Poses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
+            poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
             before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
             sighting = Sighting(*(np.ascontiguousarray(a, dtype=np.float64) for a in sighting))
         except (TypeError, ValueError) as error:

@@ -29,7 +29,7 @@ STAYS, POINTS, TURNS = range(3)
 """What a group can do about its centre: nothing; point elsewhere, its roll being nobody's business; turn."""
 
 
-class Poses(NamedTuple):
+class HandPoses(NamedTuple):
     """Where the rigid groups of a scene are, in their order.
 
     Attributes
@@ -66,7 +66,7 @@ def group_nodes(scene: Scene) -> Nodes:
     return Nodes(group, point)
 
 
-def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> Poses:
+def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> HandPoses:
     """Poses of the groups at an end of the scene, or those nearest to given hands.
 
     Parameters
@@ -92,7 +92,7 @@ def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> Poses:
             )
         hands = np.concatenate([hands, np.zeros((len(hands), 3 - scene.n_dims))], axis=1)
         found = [_fitted(group, hands[list(group.members)]) for group in scene.groups]
-    return Poses(
+    return HandPoses(
         np.array([center for center, _ in found]),
         np.array([quaternion_of_rotation(rotation) for _, rotation in found]),
     )
@@ -109,7 +109,7 @@ def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
     return pose.center, pose.rotation
 
 
-def poses_at(coordinates: Coordinates, q: ArrayLike) -> Poses:
+def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
     """Poses of the groups in a configuration of the scene's coordinates, array of shape (n_columns,).
 
     Raises
@@ -139,10 +139,10 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> Poses:
             x = np.eye(3)[0]
             rotation = similarity(x, np.append(turn, np.zeros(3 - n)) / np.linalg.norm(turn))
         quaternion[g] = quaternion_of_rotation(rotation)
-    return Poses(center, quaternion)
+    return HandPoses(center, quaternion)
 
 
-def nodes_of(scene: Scene, poses: Poses) -> Array:
+def nodes_of(scene: Scene, poses: HandPoses) -> Array:
     """Nodes at given poses; array, shape (n_nodes, 3), hands first, then corners of the load [m]."""
     nodes = group_nodes(scene)
     placed = np.empty_like(nodes.point)
@@ -150,7 +150,7 @@ def nodes_of(scene: Scene, poses: Poses) -> Array:
     return placed
 
 
-def advanced(poses: Poses, twists: Array, dt: float) -> Poses:
+def advanced(poses: HandPoses, twists: Array, dt: float) -> HandPoses:
     """The poses after `dt` [s] of constant twists, exactly.
 
     Parameters
@@ -172,10 +172,10 @@ def advanced(poses: Poses, twists: Array, dt: float) -> Poses:
     center, quaternion = np.empty_like(poses.center), np.empty_like(poses.quaternion)
     if not step(poses.center, poses.quaternion, twists, float(dt), center, quaternion):
         raise OptionError("twists that are not finite", way_out="give finite numbers")
-    return Poses(center, quaternion)
+    return HandPoses(center, quaternion)
 
 
-def hand_velocities(scene: Scene, poses: Poses, twists: Array) -> Array:
+def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
     """Velocities of the hands; array, shape (n_manipulators, 3), [m/s].
 
     Parameters
@@ -189,7 +189,7 @@ def hand_velocities(scene: Scene, poses: Poses, twists: Array) -> Array:
     return velocities
 
 
-def twists_between(scene: Scene, here: Poses, there: Poses, duration: float) -> Array:
+def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: float) -> Array:
     """Constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
 
     A body whose roll nobody sees does not roll.

@@ -28,7 +28,7 @@ from comove.demonstrations.files import refusal, require_room, telling
 from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
 from comove.planning.objective import Objective
-from comove.planning.objectives import OBJECTIVES, Own, PaperCost
+from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
 from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
@@ -283,7 +283,7 @@ def _smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
 
 def _said_of(objective: object) -> dict[str, Any]:
     """What a result says of its objective."""
-    if not isinstance(objective, Own):
+    if not isinstance(objective, OwnFunctions):
         return {"type": NAMES[type(objective)], **vars(objective)}
     function = None if objective.function is None else name_of(objective.function)
     return {"type": "own", "function": function, "constraints": [name_of(c) for c in objective.constraints]}

@@ -19,7 +19,7 @@ Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
 
 @dataclass(frozen=True)
-class Pose:
+class GroupPose:
     """Where a group's frame is: ``point_world = center + rotation @ point_group``.
 
     Attributes
@@ -57,8 +57,8 @@ class RigidGroup:
     grasps: Array
     corners: Array
     orientation: Orientation
-    start: Pose
-    goal: Pose
+    start: GroupPose
+    goal: GroupPose
     start_twist: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
@@ -83,7 +83,7 @@ def orientation_of(grasps: Array, n_dims: int) -> Orientation:
     return "axis" if spread[1] < 1e-9 * spread[0] else "space"
 
 
-def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> Pose:
+def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> GroupPose:
     """The pose that brings `grasps` nearest to `hands` in least squares, never mirrored.
 
     Parameters
@@ -98,7 +98,7 @@ def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> Pose:
         rotation = similarity(np.array([1.0, 0.0, 0.0]), fit_direction(grasps, hands))
     else:
         rotation = matrices(fit_quaternion(grasps, hands))
-    return Pose(hands.mean(axis=0) - rotation @ grasps.mean(axis=0), rotation)
+    return GroupPose(hands.mean(axis=0) - rotation @ grasps.mean(axis=0), rotation)
 
 
 def fit_angle(grasps: Array, hands: Array) -> Array:

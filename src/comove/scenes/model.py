@@ -256,7 +256,7 @@ class Manipulator(Part):
     goal: Vector
 
 
-class Limits(Part):
+class LimitsPart(Part):
     """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; the load's `clearance` [m].
 
     Where a file does not say: there is no limit, and the clearance is 5 mm on robots, else 0. Where the file leaves
@@ -274,7 +274,7 @@ class Limits(Part):
         return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
 
 
-class DistanceConstraint(Part):
+class DistancePart(Part):
     """Two hands stay `distance` apart, within `tolerance` (None: not given) [m]."""
 
     type: Literal["distance"]
@@ -283,7 +283,7 @@ class DistanceConstraint(Part):
     tolerance: NotNegative | None = None
 
 
-class RelativePoseConstraint(Part):
+class RelativePosePart(Part):
     """Two hands move as one rigid body, as they start; ends may miss their distance by `tolerance` [m]."""
 
     type: Literal["relative_pose"]
@@ -291,7 +291,7 @@ class RelativePoseConstraint(Part):
     tolerance: NotNegative | None = None
 
 
-class SeparationConstraint(Part):
+class SeparationPart(Part):
     """Two hands stay at least `distance` apart, less `tolerance` [m]."""
 
     type: Literal["separation"]
@@ -300,7 +300,7 @@ class SeparationConstraint(Part):
     tolerance: NotNegative = 0.0
 
     @model_validator(mode="after")
-    def _demands_something(self) -> SeparationConstraint:
+    def _demands_something(self) -> SeparationPart:
         if self.tolerance >= self.distance:
             raise Wrong(
                 f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
@@ -309,14 +309,14 @@ class SeparationConstraint(Part):
         return self
 
 
-class UprightConstraint(Part):
+class UprightPart(Part):
     """The load turns about the vertical only; the goal may miss the tilt of the start by `tolerance_deg`."""
 
     type: Literal["upright"]
     tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = UPRIGHT_TOLERANCE_DEG
 
 
-class SameHeightConstraint(Part):
+class SameHeightPart(Part):
     """Two hands are at the same height (last coordinate), within `tolerance` [m]."""
 
     type: Literal["same_height"]
@@ -325,11 +325,7 @@ class SameHeightConstraint(Part):
 
 
 Constraint = Annotated[
-    DistanceConstraint
-    | RelativePoseConstraint
-    | SeparationConstraint
-    | UprightConstraint
-    | SameHeightConstraint,
+    DistancePart | RelativePosePart | SeparationPart | UprightPart | SameHeightPart,
     Field(discriminator="type"),
 ]
 
@@ -450,7 +446,7 @@ class SceneFile(Part):
         at_least(1, "manipulator"),
         at_most(MAX_MANIPULATORS, "manipulators"),
     ]
-    limits: Limits = Limits()
+    limits: LimitsPart = LimitsPart()
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(as_tuple)] = ()
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
@@ -506,11 +502,11 @@ _OBSTACLES = {
 }
 _LOADS = {"bar": BarLoad, "frame": FrameLoad, "polygon": PolygonLoad, "box": BoxLoad, "mesh": MeshLoad}
 _CONSTRAINTS = {
-    "distance": DistanceConstraint,
-    "relative_pose": RelativePoseConstraint,
-    "separation": SeparationConstraint,
-    "upright": UprightConstraint,
-    "same_height": SameHeightConstraint,
+    "distance": DistancePart,
+    "relative_pose": RelativePosePart,
+    "separation": SeparationPart,
+    "upright": UprightPart,
+    "same_height": SameHeightPart,
 }
 _OBJECTIVES = {"least_jerk": LeastJerkObjective, "least_time": LeastTimeObjective, "paper": PaperObjective}
 CONTRACT = Contract(

@@ -22,7 +22,7 @@ from comove.scenes.constraints import (
 )
 from comove.scenes.cover import Cover
 from comove.scenes.groups import (
-    Pose,
+    GroupPose,
     RigidGroup,
     fit_pose,
     levelling,
@@ -145,7 +145,7 @@ def rigid_group(
                 way_out=f"swap two of them at the {end}",
             )
     if rolls:
-        poses = [Pose(pose.center, standing(pose.rotation[:, 0])) for pose in poses]
+        poses = [GroupPose(pose.center, standing(pose.rotation[:, 0])) for pose in poses]
     group = RigidGroup(members, grasps, corners, orientation, *poses)
     if any(isinstance(c, (UprightConstraint, SameHeightConstraint)) for c in own) and len(members) > 1:
         group = _upright(group, ends, own, file, path)
@@ -270,7 +270,7 @@ def _held(
         if orientation == "axis" and _is_solid(corners):
             own, corners = _on_x_axis(file, holders, grasps, corners, (found[held], found[held]), path)
             pose = fit_pose(own, found[held], orientation)
-            grasps, pose = own, Pose(pose.center, standing(pose.rotation[:, 0]))
+            grasps, pose = own, GroupPose(pose.center, standing(pose.rotation[:, 0]))
         else:
             pose = fit_pose(grasps, found[held], orientation)
         found[held], corners = pose.place(grasps), pose.place(corners)
@@ -386,7 +386,7 @@ def _without_roll(group: RigidGroup) -> RigidGroup:
     """Hands on one line as a body whose roll about the line counts; from start to goal it turns least."""
     first, last = group.start.rotation, group.goal.rotation
     turned = similarity(first[:, 0], last[:, 0]) @ first
-    return replace(group, orientation="space", goal=Pose(group.goal.center, turned))
+    return replace(group, orientation="space", goal=GroupPose(group.goal.center, turned))
 
 
 def _upright(

@@ -32,7 +32,7 @@ from comove.scenes.constraints import (
 )
 from comove.scenes.cover import Cover
 from comove.scenes.grasp import Grasp, grasp_of
-from comove.scenes.groups import Pose, RigidGroup, rotation_in_plane
+from comove.scenes.groups import GroupPose, RigidGroup, rotation_in_plane
 from comove.scenes.meshes import Mesh, read_mesh
 from comove.scenes.model import SceneFile, canonical
 from comove.scenes.moving import Motion
@@ -165,7 +165,7 @@ class Scene:
         folder = None if folder is None else Path(folder)
         return _build(parse_scene(data, folder=folder), folder or Path(), None)
 
-    def resumed(self, time: float, duration: float, starts: tuple[Pose, ...], twists: Array) -> Scene:
+    def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
         """The same scene from a later instant on: what is left of a movement that has begun.
 
         Parameters

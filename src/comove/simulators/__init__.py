@@ -3,7 +3,7 @@
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.files import read_simulation, write_simulation
 from comove.simulators.friction import Friction
-from comove.simulators.grasps import Connect, Grasp, Weld
+from comove.simulators.grasps import Connect, GraspModel, Weld
 from comove.simulators.perturbation import Perturbation, Push
 from comove.simulators.pictures import draw_film, draw_sheet
 from comove.simulators.playback import play
@@ -19,7 +19,7 @@ __all__ = [
     "Contact",
     "Execution",
     "Friction",
-    "Grasp",
+    "GraspModel",
     "Perturbation",
     "Push",
     "Settings",

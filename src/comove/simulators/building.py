@@ -14,7 +14,7 @@ from comove.robots.model import Arm, Robot
 from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.simulators.engine import engine, hangs_on
-from comove.simulators.grasps import Grasp
+from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load
 from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.servos import add_servos
@@ -32,7 +32,7 @@ def build_world(
     robot: Robot,
     scene: Scene,
     load: Load | None,
-    grasp: Grasp,
+    grasp: GraspModel,
     perturbation: Perturbation = PLAN,
     *,
     finish: Callable[[Any], None] | None = None,

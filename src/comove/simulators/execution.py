@@ -13,7 +13,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
 from comove.simulators.forces import internal_wrenches, squeezes
-from comove.simulators.grasps import Grasp
+from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load, carried, inverse, points_of
 from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.settings import Settings
@@ -69,7 +69,7 @@ class Execution:
     scene: Scene
     motion: JointMotion
     simulator: str
-    grasp: Grasp
+    grasp: GraspModel
     load: Load | None
     settings: Settings
     time: Array

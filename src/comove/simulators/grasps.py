@@ -19,7 +19,7 @@ from comove.simulators.world import World
 HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % soft at most
 
 
-class Grasp(Protocol):
+class GraspModel(Protocol):
     """What every grasp offers.
 
     Attributes

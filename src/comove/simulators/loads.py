@@ -29,7 +29,7 @@ LUG_BEYOND = 0.015  # m, by which these reach past the hands
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class LoadPart:
     """A piece of a load: a box, or a capsule along its z.
 
     Attributes
@@ -70,7 +70,7 @@ class Load:
     holders: tuple[int, ...]
     grasps: Array
     pose: Array
-    parts: tuple[Part, ...]
+    parts: tuple[LoadPart, ...]
     mass: float
 
 
@@ -109,7 +109,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
     return Load(holders, grasps, pose, tuple(_parts(scene, nodes, section)), mass)
 
 
-def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[Part]:
+def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
     """The pieces of the scene's body, whose nodes are given in the load's frame."""
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
@@ -120,19 +120,19 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[Part]:
             yield _rod(nodes[a], nodes[b], float(radius))
         else:
             half = float(np.linalg.norm(nodes[a] - nodes[b])) / 2
-            yield Part("box", (nodes[a] + nodes[b]) / 2, np.eye(3), (half, sides[0] / 2, sides[1] / 2))
+            yield LoadPart("box", (nodes[a] + nodes[b]) / 2, np.eye(3), (half, sides[0] / 2, sides[1] / 2))
     for corners in getattr(body, "solids", ()):  # numbered in binary by the sides they are on
         first, *along, last = (nodes[corners[i]] for i in (0, 1, 2, 4, 7))
         edges = np.array(along) - first
         size = np.linalg.norm(edges, axis=1)
-        box = Part("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
+        box = LoadPart("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
         yield box
         if sides := section(LUG):
             grasps = nodes[list(holders_of(scene))]
             yield from (lug for grasp in grasps if (lug := _lug(box, grasp, sides)))
 
 
-def _lug(box: Part, grasp: Array, sides: tuple[float, float]) -> Part | None:
+def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | None:
     """What fingers hold a box by where its hand stands off it; None where the hand is at the box itself."""
     inside = (grasp - box.position) @ box.rotation
     nearest = np.clip(inside, -np.array(box.size), box.size)
@@ -144,15 +144,17 @@ def _lug(box: Part, grasp: Array, sides: tuple[float, float]) -> Part | None:
     y /= np.linalg.norm(y)
     half = (off + LUG_BEYOND) / 2
     middle = box.position + box.rotation @ nearest + half * x
-    return Part("box", middle, np.stack([x, y, np.cross(x, y)], axis=1), (half, sides[0] / 2, sides[1] / 2))
+    return LoadPart(
+        "box", middle, np.stack([x, y, np.cross(x, y)], axis=1), (half, sides[0] / 2, sides[1] / 2)
+    )
 
 
-def _rod(a: Array, b: Array, radius: float) -> Part:
+def _rod(a: Array, b: Array, radius: float) -> LoadPart:
     along = np.linalg.norm(a - b)
     z = (a - b) / along
     x = np.cross(np.eye(3)[first_least(np.abs(z))], z)
     x /= np.linalg.norm(x)
-    return Part(
+    return LoadPart(
         "capsule", (a + b) / 2, np.stack([x, np.cross(z, x), z], axis=1), (max(radius, THINNEST), along / 2)
     )
 

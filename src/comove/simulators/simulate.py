@@ -15,7 +15,7 @@ from comove.scenes.scene import Scene
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
-from comove.simulators.grasps import Grasp, Weld
+from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.loads import hand_poses, load_of, require_fit
 from comove.simulators.log import Log
 from comove.simulators.perturbation import PLAN, Perturbation
@@ -34,7 +34,7 @@ def simulate(
     motion: JointMotion,
     scene: Scene,
     robot: Robot,
-    grasp: Grasp | None = None,
+    grasp: GraspModel | None = None,
     perturbation: Perturbation | None = None,
     *,
     settings: Settings = DEFAULT,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Part
+from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Block
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL
 from comove.scenes.constraints import (
@@ -208,7 +208,7 @@ _TOLD: dict[type, Callable[..., str]] = {
 }
 
 
-def _block(motion: CoordinatedMotion, hand: int) -> tuple[Part, int]:
+def _block(motion: CoordinatedMotion, hand: int) -> tuple[Block, int]:
     """The block that moves a hand, and which of its points the hand is."""
     for part in motion.coordinates.parts:
         found = np.flatnonzero(part.nodes == hand)
@@ -217,7 +217,7 @@ def _block(motion: CoordinatedMotion, hand: int) -> tuple[Part, int]:
     raise LookupError(f"no block moves hand {hand}")
 
 
-def _keeps_tilt(part: Part, n_dims: int) -> bool:
+def _keeps_tilt(part: Block, n_dims: int) -> bool:
     """Whether a block keeps the tilt of what it moves, whatever q is."""
     return part.kind == POINT or (part.kind == ANGLE and n_dims == 3)
 

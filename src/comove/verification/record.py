@@ -98,7 +98,7 @@ class Record:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class RecordSamples:
     """What any tool hands out: hands that go straight from sample to sample, held to a scene's known obstacles.
 
     Attributes
@@ -190,7 +190,7 @@ class RecordReport:
     reasons: tuple[str, ...]
 
 
-def judge(record: Record | Samples, blocker: str = "") -> RecordReport:
+def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
     """Judge an execution by the true motion of its obstacles, or the samples of a motion.
 
     Parameters
@@ -223,7 +223,7 @@ def judge(record: Record | Samples, blocker: str = "") -> RecordReport:
     return replace(report, reasons=(*reasons, *_off_limits(report, scene, blocker)))
 
 
-def _clearance(record: Record | Samples) -> Clearance:
+def _clearance(record: Record | RecordSamples) -> Clearance:
     """The certificate over all steps; those in which the known motion of an obstacle has a kink are cut there.
 
     On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.
@@ -243,7 +243,7 @@ def _clearance(record: Record | Samples) -> Clearance:
     return certify_nodes(scene, nodes, bulges, time, paths)
 
 
-def _contact(record: Record | Samples, clearance: Clearance) -> list[str]:
+def _contact(record: Record | RecordSamples, clearance: Clearance) -> list[str]:
     scene, lower = record.scene, clearance.lower
     unknown = np.flatnonzero(~np.isfinite(record.obstacles).all(axis=(0, 2)))
     if len(unknown):
@@ -276,7 +276,7 @@ def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
     return reasons
 
 
-def _distance(record: Record | Samples, c: DistanceConstraint) -> float:
+def _distance(record: Record | RecordSamples, c: DistanceConstraint) -> float:
     """Error [m]; between the steps one group keeps it, and two come nearer and part as their chords and arcs do."""
     relative, stray = _relative(record, c)
     apart = np.linalg.norm(relative, axis=1)
@@ -287,11 +287,11 @@ def _distance(record: Record | Samples, c: DistanceConstraint) -> float:
     return max(c.distance - least_distance(relative, stray), farthest - c.distance)
 
 
-def _relative_pose(record: Record | Samples, c: RelativePoseConstraint) -> float:
+def _relative_pose(record: Record | RecordSamples, c: RelativePoseConstraint) -> float:
     return 0.0 if record.scene.n_dims == 2 or record.holds(c) else np.inf
 
 
-def _separation(record: Record | Samples, c: SeparationConstraint) -> float:
+def _separation(record: Record | RecordSamples, c: SeparationConstraint) -> float:
     relative, stray = _relative(record, c)
     if record.holds(c):
         return float(np.linalg.norm(relative, axis=1).min()) - c.least
@@ -308,7 +308,7 @@ def _upright(record: Record, c: UprightConstraint) -> float:
     return float((np.maximum(tilt[1:], tilt[:-1]) + 0.5 * turn).max())
 
 
-def _same_height(record: Record | Samples, c: SameHeightConstraint) -> float:
+def _same_height(record: Record | RecordSamples, c: SameHeightConstraint) -> float:
     relative, stray = _relative(record, c)
     gap = np.abs(relative[:, record.scene.n_dims - 1])
     return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
@@ -323,7 +323,7 @@ _MEASURES: dict[type, Callable[..., float]] = {
 }
 
 
-def _relative(record: Record | Samples, c: PairConstraint) -> tuple[Array, Array]:
+def _relative(record: Record | RecordSamples, c: PairConstraint) -> tuple[Array, Array]:
     """One hand as seen from the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
     nodes, bulges = record.nodes, record.bulges
     return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]

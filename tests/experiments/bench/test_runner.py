@@ -12,7 +12,7 @@ import pytest
 from comove.errors import OptionError
 from comove.experiments.bench.runner import jobs_of, run_all
 from comove.experiments.bench.sets import scenes_of
-from comove.experiments.systems import Problem, measured
+from comove.experiments.systems import SystemProblem, measured
 from comove.results.runs import RunStore
 from tests.experiments.bench.driver import Witnessed
 
@@ -61,7 +61,7 @@ def uninterrupted():
     """The same in this process, one after the other."""
     rows = []
     for frozen in scenes_of("easy", 4):
-        outcome = measured(Witnessed("slow"), Problem(frozen.load()))
+        outcome = measured(Witnessed("slow"), SystemProblem(frozen.load()))
         rows.append(("slow", frozen.name, "verified", "", outcome.cost))
     return sorted(rows)
 

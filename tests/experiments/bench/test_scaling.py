@@ -6,7 +6,7 @@ import pytest
 from comove.errors import OptionError
 from comove.experiments.bench.scaling import (
     Case,
-    Curve,
+    ScalingCurve,
     gap_scene,
     generation_times,
     measure,
@@ -32,7 +32,7 @@ def test_more_steps_take_longer():
 def test_verdicts():
     x, exact = np.array([1.0, 2.0, 4.0, 8.0]), np.ones((1, 5))
     for exponent, verdict in ((0.5, "met"), (1.5, "missed")):
-        curve = Curve("steps", "generation", x, x[:, None] ** exponent * exact, 1.0, 1.0)
+        curve = ScalingCurve("steps", "generation", x, x[:, None] ** exponent * exact, 1.0, 1.0)
         assert curve.exponent.value == pytest.approx(exponent)
         assert curve.exponent_end.value == pytest.approx(exponent)
         assert curve.verdict == verdict

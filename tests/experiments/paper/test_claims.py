@@ -5,10 +5,15 @@ from dataclasses import replace
 import pytest
 
 from comove.experiments.paper import claims
-from comove.experiments.paper.claims import CLAIMS, Verdict, judge_all
+from comove.experiments.paper.claims import CLAIMS, ClaimVerdict, judge_all
 from tests.experiments.paper.ideal import carried, changed, ideal_runs, led, met
 
-GOOD, REMARK, NOT, BUILT_IN = Verdict.REPRODUCED, Verdict.REMARK, Verdict.NOT, Verdict.BUILT_IN
+GOOD, REMARK, NOT, BUILT_IN = (
+    ClaimVerdict.REPRODUCED,
+    ClaimVerdict.REMARK,
+    ClaimVerdict.NOT,
+    ClaimVerdict.BUILT_IN,
+)
 FIG4 = {"scene": "narrow", "who": "paper"}
 PAPER = {"who": "paper"}
 
@@ -40,7 +45,7 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
     broken = carried(broken, {}, verified=False, delivered=False, lag=None, end_error=None)
     for claim, finding in judge_all(broken):
         if claim.judge not in (claims.does_not_enforce, claims.roles_matter):
-            assert finding.verdict in (NOT, Verdict.UNTESTED), claim.quote
+            assert finding.verdict in (NOT, ClaimVerdict.UNTESTED), claim.quote
 
 
 @pytest.mark.parametrize(
@@ -143,7 +148,7 @@ def test_verdicts_on_the_robot(ideal, judge, asked, changes, before, after):
 def test_without_models_and_simulator_the_robot_is_not_tested(ideal):
     without = replace(ideal, transports=(), absent="a simulation needs more than the core")
     for judge in (claims.completes, claims.simulated_baxter):
-        assert judge(without).verdict is Verdict.UNTESTED
+        assert judge(without).verdict is ClaimVerdict.UNTESTED
     assert claims.almost_unchanged(without).verdict is REMARK  # in the plane
 
 
@@ -159,18 +164,18 @@ def test_the_question_of_deformation_is_about_both_rules(ideal):
 
 def test_every_verdict_has_its_rule(ideal):
     for claim, finding in judge_all(ideal):
-        assert finding.verdict is Verdict.UNTESTED or claim.judge.__name__ in claims.RULES
+        assert finding.verdict is ClaimVerdict.UNTESTED or claim.judge.__name__ in claims.RULES
         assert claim.rule.split(":")[0] in (
             "reproduced",
             "remark",
             "by construction",
             "the paper's rule",
-        ) or (finding.verdict is Verdict.UNTESTED)
+        ) or (finding.verdict is ClaimVerdict.UNTESTED)
 
 
 def test_every_finding_says_why_with_numbers(ideal):
     for claim, finding in judge_all(ideal):
         assert finding.why.endswith("."), claim.quote
-        assert finding.verdict is Verdict.UNTESTED or any(c.isdigit() for c in finding.why)
+        assert finding.verdict is ClaimVerdict.UNTESTED or any(c.isdigit() for c in finding.why)
     assert len({claim.quote for claim in CLAIMS}) == len(CLAIMS) >= 20
     assert {claim.where.split("-")[0].split(",")[0] for claim in CLAIMS} >= {"Abstract", "III", "IV", "V"}

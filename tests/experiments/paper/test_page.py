@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from comove.cli import reproduce  # noqa: F401  registers the verb
 from comove.cli.app import app
 from comove.errors import ResultError
-from comove.experiments.paper.claims import Verdict, judge_all
+from comove.experiments.paper.claims import ClaimVerdict, judge_all
 from comove.experiments.paper.figures import BAXTER, FIGURES, story_panels
 from comove.experiments.paper.jobs import CONTENDERS, run
 from comove.experiments.paper.page import Effort, write_page
@@ -152,5 +152,5 @@ def test_a_small_reproduction(tmp_path):
     page = (tmp_path / "small" / "paper.md").read_text(encoding="utf-8")
     for target in re.findall(r"\]\((paper/.+?)\)", page):
         assert 0 < (tmp_path / "small" / target).stat().st_size < 300_000
-    assert sum(page.count(f"**{verdict.value}**") for verdict in Verdict) >= 20
+    assert sum(page.count(f"**{verdict.value}**") for verdict in ClaimVerdict) >= 20
     assert page.count("verified") > 20

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from comove.planning.compared.hierarchy import Task, lexicographic
+from comove.planning.compared.hierarchy import PriorityTask, lexicographic
 
 
 def problem(seed):
     """Two tasks of three and two rows in six variables, and ten rows of which some are active."""
     rng = np.random.default_rng(seed)
-    tasks = [Task(rng.standard_normal((m, 6)), 2 * rng.standard_normal(m)) for m in (3, 2)]
-    tasks.append(Task(np.eye(6), rng.standard_normal(6)))
+    tasks = [PriorityTask(rng.standard_normal((m, 6)), 2 * rng.standard_normal(m)) for m in (3, 2)]
+    tasks.append(PriorityTask(np.eye(6), rng.standard_normal(6)))
     return tasks, rng.standard_normal((10, 6)), -np.abs(rng.standard_normal(10))
 
 
@@ -51,13 +51,13 @@ def test_a_lower_task_never_costs_a_higher_one():
 
 def test_rows_that_contradict_give_way_least():
     rows, low = np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 0.0])  # x >= 1 and x <= 0
-    x, slack = lexicographic([Task(np.eye(2), np.array([5.0, 3.0]))], rows, low)
+    x, slack = lexicographic([PriorityTask(np.eye(2), np.array([5.0, 3.0]))], rows, low)
     assert slack == pytest.approx(0.5, abs=1e-3)
     assert x == pytest.approx([0.5, 3.0], abs=1e-3)
 
 
 def test_tasks_without_rows_and_rows_without_effect():
-    empty = Task(np.zeros((0, 3)), np.zeros(0))
-    x, slack = lexicographic([empty, Task(np.eye(3), np.arange(3.0))], np.zeros((0, 3)), np.zeros(0))
+    empty = PriorityTask(np.zeros((0, 3)), np.zeros(0))
+    x, slack = lexicographic([empty, PriorityTask(np.eye(3), np.arange(3.0))], np.zeros((0, 3)), np.zeros(0))
     assert slack == 0.0
     assert x == pytest.approx(np.arange(3.0), abs=1e-6)

@@ -5,7 +5,7 @@ import pytest
 
 from comove.coordination import load_coordinates
 from comove.planning.convex import contacts as c
-from comove.planning.convex.programme import Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
@@ -18,7 +18,7 @@ N = 201
 def smooth_programme(motion):
     """A programme on the motion's scene, with its ends, and small random weights."""
     coordinates = load_coordinates(motion.scene)
-    return Programme(motion.scene, coordinates, motion_basis(12, "jerk"), coordinates.boundary())
+    return ConvexProgramme(motion.scene, coordinates, motion_basis(12, "jerk"), coordinates.boundary())
 
 
 def drawn(seed, **options):
@@ -112,8 +112,8 @@ def test_a_moving_obstacle_is_met_where_it_is_then():
         }
     )
     coordinates = load_coordinates(scene)
-    programme = Programme(scene, coordinates, motion_basis(12, "jerk"), coordinates.boundary())
-    need = programme.need(Settings())
+    programme = ConvexProgramme(scene, coordinates, motion_basis(12, "jerk"), coordinates.boundary())
+    need = programme.need(ConvexSettings())
     seen = programme.look(programme.fine.q(np.zeros(programme.n)), 0.05, need)
     near = seen.contacts[seen.contacts[:, c.OWNER] == 0]
     assert len(near) > 0

@@ -8,7 +8,7 @@ from comove.planning import LeastJerk
 from comove.planning.convex.jerk import N_SAMPLES, jerk_cost, squares, third_differences
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
-from comove.planning.convex.programme import Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
@@ -17,7 +17,7 @@ from tests.solved import example, random_scene
 
 def programme_of(scene, n_basis=20):
     coordinates = load_coordinates(scene)
-    return Programme(scene, coordinates, motion_basis(n_basis, "jerk"), coordinates.boundary())
+    return ConvexProgramme(scene, coordinates, motion_basis(n_basis, "jerk"), coordinates.boundary())
 
 
 def one_hand(obstacles=(), **more):
@@ -43,7 +43,7 @@ def test_where_nothing_is_in_the_way_the_minimum_jerk_motion_is_found(scene):
     programme = programme_of(free)
     z = 0.01 * np.random.default_rng(0).standard_normal(programme.n)
     cost = squares(free, LeastJerk(), None)
-    found = optimise(programme, cost, z, Settings(iterations=60))
+    found = optimise(programme, cost, z, ConvexSettings(iterations=60))
     straight = programme.motion(np.zeros(programme.n))
     least = jerk_cost(straight, LeastJerk(), None)
     assert jerk_cost(programme.motion(found.z), LeastJerk(), None) <= least * 1.002
@@ -59,7 +59,11 @@ def test_around_a_disc_margins_are_kept_and_both_sides_cost_the_same():
         s = np.linspace(0.0, 1.0, 201)[:, None]
         way = np.concatenate([s**3 * (10 + s * (6 * s - 15)), 0.5 + side * 0.2 * np.sin(np.pi * s)], axis=1)
         found = optimise(
-            programme, squares(scene, LeastJerk(), None), programme.fit(way, 1e-8), Settings(wish=0.0), way
+            programme,
+            squares(scene, LeastJerk(), None),
+            programme.fit(way, 1e-8),
+            ConvexSettings(wish=0.0),
+            way,
         )
         report = verify(programme.motion(found.z)).report
         assert 0.0 < report.clearance_min < 3e-3
@@ -73,7 +77,7 @@ def test_a_wish_for_room_is_met_where_it_costs_little():
     programme, clearances, jerks = programme_of(scene, 24), [], []
     for wish in (0.0, 0.01, 0.02):
         found = optimise(
-            programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), Settings(wish=wish)
+            programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), ConvexSettings(wish=wish)
         )
         motion = programme.motion(found.z)
         clearances.append(verify(motion).report.clearance_min)
@@ -88,7 +92,7 @@ def test_limits_are_kept():
     assert free.speed_max == pytest.approx(1.875 / 2, rel=1e-2)
     scene = one_hand(limits={"speed": 0.8})
     programme = programme_of(scene, 24)
-    found = optimise(programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), Settings())
+    found = optimise(programme, squares(scene, LeastJerk(), None), np.zeros(programme.n), ConvexSettings())
     motion = programme.motion(found.z)
     assert verify(motion).verified is not None
     assert 0.75 < verify(motion).report.speed_max <= 0.8

@@ -8,7 +8,7 @@ import pytest
 import comove
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.convex.jerk import squares
-from comove.planning.convex.programme import Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.convex.warp import warped
 from comove.planning.objectives import LeastJerk
 from comove.primitives.basis import motion_basis
@@ -29,7 +29,7 @@ SCENE = {
 def programme():
     scene = comove.Scene.from_dict(SCENE)
     coordinates = load_coordinates(scene)
-    return Programme(scene, coordinates, motion_basis(24, "jerk"), coordinates.boundary())
+    return ConvexProgramme(scene, coordinates, motion_basis(24, "jerk"), coordinates.boundary())
 
 
 def along(programme, s):
@@ -48,7 +48,7 @@ def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
     rest = t**3 * (10 - 15 * t + 6 * t**2)
     late = along(programme, rest**1.3)
-    cost, settings = cost_of(programme), Settings()
+    cost, settings = cost_of(programme), ConvexSettings()
     again = warped(programme, cost, late, settings)
     before, after = (programme.value(cost, z, 0.0)[0] for z in (late, again))
     assert after < 0.8 * before
@@ -63,9 +63,9 @@ def test_a_late_motion_is_made_even_and_keeps_its_way(programme):
 
 def test_what_cannot_be_better_is_left_alone(programme):
     straight = np.zeros(programme.n)
-    assert warped(programme, cost_of(programme), straight, Settings()) is straight
+    assert warped(programme, cost_of(programme), straight, ConvexSettings()) is straight
 
 
 def test_where_time_has_its_price_nothing_is_warped(programme):
     late = along(programme, np.linspace(0.0, 1.0, len(programme.fine.base)) ** 2)
-    assert warped(programme, replace(cost_of(programme), haste=1.0), late, Settings()) is late
+    assert warped(programme, replace(cost_of(programme), haste=1.0), late, ConvexSettings()) is late

@@ -33,15 +33,15 @@ def run(
     ] = 1,
 ) -> int:
     """Run systems on the frozen sets of scenes; what is in the file already is not run again."""
-    from comove.experiments.bench.runner import Progress, jobs_of, run_all
+    from comove.experiments.bench.runner import BenchProgress, jobs_of, run_all
     from comove.experiments.bench.sets import scenes_of
     from comove.experiments.registry import systems_named
 
     chosen = [scene for name in names_of(sets) for scene in scenes_of(name, scenes)]
     jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
-    last = Progress(0, 0, len(jobs))
+    last = BenchProgress(0, 0, len(jobs))
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: BenchProgress) -> None:
         nonlocal last
         if progress.done == progress.before and progress.before:
             print(f"{progress.before} of {progress.total} runs were in {out} already", file=sys.stderr)

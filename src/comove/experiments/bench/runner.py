@@ -26,7 +26,7 @@ from typing import Any
 from comove._version import __version__
 from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.experiments.bench.sets import BenchScene
-from comove.experiments.systems import Outcome, Problem, System, measured
+from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.experiments.workers import ONE_THREAD
 from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
 from comove.scenes.scene import Scene
@@ -39,7 +39,7 @@ POLL = 1.0  # s
 
 
 @dataclass(frozen=True)
-class Job:
+class BenchJob:
     """A run to be done.
 
     Attributes
@@ -57,7 +57,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Progress:
+class BenchProgress:
     """How far it is.
 
     Attributes
@@ -74,7 +74,7 @@ class Progress:
 
 def jobs_of(
     scenes: list[BenchScene], systems: Mapping[str, System], seeds: int = 1, budget: float = 10.0
-) -> list[Job]:
+) -> list[BenchJob]:
     """Every scene with every system and the seeds from 0 on.
 
     Raises
@@ -87,7 +87,7 @@ def jobs_of(
     if not 0 < budget < float("inf"):
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
     return [
-        Job(
+        BenchJob(
             Configuration(
                 scene.set, scene.name, scene.sha256, name, seed, float(budget), __version__, system.version
             ),
@@ -103,10 +103,10 @@ def jobs_of(
 
 def run_all(
     path: str | Path,
-    jobs: list[Job],
+    jobs: list[BenchJob],
     workers: int = 1,
-    tell: Callable[[Progress], None] = lambda progress: None,
-) -> Progress:
+    tell: Callable[[BenchProgress], None] = lambda progress: None,
+) -> BenchProgress:
     """Run what is not in a store yet.
 
     Parameters
@@ -132,19 +132,19 @@ def run_all(
     store = RunStore.create(path)
     _Driver(store, jobs, tell).run(workers)
     n = len(store.keys() & {job.configuration.key for job in jobs})
-    return Progress(n, n, len(jobs))
+    return BenchProgress(n, n, len(jobs))
 
 
 class _Driver:
     """Hands out runs and looks after those who do them."""
 
-    def __init__(self, store: RunStore, jobs: list[Job], tell: Callable[[Progress], None]):
+    def __init__(self, store: RunStore, jobs: list[BenchJob], tell: Callable[[BenchProgress], None]):
         self.store, self.tell, self.total = store, tell, len(jobs)
         self.name = f"{os.getpid()}-{uuid.uuid4().hex}"
         store.plan(job.configuration for job in jobs)
         ended = store.keys()
         self.waiting = deque(job for job in jobs if job.configuration.key not in ended)
-        self.suspects: deque[Job] = deque()
+        self.suspects: deque[BenchJob] = deque()
         self.before = self.done = self.total - len(self.waiting)
 
     def run(self, workers: int) -> None:
@@ -160,13 +160,13 @@ class _Driver:
             self.store.leave(self.name)
 
     def _tell(self) -> None:
-        self.tell(Progress(self.before, self.done, self.total))
+        self.tell(BenchProgress(self.before, self.done, self.total))
 
-    def _hand_out(self, queue: deque[Job], workers: int) -> None:
+    def _hand_out(self, queue: deque[BenchJob], workers: int) -> None:
         """Work off a queue, until it is empty or a worker is killed."""
         loky = _loky()
         self.store.leave(self.name)  # what was begun by workers that are gone
-        under_way: dict[Any, Job] = {}
+        under_way: dict[Any, BenchJob] = {}
         stopped: set[str] = set()
         executor = loky.ProcessPoolExecutor(
             workers, initializer=_begin_work, initargs=(os.getpid(),), env=ONE_THREAD
@@ -197,7 +197,7 @@ class _Driver:
         finally:
             executor.shutdown(wait=True, kill_workers=True)
 
-    def _next(self, queue: deque[Job]) -> Job | None:
+    def _next(self, queue: deque[BenchJob]) -> BenchJob | None:
         """The first run that nobody else has done or is doing; what others are doing goes to the end."""
         for _ in range(len(queue)):
             job = queue.popleft()
@@ -225,7 +225,7 @@ class _Driver:
                     stopped.add(key)
         return stopped
 
-    def _sort_out(self, under_way: list[Job], stopped: set[str]) -> None:
+    def _sort_out(self, under_way: list[BenchJob], stopped: set[str]) -> None:
         """A worker is gone: which runs had ended, which may have been it, which are given up."""
         ended = self.store.keys()
         for job in under_way:
@@ -275,7 +275,7 @@ def _begin_work(driver: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _work(store: RunStore, job: Job, driver: str) -> None:
+def _work(store: RunStore, job: BenchJob, driver: str) -> None:
     """Run, judge and write one row."""
     key = job.configuration.key
     store.begin(key, driver, os.getpid(), time.time() + LOADING)
@@ -291,12 +291,12 @@ def _work(store: RunStore, job: Job, driver: str) -> None:
     store.add(_run_of(job, status, message, started, outcome))
 
 
-def _outcome(job: Job, start_clock: Callable[[], None]) -> tuple[str, str, Outcome | None]:
+def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, SystemOutcome | None]:
     c, scene = job.configuration, Scene.load(job.path)
     why = job.system.refuses(scene)
     if why:
         return "refused", why, None
-    problem = Problem(scene, scene.taught, c.seed, c.budget)
+    problem = SystemProblem(scene, scene.taught, c.seed, c.budget)
     job.system.warm_up(problem)
     start_clock()
     with _alarm(job.allowed):
@@ -329,7 +329,7 @@ def _alarm(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def _late_text(job: Job) -> str:
+def _late_text(job: BenchJob) -> str:
     return f"stopped after {job.allowed:g} s"
 
 
@@ -339,11 +339,11 @@ def _told(error: BaseException) -> str:
 
 
 def _run_of(
-    job: Job,
+    job: BenchJob,
     status: str,
     message: str,
     started: datetime | None = None,
-    outcome: Outcome | None = None,
+    outcome: SystemOutcome | None = None,
 ) -> Run:
     figures, history = Figures(), ()
     if outcome is not None:

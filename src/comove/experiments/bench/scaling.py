@@ -55,7 +55,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Family:
+class SceneFamily:
     """What grows.
 
     Attributes
@@ -76,7 +76,7 @@ class Family:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ScalingCurve:
     """Times of one family.
 
     Attributes
@@ -165,19 +165,21 @@ def _scene(
 
 
 FAMILIES = {
-    "manipulators": Family("manipulators", (2, 3, 4, 5, 6, 8), lambda n: Case(ring_scene(int(n))), 1.0),
-    "basis": Family("basis functions", (10, 20, 40, 80), lambda n: Case(ring_scene(), n_basis=int(n)), 1.0),
-    "steps": Family(
+    "manipulators": SceneFamily("manipulators", (2, 3, 4, 5, 6, 8), lambda n: Case(ring_scene(int(n))), 1.0),
+    "basis": SceneFamily(
+        "basis functions", (10, 20, 40, 80), lambda n: Case(ring_scene(), n_basis=int(n)), 1.0
+    ),
+    "steps": SceneFamily(
         "time steps",
         (101, 201, 401, 801, 1601),
         lambda n: Case(ring_scene(), n_steps=int(n)),
         1.0,
         solves=False,
     ),
-    "obstacles": Family(
+    "obstacles": SceneFamily(
         "obstacles", (1, 3, 10, 30, 100, 300, 1000), lambda n: Case(ring_scene(n_obstacles=int(n))), 1.0
     ),
-    "difficulty": Family(
+    "difficulty": SceneFamily(
         "bar length / gap",
         (0.625, 1.0, 1.6, 2.5, 4.0, 6.0),
         lambda x: Case(gap_scene(1 / x)),
@@ -187,7 +189,7 @@ FAMILIES = {
 }
 
 
-def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[Curve]:
+def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[ScalingCurve]:
     """Curves of these families.
 
     Raises
@@ -208,11 +210,11 @@ def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[
         cases, x = [family.case(value) for value in family.x], np.array(family.x, dtype=float)
         if family.generations:
             times = np.array([generation_times(case, repeats) for case in cases])
-            found.append(Curve(name, "generation", x, times, 1.0, family.target))
+            found.append(ScalingCurve(name, "generation", x, times, 1.0, family.target))
         if family.solves and solves:
             solved = [[_solved(case, seed) for seed in range(repeats)] for case in cases]
             times, verified = np.moveaxis(np.array(solved), 2, 0)
-            found.append(Curve(name, "solve", x, times, float(verified.mean()), family.target))
+            found.append(ScalingCurve(name, "solve", x, times, float(verified.mean()), family.target))
     if not found:
         raise OptionError("there is nothing to measure", key="--of", way_out="leave out --no-solve")
     return found
@@ -253,7 +255,7 @@ def _solved(case: Case, seed: int) -> tuple[float, bool]:
 
 def write_scaling(
     folder: str | Path, names: Sequence[str], repeats: int, *, solves: bool = True
-) -> list[Curve]:
+) -> list[ScalingCurve]:
     """Measure, and write `scaling.md` and `scaling.png`.
 
     Raises
@@ -274,7 +276,7 @@ def write_scaling(
     return curves
 
 
-def scaling_text(curves: Sequence[Curve]) -> str:
+def scaling_text(curves: Sequence[ScalingCurve]) -> str:
     """The report in Markdown."""
     where = machine()
     lines = ["# Scaling", "", f"On {where.cpu}, {where.cores} cores, Python {where.python}, one thread.", ""]

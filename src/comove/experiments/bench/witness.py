@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.primitives.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.scenes.scene import Scene
-from comove.verification.record import RecordReport, Samples, judge
+from comove.verification.record import RecordReport, RecordSamples, judge
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class Witness:
     def judged(self, scene: Scene) -> RecordReport:
         """What the judge says of it, between the samples too."""
         hands = self.hands()[:, :, : scene.n_dims]
-        return judge(Samples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
+        return judge(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
 
 
 def poses(rows: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import numpy as np
 from comove.experiments.bench.sets import BenchScene, scenes_of
 from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, wilson
-from comove.experiments.systems import Own
+from comove.experiments.systems import OwnSystem
 from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
@@ -57,9 +57,9 @@ VARIANTS: dict[str, tuple[str, Method]] = {
 """What is different, and the method."""
 
 
-def systems() -> dict[str, Own]:
+def systems() -> dict[str, OwnSystem]:
     """Return the variants as systems that can be run, by name."""
-    return {name: Own(name, method) for name, (_, method) in VARIANTS.items()}
+    return {name: OwnSystem(name, method) for name, (_, method) in VARIANTS.items()}
 
 
 def scenes(count: int) -> list[BenchScene]:

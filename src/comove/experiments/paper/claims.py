@@ -25,7 +25,7 @@ EXACT = 1e-9  # m
 NEAREST = "nearest hand's matrix"
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """How a claim fares."""
 
     REPRODUCED = "reproduced"
@@ -36,10 +36,10 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimFinding:
     """A verdict and why."""
 
-    verdict: Verdict
+    verdict: ClaimVerdict
     why: str
 
 
@@ -56,7 +56,7 @@ class Claim:
 
     where: str
     quote: str
-    judge: Callable[[Runs], Finding]
+    judge: Callable[[Runs], ClaimFinding]
 
     @property
     def rule(self) -> str:
@@ -64,12 +64,12 @@ class Claim:
         return RULES.get(self.judge.__name__, "nothing here can test it")
 
 
-def judge_all(runs: Runs) -> list[tuple[Claim, Finding]]:
+def judge_all(runs: Runs) -> list[tuple[Claim, ClaimFinding]]:
     """All claims with their findings."""
     return [(claim, claim.judge(runs)) for claim in CLAIMS]
 
 
-def built_from_one(runs: Runs) -> Finding:
+def built_from_one(runs: Runs) -> ClaimFinding:
     """Both methods, both passages, from the initial movement of one hand."""
     found = [
         runs.one("figure 4", scene=s, who=w).measures for s in ("wide", "narrow") for w in ("paper", "comove")
@@ -79,10 +79,10 @@ def built_from_one(runs: Runs) -> Finding:
         f"From the movement of Figure 3 alone, {n} of {len(found)} runs (paper's method and comove, both passages) "
         f"end verified; the distance is off by {_mm(max(m.distance_error for m in found))} at most."
     )
-    return Finding(Verdict.REPRODUCED if n == len(found) else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if n == len(found) else ClaimVerdict.NOT, why)
 
 
-def verifies_all_constraints(runs: Runs) -> Finding:
+def verifies_all_constraints(runs: Runs) -> ClaimFinding:
     """The constrained search as printed, without schedules, and repaired."""
     printed = runs.measures("printed", who="printed")
     narrow = runs.measures("printed", who="printed", scene="narrow")
@@ -98,10 +98,10 @@ def verifies_all_constraints(runs: Runs) -> Finding:
         f"With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. Equation (7b) as "
         "two inequalities has no interior, so that resampling needs a band."
     )
-    return Finding(Verdict.REPRODUCED if _share(narrow) >= RELIABLE else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if _share(narrow) >= RELIABLE else ClaimVerdict.NOT, why)
 
 
-def other_environment(runs: Runs) -> Finding:
+def other_environment(runs: Runs) -> ClaimFinding:
     """What fits the wide passage, adjusted to the narrow one."""
     taught = runs.one("given", scene="wide").measures
     paper, comove = (runs.one("figure 4", scene="narrow", who=who).measures for who in ("paper", "comove"))
@@ -110,10 +110,12 @@ def other_environment(runs: Runs) -> Finding:
         f"narrow one it is adjusted by the paper's method ({_verified(paper)}) and by comove ({_verified(comove)})."
     )
     held = taught.verified and paper.verified
-    return Finding(Verdict.REPRODUCED if held else Verdict.REMARK if comove.verified else Verdict.NOT, why)
+    return ClaimFinding(
+        ClaimVerdict.REPRODUCED if held else ClaimVerdict.REMARK if comove.verified else ClaimVerdict.NOT, why
+    )
 
 
-def one_phase(runs: Runs) -> Finding:
+def one_phase(runs: Runs) -> ClaimFinding:
     """Ends and distance of the movement given to both hands."""
     m = runs.one("given", scene="wide").measures
     why = (
@@ -122,10 +124,10 @@ def one_phase(runs: Runs) -> Finding:
         "print; without it the phase grows."
     )
     good = m.end_error <= EXACT and m.distance_error <= EXACT
-    return Finding(Verdict.BUILT_IN if good else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.BUILT_IN if good else ClaimVerdict.NOT, why)
 
 
-def obstacles_either_way(runs: Runs) -> Finding:
+def obstacles_either_way(runs: Runs) -> ClaimFinding:
     """Obstacles as a cost and as constraints."""
     as_cost = runs.one("obstacles in the cost").measures
     hard = runs.one("systems", who="comove").measures
@@ -135,11 +137,11 @@ def obstacles_either_way(runs: Runs) -> Finding:
         "constraint does not. As printed, (4) looks at the hands only; here the load counts along its whole length."
     )
     if not hard.verified:
-        return Finding(Verdict.NOT, why)
-    return Finding(Verdict.REPRODUCED if as_cost.verified else Verdict.REMARK, why)
+        return ClaimFinding(ClaimVerdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if as_cost.verified else ClaimVerdict.REMARK, why)
 
 
-def combined(runs: Runs) -> Finding:
+def combined(runs: Runs) -> ClaimFinding:
     """The library of one hand, in the environment that no straight line solves."""
     m, straight = (runs.one(name, scene="complex").measures for name in ("figure 3", "straight"))
     why = (
@@ -148,11 +150,11 @@ def combined(runs: Runs) -> Finding:
         f"straight line is {_verified(straight)}."
     )
     if not m.verified:
-        return Finding(Verdict.NOT, why)
-    return Finding(Verdict.REMARK if straight.verified else Verdict.REPRODUCED, why)
+        return ClaimFinding(ClaimVerdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REMARK if straight.verified else ClaimVerdict.REPRODUCED, why)
 
 
-def more_than_two(runs: Runs) -> Finding:
+def more_than_two(runs: Runs) -> ClaimFinding:
     """Three hands in space."""
     ours, paper = (runs.one("three hands", who=who).measures for who in ("comove", "paper"))
     why = (
@@ -160,11 +162,11 @@ def more_than_two(runs: Runs) -> Finding:
         f"{paper.total:.0f} s; comove: {_verified(ours)}, clearance {_mm(ours.clearance)}."
     )
     if paper.verified:
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if ours.verified else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(ClaimVerdict.REMARK if ours.verified else ClaimVerdict.NOT, why)
 
 
-def same_matrix(runs: Runs) -> Finding:
+def same_matrix(runs: Runs) -> ClaimFinding:
     """The paper's Figure 2, by its own rule and by one that looks at the load as well."""
     paper, ours, own = (runs.encounter(name) for name in (NEAREST, "same matrix on all", "own matrix each"))
     why = (
@@ -176,36 +178,38 @@ def same_matrix(runs: Runs) -> Finding:
     )
     avoids, holds = paper.clearance >= 0 and paper.arrived, paper.distance_error <= paper.tolerance
     if avoids and holds:
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if avoids else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(ClaimVerdict.REMARK if avoids else ClaimVerdict.NOT, why)
 
 
-def navigates(runs: Runs) -> Finding:
+def navigates(runs: Runs) -> ClaimFinding:
     """The initial movements of one hand."""
     found = {scene: runs.one("figure 3", scene=scene).measures for scene in INITIAL}
     why = "One hand: " + "; ".join(
         f"{scene}, {_verified(m)} after {m.total:.1f} s, clearance {_mm(m.clearance)}"
         for scene, m in found.items()
     )
-    return Finding(Verdict.REPRODUCED if all(m.verified for m in found.values()) else Verdict.NOT, why + ".")
+    return ClaimFinding(
+        ClaimVerdict.REPRODUCED if all(m.verified for m in found.values()) else ClaimVerdict.NOT, why + "."
+    )
 
 
-def figure_4a(runs: Runs) -> Finding:
+def figure_4a(runs: Runs) -> ClaimFinding:
     """Both hands through the wide passage."""
     return _by_papers_method(runs, "wide")
 
 
-def figure_6c(runs: Runs) -> Finding:
+def figure_6c(runs: Runs) -> ClaimFinding:
     """Both hands through two staggered gaps."""
     return _by_papers_method(runs, "complex")
 
 
-def adapts_while_ensured(runs: Runs) -> Finding:
+def adapts_while_ensured(runs: Runs) -> ClaimFinding:
     """Both hands through the narrow passage."""
     return _by_papers_method(runs, "narrow")
 
 
-def less_smooth(runs: Runs) -> Finding:
+def less_smooth(runs: Runs) -> ClaimFinding:
     """Squared jerk of Figures 4a and 4b."""
     wide, narrow = (runs.one("figure 4", scene=s, who="paper").measures.jerk for s in ("wide", "narrow"))
     ratio = narrow / wide
@@ -216,22 +220,26 @@ def less_smooth(runs: Runs) -> Finding:
     story = [median_interval([m.jerk for m in _story(runs, "paper", [s])]).value for s in ("wide", "narrow")]
     why += f"; over {runs.seeds} seeds from a recorded movement the medians are {story[0]:.3g} and {story[1]:.3g}."
     if ratio >= MUCH:
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if ratio > 1.0 and story[1] >= MUCH * story[0] else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(
+        ClaimVerdict.REMARK if ratio > 1.0 and story[1] >= MUCH * story[0] else ClaimVerdict.NOT, why
+    )
 
 
-def approaches(runs: Runs) -> Finding:
+def approaches(runs: Runs) -> ClaimFinding:
     """The objective at the end of Figure 5a."""
     along = runs.one("figure 4", scene="narrow", who="paper").along
     share = along.at_end / along.at_start
     why = f"From {along.at_start:.3g} at the start to {along.at_end:.1g} at the end (paper's method, narrow passage)"
     if share > SMALL:
-        return Finding(Verdict.NOT, why + ".")
+        return ClaimFinding(ClaimVerdict.NOT, why + ".")
     why += f"; on the way it climbs by {along.rise:.2g} at most."
-    return Finding(Verdict.REPRODUCED if along.rise <= SMALL * along.at_start else Verdict.REMARK, why)
+    return ClaimFinding(
+        ClaimVerdict.REPRODUCED if along.rise <= SMALL * along.at_start else ClaimVerdict.REMARK, why
+    )
 
 
-def jumps(runs: Runs) -> Finding:
+def jumps(runs: Runs) -> ClaimFinding:
     """Climbs of the objective in Figure 5a."""
     along = runs.one("figure 4", scene="narrow", who="paper").along
     where = "near the walls" if along.rise_near else "away from the walls"
@@ -241,11 +249,11 @@ def jumps(runs: Runs) -> Finding:
         "speed can climb."
     )
     if along.rise <= SMALL * along.at_start:
-        return Finding(Verdict.NOT, why)
-    return Finding(Verdict.REMARK if along.rise_near else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REMARK if along.rise_near else ClaimVerdict.NOT, why)
 
 
-def small_violations(runs: Runs) -> Finding:
+def small_violations(runs: Runs) -> ClaimFinding:
     """The constraint in Figure 5b."""
     figure = runs.one("figure 4", scene="narrow", who="paper")
     along, length = figure.along, BAND / SMALL
@@ -256,10 +264,12 @@ def small_violations(runs: Runs) -> Finding:
         f"it: comove's default is off by {exact:.1g} m."
     )
     there = along.error_near >= MUCH * along.error_far and along.error > EXACT
-    return Finding(Verdict.REPRODUCED if there and along.error <= SMALL * length else Verdict.NOT, why)
+    return ClaimFinding(
+        ClaimVerdict.REPRODUCED if there and along.error <= SMALL * length else ClaimVerdict.NOT, why
+    )
 
 
-def violated_without(runs: Runs) -> Finding:
+def violated_without(runs: Runs) -> ClaimFinding:
     """Figure 6b."""
     drawn = runs.one("figure 6", scene="narrow", who="unconstrained [22]").measures
     taught, story = runs.one("joint").measures, _story(runs, "unconstrained [22]", ["narrow"])
@@ -270,10 +280,10 @@ def violated_without(runs: Runs) -> Finding:
         f"recorded movement given to both: {_mm(error)} in the median over {len(story)} seeds."
     )
     broken = drawn.distance_error > BROKEN and error > BROKEN
-    return Finding(Verdict.REPRODUCED if taught.verified and broken else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if taught.verified and broken else ClaimVerdict.NOT, why)
 
 
-def leader_is_blind(runs: Runs) -> Finding:
+def leader_is_blind(runs: Runs) -> ClaimFinding:
     """Coupling between leader and follower in the narrow passage."""
     m = runs.one("systems", who="leader-follower [7]").measures
     free, comove = (
@@ -287,10 +297,10 @@ def leader_is_blind(runs: Runs) -> Finding:
     )
     why += " Its law has no term for obstacles: where one is in the way, it can only be hit."
     held = m.distance_error <= HELD and m.clearance < 0
-    return Finding(Verdict.BUILT_IN if held and comove.verified else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.BUILT_IN if held and comove.verified else ClaimVerdict.NOT, why)
 
 
-def roles_matter(runs: Runs) -> Finding:
+def roles_matter(runs: Runs) -> ClaimFinding:
     """Who leads, where the hands were taught differently."""
     left, right, both = (runs.one("leaders", who=who) for who in ROLES)
     apart = apart_in_the_mean(left.motion, right.motion)
@@ -301,26 +311,28 @@ def roles_matter(runs: Runs) -> Finding:
         f"With the right hand leading instead of the left, the middle of both goes a way that is {_mm(apart, 0)} off "
         f"in the mean; where both follow, it is {_mm(apart_in_the_mean(left.motion, both.motion), 0)} off."
     )
-    return Finding(Verdict.REPRODUCED if apart > BROKEN else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if apart > BROKEN else ClaimVerdict.NOT, why)
 
 
-def simulated_baxter(runs: Runs) -> Finding:
+def simulated_baxter(runs: Runs) -> ClaimFinding:
     """Baxter in both passages, by the paper's method."""
     if runs.absent:
-        return Finding(Verdict.UNTESTED, f"{runs.absent}.")
+        return ClaimFinding(ClaimVerdict.UNTESTED, f"{runs.absent}.")
     found = [runs.transport(scene, "paper") for scene in PASSAGES]
-    return Finding(Verdict.REMARK if all(t.done for t in found) else Verdict.NOT, _transported(found))
+    return ClaimFinding(
+        ClaimVerdict.REMARK if all(t.done for t in found) else ClaimVerdict.NOT, _transported(found)
+    )
 
 
-def completes(runs: Runs) -> Finding:
+def completes(runs: Runs) -> ClaimFinding:
     """The same, and by comove."""
     if runs.absent:
-        return Finding(Verdict.UNTESTED, f"{runs.absent}.")
+        return ClaimFinding(ClaimVerdict.UNTESTED, f"{runs.absent}.")
     paper, ours = ([runs.transport(scene, who) for scene in PASSAGES] for who in ("paper", "comove"))
     why = _transported([*paper, *ours])
     if all(t.done for t in paper):
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if all(t.done for t in ours) else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(ClaimVerdict.REMARK if all(t.done for t in ours) else ClaimVerdict.NOT, why)
 
 
 def _transported(found: Sequence[Transport]) -> str:
@@ -337,7 +349,7 @@ def _transported(found: Sequence[Transport]) -> str:
     return "Joint motions of Baxter, and the stick in MuJoCo: " + "; ".join(parts) + "."
 
 
-def almost_unchanged(runs: Runs) -> Finding:
+def almost_unchanged(runs: Runs) -> ClaimFinding:
     """How far the bar turns in both passages, in the plane and with Baxter in simulation."""
     wide, narrow = (runs.one("figure 4", scene=s, who="paper").measures.turn for s in ("wide", "narrow"))
     why = (
@@ -352,10 +364,12 @@ def almost_unchanged(runs: Runs) -> Finding:
             f"{np.rad2deg(second.turn):.0f}° in the narrow passage."
         )
         good &= first.done and second.done and second.turn >= MUCH * first.turn
-    return Finding(Verdict.REMARK if good else Verdict.NOT, why + " The real robot was not there.")
+    return ClaimFinding(
+        ClaimVerdict.REMARK if good else ClaimVerdict.NOT, why + " The real robot was not there."
+    )
 
 
-def novel_scenarios(runs: Runs) -> Finding:
+def novel_scenarios(runs: Runs) -> ClaimFinding:
     """Six movements on three scenes."""
     by = {who: runs.measures("movements", who=who) for who in ("comove", "comove without planner", "paper")}
     counts = ", ".join(f"{who} {count_verified(found)}" for who, found in by.items())
@@ -365,11 +379,11 @@ def novel_scenarios(runs: Runs) -> Finding:
         f"{counts} verified."
     )
     if _share(by["paper"]) >= RELIABLE:
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if _share(by["comove"]) >= RELIABLE else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(ClaimVerdict.REMARK if _share(by["comove"]) >= RELIABLE else ClaimVerdict.NOT, why)
 
 
-def increasing_difficulty(runs: Runs) -> Finding:
+def increasing_difficulty(runs: Runs) -> ClaimFinding:
     """The paper's method over seeds, by scene."""
     by = [_story(runs, "paper", [scene]) for scene in SCENES]
     times = [median_interval([m.total for m in found]).value for found in by]
@@ -379,16 +393,16 @@ def increasing_difficulty(runs: Runs) -> Finding:
     )
     shares = [_share(found) for found in by]
     good = (
-        Verdict.REPRODUCED
+        ClaimVerdict.REPRODUCED
         if min(shares) >= RELIABLE
-        else Verdict.REMARK
+        else ClaimVerdict.REMARK
         if min(shares) >= 0.5
-        else Verdict.NOT
+        else ClaimVerdict.NOT
     )
-    return Finding(good, why + ".")
+    return ClaimFinding(good, why + ".")
 
 
-def does_not_enforce(runs: Runs) -> Finding:
+def does_not_enforce(runs: Runs) -> ClaimFinding:
     """Whether modulation breaks the constraint."""
     paper, same = runs.encounter(NEAREST), runs.encounter("same matrix on all")
     why = (
@@ -397,10 +411,10 @@ def does_not_enforce(runs: Runs) -> Finding:
         f"(tolerance {_mm(same.tolerance)})."
     )
     broken = min(paper.distance_error, same.distance_error) > same.tolerance
-    return Finding(Verdict.REPRODUCED if broken else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REPRODUCED if broken else ClaimVerdict.NOT, why)
 
 
-def can_be_enforced(runs: Runs) -> Finding:
+def can_be_enforced(runs: Runs) -> ClaimFinding:
     """The executor that keeps loads rigid, with obstacles that are only seen."""
     seen, known = runs.encounter("obstacles seen only"), runs.encounter("motions known")
     why = (
@@ -409,12 +423,12 @@ def can_be_enforced(runs: Runs) -> Finding:
         "known. It is not an extension of the matrix, but a programme over the load's velocity."
     )
     good = all(e.arrived and e.clearance >= 0 and e.distance_error <= e.tolerance for e in (seen, known))
-    return Finding(Verdict.REMARK if good else Verdict.NOT, why)
+    return ClaimFinding(ClaimVerdict.REMARK if good else ClaimVerdict.NOT, why)
 
 
-def untested(nearest: str) -> Callable[[Runs], Finding]:
+def untested(nearest: str) -> Callable[[Runs], ClaimFinding]:
     """What no software can test."""
-    return lambda runs: Finding(Verdict.UNTESTED, nearest)
+    return lambda runs: ClaimFinding(ClaimVerdict.UNTESTED, nearest)
 
 
 NO_ROBOT = (
@@ -548,7 +562,7 @@ CLAIMS = (
 )  # fmt: skip
 
 
-def _by_papers_method(runs: Runs, scene: str) -> Finding:
+def _by_papers_method(runs: Runs, scene: str) -> ClaimFinding:
     paper, ours = _story(runs, "paper", [scene]), _story(runs, "comove", [scene])
     error = max(m.distance_error for m in paper)
     why = (
@@ -556,8 +570,8 @@ def _by_papers_method(runs: Runs, scene: str) -> Finding:
         f"{_mm(error)} at most. comove: {count_verified(ours)}, {max(m.distance_error for m in ours):.1g} m."
     )
     if _share(paper) >= RELIABLE:
-        return Finding(Verdict.REPRODUCED, why)
-    return Finding(Verdict.REMARK if _share(ours) >= RELIABLE else Verdict.NOT, why)
+        return ClaimFinding(ClaimVerdict.REPRODUCED, why)
+    return ClaimFinding(ClaimVerdict.REMARK if _share(ours) >= RELIABLE else ClaimVerdict.NOT, why)
 
 
 def _story(runs: Runs, who: str, scenes: Sequence[str]) -> list[Measures]:

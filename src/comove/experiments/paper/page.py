@@ -14,7 +14,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.markdown import table
 from comove.experiments.paper import tables
-from comove.experiments.paper.claims import Claim, Finding, Verdict
+from comove.experiments.paper.claims import Claim, ClaimFinding, ClaimVerdict
 from comove.experiments.paper.figures import BAXTER, verdict
 from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST
 from comove.experiments.paper.measures import count_verified, measure_motion
@@ -51,7 +51,9 @@ class Effort:
     processes: int
 
 
-def write_page(runs: Runs, findings: Sequence[tuple[Claim, Finding]], effort: Effort, folder: str) -> str:
+def write_page(
+    runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str
+) -> str:
     """The page as Markdown.
 
     Parameters
@@ -79,9 +81,9 @@ def _wrapped(block: str) -> str:
     return textwrap.fill(" ".join(block.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _head(runs: Runs, findings: Sequence[tuple[Claim, Finding]], effort: Effort, folder: str) -> str:
+def _head(runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str) -> str:
     counts = Counter(finding.verdict for _, finding in findings)
-    verdicts = ", ".join(f"{counts[v]} {v.value}" for v in Verdict)
+    verdicts = ", ".join(f"{counts[v]} {v.value}" for v in ClaimVerdict)
     rows = []
     for who in CONTENDERS:
         found = [runs.measures("story", scene=scene, who=who) for scene in SCENES]

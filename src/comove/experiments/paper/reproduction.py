@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from comove.experiments.paper.claims import Verdict, judge_all
+from comove.experiments.paper.claims import ClaimVerdict, judge_all
 from comove.experiments.paper.figures import BAXTER, FIGURES, draw_all
 from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.runs import run_everything
@@ -26,7 +26,7 @@ CONTENTS = Contents(
 
 def reproduce(
     folder: Path, seeds: int, *, processes: int, tell: Callable[[str], None] = lambda words: None
-) -> Counter[Verdict]:
+) -> Counter[ClaimVerdict]:
     """Write the page, its figures and all runs into an existing folder; returns how often there is which verdict.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from comove.experiments.markdown import table
-from comove.experiments.paper.claims import Claim, Finding
+from comove.experiments.paper.claims import Claim, ClaimFinding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS
 from comove.experiments.paper.measures import Measures, count_verified
@@ -31,7 +31,7 @@ EPOCHS = (1, 2, 4, 8, 20)
 SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
 
 
-def claims_table(findings: Sequence[tuple[Claim, Finding]]) -> str:
+def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
     """Claims, verdicts and reasons."""
     rows = [
         [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why, claim.rule]

@@ -11,10 +11,10 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.experiments.peers.common import OutOfTime, load_clearances, refusal
+from comove.experiments.peers.common import PeerOutOfTime, load_clearances, refusal
 from comove.experiments.peers.needed import needed
 from comove.experiments.peers.shapes import Shapes
-from comove.experiments.systems import Offers, Problem, System
+from comove.experiments.systems import Offers, System, SystemProblem
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -35,12 +35,12 @@ class PycmaAL(System):
         """What no peer can be told."""
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import pycma, which takes a second, and compile the distances."""
         needed("cma.constraints_handler")
         load_clearances(problem.scene)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J."""
         cma, handler = needed("cma"), needed("cma.constraints_handler")
         shapes, rng = Shapes(problem, offers, N_BASIS), np.random.default_rng(problem.seed)
@@ -67,7 +67,7 @@ class PycmaAL(System):
             "seed": np.nan,
             "randn": lambda *size: rng.standard_normal(size),
         }
-        with suppress(OutOfTime), _silence(handler, needed("cma.logger").LoggerDummy):
+        with suppress(PeerOutOfTime), _silence(handler, needed("cma.logger").LoggerDummy):
             while True:
                 fitness = handler.ConstrainedFitnessAL(
                     lambda x: value(x)[0], lambda x: value(x)[1], logging=0, archives=False

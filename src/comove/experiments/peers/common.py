@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.experiments.systems import Offers, Problem, cost_of
+from comove.experiments.systems import Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
 from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.distances import configuration_distance
@@ -24,7 +24,7 @@ DIFFERENCE = 1e-6  # m, of slopes
 FINE = 4001  # places along a path at which its length is measured
 
 
-class OutOfTime(Exception):
+class PeerOutOfTime(Exception):
     """The budget of a peer is used up."""
 
 
@@ -53,7 +53,7 @@ def independent_distances(scene: Scene) -> list[DistanceConstraint]:
     return kept
 
 
-def first_hands(problem: Problem, s: Array) -> Array:
+def first_hands(problem: SystemProblem, s: Array) -> Array:
     """Where peers that improve a movement begin: the demonstration, or the load straight and turned evenly.
 
     Parameters
@@ -142,7 +142,7 @@ def kept_clearance(scene: Scene, most: float) -> float:
     return max(0.0, min(most, 0.5 * (ends - scene.clearance)))
 
 
-def violation(problem: Problem, hands: Array) -> float:
+def violation(problem: SystemProblem, hands: Array) -> float:
     """By how much samples miss what is asked for, at most 0 where nothing is; [m], [m/s] or [m/s^2].
 
     A peer's own look at a candidate, at the samples alone: what is between them is for the judge to find.
@@ -177,7 +177,7 @@ class Best:
     offers : that take them
     """
 
-    def __init__(self, problem: Problem, offers: Offers):
+    def __init__(self, problem: SystemProblem, offers: Offers):
         self.problem, self.offers = problem, offers
         self.rank, self.seconds, self.hands = (np.inf, np.inf), 0.0, None
         self.offered: tuple[float, Array | None] = np.inf, None
@@ -203,7 +203,7 @@ class Best:
         self.offers.take(self.hands, self.seconds)
 
 
-def timed(hands_at: Callable[[Array], Array], problem: Problem) -> Array:
+def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
     """A path in time: from rest to rest, with the speed of minimum jerk along its length.
 
     Where that were too fast, it is constant but for ramps at both ends, as short as they must be. Length is that of

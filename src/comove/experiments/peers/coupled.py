@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from comove.experiments.peers.common import first_hands, refusal, spatial
 from comove.experiments.peers.needed import needed
-from comove.experiments.systems import N_SAMPLES, Offers, Problem, System
+from comove.experiments.systems import N_SAMPLES, Offers, System, SystemProblem
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -33,11 +33,11 @@ class Coupled(System):
             return "It couples two hands by one distance."
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import movement_primitives."""
         needed("movement_primitives.dmp")
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Imitate, roll out with the coupling, and offer that."""
         dmp = needed("movement_primitives.dmp")
         scene, (c,) = problem.scene, problem.scene.distances

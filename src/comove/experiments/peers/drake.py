@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.experiments.peers.common import (
     Best,
-    OutOfTime,
+    PeerOutOfTime,
     clearance_slopes,
     clearances,
     first_hands,
@@ -25,7 +25,7 @@ from comove.experiments.peers.common import (
     refusal,
 )
 from comove.experiments.peers.needed import needed
-from comove.experiments.systems import WEIGHTS, Offers, Problem, System
+from comove.experiments.systems import WEIGHTS, Offers, System, SystemProblem
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -50,13 +50,13 @@ class Drake(System):
         """What no peer can be told."""
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import Drake and compile the distances."""
         for module in ("planning", "solvers", "autodiffutils", "math", "trajectories"):
             needed(f"pydrake.{module}")
         load_clearances(problem.scene)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J over the control points."""
         solvers, best = needed("pydrake.solvers"), Best(problem, offers)
         rng, noise, scene = np.random.default_rng(problem.seed), NOISE, problem.scene
@@ -93,7 +93,7 @@ def _values(basis: Any, s: Array) -> Array:
     return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
 
 
-def _optimisation(problem: Problem, offers: Offers) -> Any:
+def _optimisation(problem: SystemProblem, offers: Offers) -> Any:
     scene = problem.scene
     n_dims, n = scene.n_dims, scene.start.size
     optimisation = constrained(problem, offers, N_CONTROL, ORDER)
@@ -113,7 +113,7 @@ def _optimisation(problem: Problem, offers: Offers) -> Any:
     return optimisation
 
 
-def constrained(problem: Problem, offers: Offers, n_control: int, order: int) -> Any:
+def constrained(problem: SystemProblem, offers: Offers, n_control: int, order: int) -> Any:
     """Drake's programme for a scene, from rest to rest: what hands must hold, but neither duration nor cost."""
     planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
     scene = problem.scene
@@ -146,14 +146,14 @@ def constrained(problem: Problem, offers: Offers, n_control: int, order: int) ->
     return optimisation
 
 
-def _clearance(problem: Problem, offers: Offers) -> Any:
+def _clearance(problem: SystemProblem, offers: Offers) -> Any:
     solvers, autodiff = needed("pydrake.solvers"), needed("pydrake.autodiffutils")
     scene = problem.scene
     margin = scene.clearance + kept_clearance(scene, MARGIN)
 
     def value(x: Array) -> Array:
         if offers.seconds > problem.budget:
-            raise OutOfTime
+            raise PeerOutOfTime
         if x.dtype == float:
             return clearances(scene, x.reshape(1, *scene.start.shape))
         hands = autodiff.ExtractValue(x).reshape(1, *scene.start.shape)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.experiments.peers.common import OutOfTime, load_clearances, refusal
+from comove.experiments.peers.common import PeerOutOfTime, load_clearances, refusal
 from comove.experiments.peers.needed import needed
 from comove.experiments.peers.shapes import Shapes
-from comove.experiments.systems import Offers, Problem, System
+from comove.experiments.systems import Offers, System, SystemProblem
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -42,16 +42,16 @@ class Scipy(System):
         """What no peer can be told."""
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import scipy's optimisers and compile the distances."""
         needed("scipy.optimize")
         load_clearances(problem.scene)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J subject to the constraints at the samples."""
         shapes, rng = Shapes(problem, offers, N_BASIS), np.random.default_rng(problem.seed)
         noise = NOISE
-        with suppress(OutOfTime):
+        with suppress(PeerOutOfTime):
             while True:
                 self._attempt(shapes, rng.normal(0.0, noise, shapes.n))
                 if shapes.promise[0] <= 0.0:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
 from comove.experiments.peers.common import Best, independent_distances, refusal, timed
 from comove.experiments.peers.needed import needed
-from comove.experiments.systems import Offers, Problem, System
+from comove.experiments.systems import Offers, System, SystemProblem
 from comove.planning.configurations import (
     Space,
     clearance_of,
@@ -60,19 +60,19 @@ class OMPL(System):
             return "It plans for one load that all hands hold and that may turn freely."
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the checks."""
         for module in ("base", "geometric", "util"):
             needed(f"ompl.{module}")
-        load = Load(problem.scene)
+        load = OmplLoad(problem.scene)
         motion_is_free(load.space, load.start, load.goal, STEP, load.margin)
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Plan, give the path a time, and offer it; or paths as they become shorter."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
-        load = Load(problem.scene)
+        load = OmplLoad(problem.scene)
         space = _pose_space(base, load)
         information = base.SpaceInformation(space)
         information.setStateValidityChecker(lambda state: load.is_free(load.read(state)))
@@ -111,14 +111,14 @@ class ProjectedOMPL(System):
             return "No distance ties the hands, so that there is nothing to project on."
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the check."""
         for module in ("base", "geometric", "util"):
             needed(f"ompl.{module}")
         _free_hands(problem.scene)(problem.scene.start.ravel())
         Manifold(problem.scene).project(problem.scene.start.ravel(), 0.0)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Plan, simplify, and offer both paths."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
@@ -162,7 +162,7 @@ class ProjectedOMPL(System):
         best.close()
 
 
-class Load:
+class OmplLoad:
     """A load as OMPL moves it: x, y and an angle, or x, y, z and a quaternion w x y z.
 
     Parameters
@@ -328,7 +328,7 @@ def _quiet(seed: int) -> None:
     util.RNG.setSeed(seed + 1)
 
 
-def _pose_space(base: Any, load: Load) -> Any:
+def _pose_space(base: Any, load: OmplLoad) -> Any:
     space = base.SE2StateSpace() if load.n_dims == 2 else base.SE3StateSpace()
     bounds = base.RealVectorBounds(load.n_dims)
     for axis in range(load.n_dims):
@@ -340,7 +340,7 @@ def _pose_space(base: Any, load: Load) -> Any:
     return space
 
 
-def _write(space: Any, load: Load, q: Array) -> Any:
+def _write(space: Any, load: OmplLoad, q: Array) -> Any:
     """A state of OMPL; array, shape (n_columns,)."""
     state, values = space.allocState(), [float(value) for value in q]
     if load.n_dims == 2:
@@ -355,7 +355,7 @@ def _write(space: Any, load: Load, q: Array) -> Any:
     return state
 
 
-def _validator(base: Any, information: Any, load: Load) -> Any:
+def _validator(base: Any, information: Any, load: OmplLoad) -> Any:
     """Checks of motions in one call, instead of one for every state along them."""
 
     class Validator(base.MotionValidator):

@@ -18,13 +18,13 @@ from comove.coordination.motion import CoordinatedDMP
 from comove.experiments.peers.common import (
     BETTER,
     Best,
-    OutOfTime,
+    PeerOutOfTime,
     clearance_slopes,
     clearances,
     first_hands,
     kept_clearance,
 )
-from comove.experiments.systems import WEIGHTS, Offers, Problem
+from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
 from comove.primitives.basis import motion_basis
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Shapes:
     n_basis : shape weights a hand and dimension
     """
 
-    def __init__(self, problem: Problem, offers: Offers, n_basis: int):
+    def __init__(self, problem: SystemProblem, offers: Offers, n_basis: int):
         self.problem, self.offers, scene = problem, offers, problem.scene
         coordinates, basis = arms_coordinates(scene), motion_basis(n_basis, "acceleration")
         s = np.linspace(0.0, 1.0, N_STEPS)
@@ -84,7 +84,7 @@ class Shapes:
             When the budget is used up.
         """
         if self.offers.seconds > self.problem.budget:
-            raise OutOfTime
+            raise PeerOutOfTime
         return self._samples(x)
 
     def _samples(self, x: Array) -> Array:

@@ -24,7 +24,7 @@ from comove.experiments.peers.common import (
     refusal,
 )
 from comove.experiments.peers.needed import needed
-from comove.experiments.systems import WEIGHTS, Offers, Problem, System
+from comove.experiments.systems import WEIGHTS, Offers, System, SystemProblem
 from comove.scenes import distances as sd
 from comove.scenes.scene import Scene
 
@@ -60,13 +60,13 @@ class Transcription(System):
             return "It knows boxes, spheres, capsules, cylinders and ellipsoids, but no meshes."
         return refusal(scene)
 
-    def warm_up(self, problem: Problem) -> None:
+    def warm_up(self, problem: SystemProblem) -> None:
         """Import CasADi and scipy's splines."""
         needed("casadi")
         needed("scipy.interpolate")
         load_clearances(problem.scene)
 
-    def run(self, problem: Problem, offers: Offers) -> None:
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J over the knots."""
         spline, best = needed("scipy.interpolate").CubicSpline, Best(problem, offers)
         s, rng, noise = np.linspace(0.0, 1.0, KNOTS), np.random.default_rng(problem.seed), NOISE

@@ -25,7 +25,7 @@ TOLERANCE = 1e-10  # of rows, in the solver
 SPARE = 1e-9  # by which rows are loosened from one level to the next, for rounding
 
 
-class Task(NamedTuple):
+class PriorityTask(NamedTuple):
     """Minimise |A x - b|^2.
 
     Attributes
@@ -38,7 +38,7 @@ class Task(NamedTuple):
     target: Array
 
 
-def lexicographic(tasks: Sequence[Task], rows: Array, low: Array) -> tuple[Array, float]:
+def lexicographic(tasks: Sequence[PriorityTask], rows: Array, low: Array) -> tuple[Array, float]:
     """Solve tasks in their order.
 
     Parameters

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError
 from comove.planning.compared.curve import count_execution, fit_curve
-from comove.planning.compared.hierarchy import Task, lexicographic
+from comove.planning.compared.hierarchy import PriorityTask, lexicographic
 from comove.planning.compared.nearness import Approach, clearance_rows
 from comove.planning.compared.performance import Performance
 from comove.planning.compared.taught import group_means, taught_primitives
@@ -181,7 +181,9 @@ class Controller:
         pace = min(CATCHING_UP, (last - phase) / (last - k))
         return min(last, phase + pace * rate_for_lag(lag, self.method.absolute.last))
 
-    def _tasks(self, hands: Array, wanted: Array, slope: Array, before: Array, time: float) -> list[Task]:
+    def _tasks(
+        self, hands: Array, wanted: Array, slope: Array, before: Array, time: float
+    ) -> list[PriorityTask]:
         """L1 to L3 at one instant."""
         method, size = self.method, hands.size
         matrix, target = [np.zeros((0, size))], [np.zeros(0)]
@@ -201,9 +203,9 @@ class Controller:
         absolute = self.middles @ slope.ravel() + method.absolute.wanted(off, time, self.period)
         posture = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
         return [
-            Task(np.concatenate(matrix), np.concatenate(target)),
-            Task(self.middles, self._reachable(absolute, self.middles @ before.ravel())),
-            Task(np.eye(size), posture.ravel()),
+            PriorityTask(np.concatenate(matrix), np.concatenate(target)),
+            PriorityTask(self.middles, self._reachable(absolute, self.middles @ before.ravel())),
+            PriorityTask(np.eye(size), posture.ravel()),
         ]
 
     def _reachable(self, wanted: Array, before: Array) -> Array:
@@ -221,7 +223,9 @@ class Controller:
         row[first], row[second] = direction, -direction
         return row.reshape(1, -1)
 
-    def _limited(self, tasks: list[Task], rows: Array, low: Array, before: Array) -> tuple[Array, float]:
+    def _limited(
+        self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
+    ) -> tuple[Array, float]:
         """The solution within the limits: balls, bounded by tangents where a solution leaves them."""
         speed, change = self.scene.speed_limit, self.acceleration * self.period
         velocity, slack = before, 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.planning.convex.programme import Cost, Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 from comove.planning.convex.steps import SOUND, stand, step
 from comove.planning.convex.warp import warped
 
@@ -18,7 +18,7 @@ MOST_SLACK_COST = 1e8  # of a metre
 
 
 @dataclass
-class Outcome:
+class ConvexOutcome:
     """What the search found.
 
     Attributes
@@ -37,13 +37,13 @@ class Outcome:
 
 
 def optimise(
-    programme: Programme,
-    cost: Cost,
+    programme: ConvexProgramme,
+    cost: QuadraticCost,
     z: Array,
-    settings: Settings,
+    settings: ConvexSettings,
     reference: Array | None = None,
     over: Callable[[], bool] = lambda: False,
-) -> Outcome:
+) -> ConvexOutcome:
     """Improve shape weights until nothing is gained.
 
     Parameters
@@ -55,7 +55,7 @@ def optimise(
     """
     radius, mu = settings.radius, settings.slack_cost
     here = stand(programme, cost, z, settings, radius, reference)
-    outcome, stall = Outcome(z, np.inf, here.missed), 0.0
+    outcome, stall = ConvexOutcome(z, np.inf, here.missed), 0.0
     for _ in range(settings.iterations):
         if over():
             break

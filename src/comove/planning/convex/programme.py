@@ -30,7 +30,7 @@ LIMIT = 0.1  # m, that missing a limit by its whole self counts as
 UNNOTICED = 1e-2  # of a limit, less than what is kept back from it
 
 
-class Cost(Protocol):
+class QuadraticCost(Protocol):
     """A sum of squares of the hands at even samples of a motion, and what each duration costs that it needs.
 
     Attributes
@@ -48,7 +48,7 @@ class Cost(Protocol):
 
 
 @dataclass(frozen=True)
-class Settings:
+class ConvexSettings:
     """How steps are taken.
 
     Attributes
@@ -123,7 +123,7 @@ class Seen(NamedTuple):
     depth: Array
 
 
-class Programme:
+class ConvexProgramme:
     """A scene in one basis, with given ends.
 
     Parameters
@@ -177,7 +177,7 @@ class Programme:
         square = shape.T @ shape / len(shape) + ridge * np.eye(shape.shape[1])
         return np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel()
 
-    def need(self, settings: Settings) -> Array:
+    def need(self, settings: ConvexSettings) -> Array:
         """Distances that are asked of every owner; array, shape (n_owners + 2,) [m]."""
         need = np.full(self.around.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
@@ -205,7 +205,7 @@ class Programme:
         slopes = slopes.reshape(len(q), -1, q.shape[1])
         return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
 
-    def value(self, cost: Cost, z: Array, gauge: float) -> tuple[float, Array]:
+    def value(self, cost: QuadraticCost, z: Array, gauge: float) -> tuple[float, Array]:
         """The cost at weights `z`, with the gauge of that weight, and the hands at the coarse samples."""
         q = self.coarse.q(z)
         _, hands = self.hands(q)
@@ -232,7 +232,7 @@ class Programme:
             rows.append(row.reshape(len(p), -1))
         return np.concatenate(rows)
 
-    def missed(self, seen: Seen, hands: Array, settings: Settings, cost: Cost) -> float:
+    def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: QuadraticCost) -> float:
         """How far margins and limits are missed beyond the tolerance, the worst of every owner summed [m].
 
         A limit that is exceeded by a tenth counts as a centimetre, where the pace is given.

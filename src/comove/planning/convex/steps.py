@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.planning.convex.limits import LinearLimits
-from comove.planning.convex.programme import LIMIT, Cost, Programme, Seen, Settings
+from comove.planning.convex.programme import LIMIT, ConvexProgramme, ConvexSettings, QuadraticCost, Seen
 from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 
 Array = NDArray[np.float64]
@@ -74,7 +74,12 @@ class Step(NamedTuple):
 
 
 def stand(
-    p: Programme, cost: Cost, z: Array, settings: Settings, radius: float, reference: Array | None = None
+    p: ConvexProgramme,
+    cost: QuadraticCost,
+    z: Array,
+    settings: ConvexSettings,
+    radius: float,
+    reference: Array | None = None,
 ) -> Stand:
     """Look around at weights `z`, or at a `reference` near to them."""
     q = p.coarse.q(z)
@@ -98,7 +103,7 @@ def stand(
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
 
 
-def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
+def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
     """How much of the wish for clearance is not met: the squared share of every obstacle, summed."""
     if settings.wish <= 0:
         return 0.0
@@ -108,7 +113,7 @@ def _wish(p: Programme, seen: Seen, settings: Settings) -> float:
 
 
 def _further(
-    p: Programme, owner: NDArray[np.int64], bound: Array, settings: Settings, radius: float
+    p: ConvexProgramme, owner: NDArray[np.int64], bound: Array, settings: ConvexSettings, radius: float
 ) -> Array:
     """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`.
 
@@ -119,7 +124,9 @@ def _further(
     return np.where(wished, settings.wish - settings.margin, -np.inf)
 
 
-def step(p: Programme, cost: Cost, here: Stand, settings: Settings, radius: float, mu: float) -> Step | None:
+def step(
+    p: ConvexProgramme, cost: QuadraticCost, here: Stand, settings: ConvexSettings, radius: float, mu: float
+) -> Step | None:
     """One step, corrected where its trial comes too near; None where a programme has no solution."""
     need = p.need(settings)
     rows, bound, owner = p.linear(here.seen, here.off, need)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from comove.planning.convex.programme import Cost, Programme, Settings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ SHARES = (1.0, 0.5, 0.25)  # of a warp that are tried in turn
 RIDGE = 1e-12  # of the fit
 
 
-def warped(programme: Programme, cost: Cost, z: Array, settings: Settings) -> Array:
+def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: ConvexSettings) -> Array:
     """Weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z` itself.
 
     The waves ``sin(k pi t)`` by which time is shifted minimise the cost to first order.

@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
-from comove.planning.objectives.own import Equality, Own, Samples
+from comove.planning.objectives.own import Equality, OwnFunctions, Samples
 from comove.planning.objectives.paper import PaperCost
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "Equality",
     "LeastJerk",
     "LeastTime",
-    "Own",
+    "OwnFunctions",
     "PaperCost",
     "Samples",
     "objective_of_scene",

@@ -84,7 +84,7 @@ class Equality:
 
 
 @dataclass(frozen=True, eq=False)
-class Own:
+class OwnFunctions:
     """What the user minimises, and what must hold besides the scene.
 
     Attributes
@@ -149,7 +149,7 @@ def name_of(function: object) -> str:
     return getattr(inner, "__name__", type(inner).__name__)
 
 
-def own(objective: object, constraints: Sequence[object]) -> Own | None:
+def own(objective: object, constraints: Sequence[object]) -> OwnFunctions | None:
     """Return the user's functions, None where there are none.
 
     Raises
@@ -165,7 +165,7 @@ def own(objective: object, constraints: Sequence[object]) -> Own | None:
                 way_out="give functions of Samples: h(samples) <= 0, or Equality(g)",
             )
     function = objective if callable(objective) else None
-    return Own(function, tuple(constraints)) if function is not None or constraints else None
+    return OwnFunctions(function, tuple(constraints)) if function is not None or constraints else None
 
 
 def _called(function: Callable[[Samples], object], samples: Samples, key: str) -> Array:

@@ -34,7 +34,7 @@ TIGHT, LOOSE = 1e-3, 5e-3  # m, how far a bound may stay below the clearance; wh
 MOST = 400_000  # distances: a bound that needs more is given up as it stands, still sound, only lower
 
 
-class Clearance(NamedTuple):
+class LinkClearance(NamedTuple):
     """What the certificate says of one kind of pairs.
 
     Attributes
@@ -63,7 +63,7 @@ class _Cells(NamedTuple):
         return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
 
 
-def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[Clearance]:
+def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
     Where a pair has less than it is to keep, its kind is only looked at as closely as `LOOSE`.
@@ -74,7 +74,7 @@ def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[Clearance]:
     """
     distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
     cells, width, computed = _first(bodies), curve.x[-1] / FIRST, 0
-    lower, met = np.full(3, np.inf), [Clearance(np.inf, np.inf, -1, 0.0)] * 3
+    lower, met = np.full(3, np.inf), [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
     for depth in range(DEEPEST):
         distance, change = distances(cells, width)
         kind = bodies.kind[cells.pair]
@@ -111,12 +111,12 @@ def _first(bodies: Bodies) -> _Cells:
     return _Cells(stretch, np.concatenate([still, np.tile(moving, FIRST)]))
 
 
-def _nearer(best: Clearance, distance: Array, cells: _Cells, width: float) -> Clearance:
+def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -> LinkClearance:
     """The least clearance so far."""
     k = first_least(distance) if len(distance) else -1
     if k < 0 or distance.min() >= best.upper:
         return best
-    return Clearance(
+    return LinkClearance(
         -np.inf, float(distance.min()), int(cells.pair[k]), float((cells.stretch[k] + 0.5) * width)
     )
 

@@ -35,7 +35,7 @@ LARGEST = 1e6  # s, rad, m
 CLEARANCES = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
 
 
-class Finding(NamedTuple):
+class JointFinding(NamedTuple):
     """What one check says: measures of the report, where they were met, reasons against the motion."""
 
     measures: dict[str, float]
@@ -95,15 +95,15 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
     return []
 
 
-def rest(robot: Robot, curve: PPoly) -> Finding:
+def rest(robot: Robot, curve: PPoly) -> JointFinding:
     """Whether the robot begins and ends at rest."""
     speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
     name = robot.joint_names[first_largest(speed)]
     moving = f"{name} moves at {speed.max():.3g} rad/s at an end; begin and end at rest"
-    return Finding({}, {}, [] if speed.max() <= END_SPEED else [moving])
+    return JointFinding({}, {}, [] if speed.max() <= END_SPEED else [moving])
 
 
-def limits(robot: Robot, curve: PPoly) -> Finding:
+def limits(robot: Robot, curve: PPoly) -> JointFinding:
     """Whether positions, velocities and accelerations keep their limits."""
     margin = least_margin(curve, robot.lower, robot.upper)
     speed = largest_velocity(curve, robot.velocity)
@@ -129,7 +129,7 @@ def limits(robot: Robot, curve: PPoly) -> Finding:
     return _found(robot, dict(zip(measured, (margin, speed, acceleration), strict=True)), reasons)
 
 
-def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> Finding:
+def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
     """Whether motors are strong enough."""
     worst = largest_torque(robot, arms, masses, curve)
     reasons, j = [], worst.joint
@@ -144,10 +144,10 @@ def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) ->
     return finding._replace(measures=finding.measures | {"load_mass": float(masses.sum())})
 
 
-def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> Finding:
+def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> JointFinding:
     measures = {name: worst.value for name, worst in extremes.items()}
     where = {name: (robot.joint_names[worst.joint], worst.time) for name, worst in extremes.items()}
-    return Finding(measures, where, reasons)
+    return JointFinding(measures, where, reasons)
 
 
 def _units(robot: Robot) -> list[str]:
@@ -172,10 +172,10 @@ def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
     return masses
 
 
-def hands(errors: Errors, motion: VerifiedMotion) -> Finding:
+def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
     """Whether the hands are where they hold the load."""
     names = motion.motion.scene.manipulators
-    finding = Finding({}, {}, [])
+    finding = JointFinding({}, {}, [])
     _hold(
         finding,
         "hand_error",
@@ -191,7 +191,13 @@ def hands(errors: Errors, motion: VerifiedMotion) -> Finding:
 
 
 def _hold(
-    finding: Finding, name: str, how: str, errors: Errors, grid: Array, bound: Array, hands: Sequence[str]
+    finding: JointFinding,
+    name: str,
+    how: str,
+    errors: Errors,
+    grid: Array,
+    bound: Array,
+    hands: Sequence[str],
 ) -> None:
     """Add one of the two errors of the hands; `grid` and `bound` as in `Errors`."""
     sampled = _largest(grid[errors.is_sample], errors.time[errors.is_sample])
@@ -217,7 +223,7 @@ def _largest(values: Array, time: Array) -> Extreme:
     return Extreme(float(values.max()), int(column), float(time[step]))
 
 
-def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> Finding:
+def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
     """Whether the load keeps clear of the scene wherever the bases may stand."""
     off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
     clearance, reasons = motion.report.clearance_min, []
@@ -226,12 +232,12 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
             f"the load comes within {clearance:.3g} m of something, and hands may be off by {off:.3g} m because of "
             "where the bases stand; ask for more clearance or measure the bases more exactly"
         )
-    return Finding({"hand_uncertainty": off}, {}, reasons)
+    return JointFinding({"hand_uncertainty": off}, {}, reasons)
 
 
-def clearances(bodies: Bodies, carried: Carried, curve: PPoly) -> Finding:
+def clearances(bodies: Bodies, carried: Carried, curve: PPoly) -> JointFinding:
     """Whether links, load and obstacles keep clear of each other."""
-    finding = Finding({}, {}, [])
+    finding = JointFinding({}, {}, [])
     for kind, found in enumerate(certify(bodies, carried, curve)):
         name = CLEARANCES[kind]
         finding.measures[name] = found.lower

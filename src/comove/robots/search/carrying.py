@@ -21,7 +21,7 @@ from comove.planning.search import Schedule
 from comove.robots.effort import DEFAULT_MASS
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import chains_of, place_arm, pose_error
-from comove.robots.search.following import MET, Arms, Strain, Surroundings, follow, solutions
+from comove.robots.search.following import MET, Arms, ArmSurroundings, Strain, follow, solutions
 from comove.robots.search.links import ENOUGH, FAT, Links, links_clearance, links_of, place_links
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.tracking import track
@@ -103,7 +103,7 @@ class Carrying:
         lattice = _lattice(scene.body.solids)
         carried = np.zeros(len(self.holders))
         carried[list(grasp.holders)] = self.mass / len(grasp.holders)
-        around = Surroundings(
+        around = ArmSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
             first=grasp.holders[0],

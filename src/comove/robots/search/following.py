@@ -30,7 +30,7 @@ SUB_STEP, MAX_SUB_STEPS = 0.02, 10  # m, and parts of an interval, at which near
 SETTLING = 200  # iterations from a random seed
 
 
-class Surroundings(NamedTuple):
+class ArmSurroundings(NamedTuple):
     """Everything but the arms, for kernels.
 
     Attributes
@@ -65,7 +65,7 @@ class Arms(NamedTuple):
 
     chains: Chains
     links: Links
-    around: Surroundings
+    around: ArmSurroundings
 
 
 class Strain(NamedTuple):

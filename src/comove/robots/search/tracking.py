@@ -35,7 +35,7 @@ class Miss:
     distance: float
 
 
-class Task(Protocol):
+class TrackingTask(Protocol):
     """Who tracks: a robot whose arms hold a load (see `carrying.Carrying`)."""
 
     robot: Robot
@@ -56,7 +56,7 @@ class Task(Protocol):
         """The joints from which they follow a movement best."""
 
 
-def track(task: Task, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
+def track(task: TrackingTask, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
     """Joints along a motion of the hands, and where they miss it most, if they do.
 
     The arms are led through once, as in a search; what redundancy does there, smoothed, is the posture that it
