@@ -1,9 +1,10 @@
-"""Compiled kernels on disk: what is damaged is compiled again, and where none can be kept all goes on without.
+"""The cache of compiled numba kernels on disk, made safe against damaged files and folders that cannot be written.
 
-numba keeps what it has compiled beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on
-a file that is cut off, on a full disk, and where none of the three can be written; it runs machine code that was
-damaged; and two processes that compile two signatures of a function at once can take each other's. Here every file
-carries a checksum of its contents and its signature. Kernels of others are left alone.
+numba keeps compiled functions beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on
+a truncated file, on a full disk, and where none of the three folders can be written; it runs machine code that was
+damaged; and two processes that compile two signatures of one function at the same time can load each other's code.
+Here every file carries a checksum of its contents and its signature: a damaged file is compiled again, and where no
+folder can be written comove runs without a cache. The kernels of other packages are left alone.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _told = False
 
 
 def guard_kernels() -> None:
-    """See to it that numba, which may never be imported, keeps comove's kernels so."""
+    """Make numba store comove's kernels with checksums, now or when numba is imported."""
     if CACHING in sys.modules:
         _guard(sys.modules[CACHING])
     else:
@@ -35,7 +36,7 @@ def guard_kernels() -> None:
 
 
 class _WhenImported(MetaPathFinder):
-    """Waits for the module of numba, once."""
+    """A finder that waits for the import of numba's caching module and guards it once."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -56,12 +57,12 @@ class _WhenImported(MetaPathFinder):
 
 
 def _guard(caching: ModuleType) -> None:
-    """Put what is better in the place of what numba does."""
+    """Replace numba's functions that begin, load and save a cache by guarded ones."""
     cache, file = caching.FunctionCache, caching.IndexDataCacheFile
     begin, load, save = cache.__init__, cache.load_overload, cache.save_overload
 
     class Sealed(file):
-        """Files whose contents and signature are checked; what does not fit is as if it were not there."""
+        """Cache files whose contents and signature are checked; a file that does not match counts as missing."""
 
         def load(self, key: Any) -> Any:
             name = self._load_index().get(key)
@@ -119,7 +120,7 @@ def _guard(caching: ModuleType) -> None:
 
 
 def _seal(key: Any, data: bytes) -> bytes:
-    """Checksum of a compiled function and what it was compiled for."""
+    """Return the checksum of a compiled function and of the signature that it was compiled for."""
     return hashlib.sha256(_ADDRESS.sub("", repr(key)).encode() + data).digest()
 
 

@@ -1,7 +1,7 @@
-"""The exception tree.
+"""The exceptions and warnings of comove, and helpers that word their messages.
 
 Every error that a user can cause is an :class:`InputError`: it carries the file, the key and the
-value that are wrong and the way out, and reads as one sentence.
+value that are wrong and how to correct them, and reads as one sentence.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ MOST_KNOWN = 100
 
 
 class ComoveError(Exception):
-    """Root of everything that comove raises on purpose."""
+    """Root class of all exceptions that comove raises on purpose."""
 
 
 class InputError(ComoveError):
-    """Bad input, told in one sentence.
+    """An error in the user's input, whose message is one sentence.
 
     Parameters
     ----------
     message
-        What is wrong, with the offending value in it.
+        What is wrong, with the wrong value.
     file
-        The file it stands in.
+        The file that holds the wrong value.
     key
-        Where in the file: a dotted key, a row, an option.
+        The place in the file: a dotted key, a row, an option.
     way_out
         What to write instead.
     """
@@ -49,34 +49,34 @@ class InputError(ComoveError):
 
 
 class DemonstrationError(InputError):
-    """A recording that cannot be read or used."""
+    """A recording cannot be read or used."""
 
 
 class LibraryError(InputError):
-    """A primitive's file, or a library of them, that cannot be read, written or used."""
+    """A primitive's file, or a library of primitives, cannot be read, written or used."""
 
 
 class SceneError(InputError):
-    """A scene file, or a scene, that contradicts itself or the contract."""
+    """A scene file, or a scene, contradicts itself or breaks the rules of the format."""
 
 
 class ResultError(InputError):
-    """A result folder that is missing, incomplete or edited."""
+    """A result folder is missing, incomplete or edited."""
 
 
 class RobotError(InputError):
-    """A robot's description or model that cannot be read or used, or a motion that is not its own."""
+    """A robot's description or model cannot be read or used, or a motion does not belong to the robot."""
 
 
 class ExtraError(ComoveError):
-    """Something optional is not installed; the message holds the command that installs it.
+    """An optional package is not installed; the message holds the command that installs it.
 
     Parameters
     ----------
     what
-        What needs it, in words.
+        The feature that needs the package, in words.
     extra
-        The extra of this package that brings it.
+        The name of the extra of this package that installs it.
     """
 
     def __init__(self, what: str, extra: str):
@@ -85,19 +85,19 @@ class ExtraError(ComoveError):
 
 
 class OptionError(InputError):
-    """An option or argument outside its range."""
+    """An option or argument is outside its range."""
 
 
 class ConstraintError(InputError):
-    """Constraints that cannot be met together near a movement."""
+    """The constraints cannot be met together near a movement."""
 
 
 class ComoveWarning(UserWarning):
-    """Something was changed or looks wrong, and the user should know."""
+    """A value was changed or looks wrong, and the user should know."""
 
 
 def shortened(text: str, limit: int = 120) -> str:
-    """Leave out the middle of a long text.
+    """Return a text without its middle where it is longer than `limit` characters.
 
     >>> shortened("9" * 1000, 20)
     '9999999999...9999999'
@@ -106,22 +106,23 @@ def shortened(text: str, limit: int = 120) -> str:
 
 
 def readable(message: str) -> str:
-    """A message in which nothing that is quoted is too long to be read."""
+    """Return a message in which long words, and the message as a whole, are shortened so that it can be read."""
     words = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: shortened(word[0]), message)
     return shortened(words, LONGEST_MESSAGE)
 
 
 def plain(message: str) -> str:
-    """A message whose characters a terminal shows; the others are escaped as Python does.
+    """Return a message whose unprintable characters are escaped as Python does, so that a terminal shows it safely.
 
-    Lines that are indented go on with the message; a line that is not comes from what is quoted.
+    An indented line continues the message. A line that is not indented comes from quoted text: its line break is
+    escaped too.
     """
     lines = re.split(r"\n(?=  )", message)
     return "\n".join("".join(c if c.isprintable() else repr(c)[1:-1] for c in line) for line in lines)
 
 
 def near_name(name: str, names: Iterable[str]) -> str:
-    """Say which of the known `names` was probably meant, and list them all.
+    """Return a sentence that suggests the known name nearest to `name` and lists the known `names`.
 
     >>> near_name("raduis", ["center", "radius"])
     "did you mean 'radius'? known: center, radius"

@@ -1,7 +1,7 @@
-"""Which of several is largest: the first in order where only rounding would decide.
+"""Position of the largest or least value; values that differ only by rounding count as equal, and the first is taken.
 
-Hands, joints and obstacles that mirror each other are equally far off, but for the last digit, and that digit hangs
-on the processor. What a message names, and what is decided, must not.
+Hands, joints and obstacles that mirror each other give values that are equal but for the last digit, and that digit
+depends on the processor. Messages and decisions must not depend on it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ ALIKE = 1e-9  # relative to the largest number of all
 
 
 def first_largest(values: ArrayLike) -> int:
-    """The first, in the flattened array, of those as large as the largest; nan counts as larger than all numbers."""
+    """Return the first index in the flattened array of a value as large as the largest; nan counts as largest."""
     values = np.asarray(values, dtype=float).ravel()
     best = int(np.argmax(values))
     if not np.isfinite(values[best]):
@@ -23,5 +23,5 @@ def first_largest(values: ArrayLike) -> int:
 
 
 def first_least(values: ArrayLike) -> int:
-    """The first, in the flattened array, of those as small as the least; nan counts as smaller than all numbers."""
+    """Return the first index in the flattened array of a value as small as the least; nan counts as least."""
     return first_largest(-np.asarray(values, dtype=float))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A sampled movement; the arrays are read-only.
+    """A movement of one or several manipulators, sampled in time; the arrays are read-only.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class PoseTrajectory(Trajectory):
-    """A sampled movement with orientations; the arrays are read-only.
+    """A sampled movement that also holds orientations; the arrays are read-only.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class PoseTrajectory(Trajectory):
 
     @property
     def rotation(self) -> Rotation:
-        """The orientations as scipy's `Rotation`, of shape (n_steps,) or (n_steps * n_manipulators,)."""
+        """Return the orientations as SciPy's `Rotation`, of shape (n_steps,) or (n_steps * n_manipulators,)."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.orientation.reshape(-1, 4), scalar_first=True)

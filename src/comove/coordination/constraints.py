@@ -1,13 +1,13 @@
-"""Constraints between manipulators that move for themselves, and the projection onto them.
+"""Constraints between manipulators that move independently, and the projection onto them.
 
-A constraint is a function of the manipulators' poses whose values vanish where it is met; an inequality is the part
-by which it is broken, ``max(0, h)``. `project` moves all poses of all samples to a near point where every
-constraint is met, by Gauss-Newton on positions and orientations: in each step the least correction that meets the
-linearised constraints,
+A constraint is a function of the manipulators' poses whose values vanish where it is met; the value of an inequality
+is the amount by which it is violated, ``max(0, h)``. `project` moves all poses of all samples to a near point where
+every constraint is met, by Gauss-Newton on positions and orientations. Each step is the least correction that meets
+the linearised constraints,
 
     xi = -W J^T (J W J^T)^+ residual,      y <- y + xi_y,      R <- exp(xi_r) R,
 
-with a metric W in which a radian counts as `TURN_LENGTH` metres. J is taken by central differences.
+with a metric W in which a radian counts as `TURN_LENGTH` metres. J is computed by central differences.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ DIFFERENCE = 1e-6  # m or rad
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of several manipulators at several samples: what a constraint sees.
+    """The poses of several manipulators at several samples, which are the argument of every constraint.
 
     Attributes
     ----------
@@ -48,15 +48,15 @@ class Poses:
     orientations: Array
 
     def position(self, name: str) -> Array:
-        """Positions of one manipulator; array, shape (n_steps, 3), [m]."""
+        """Return the positions of one manipulator; array, shape (n_steps, 3), [m]."""
         return self.positions[:, self._index(name)]
 
     def rotation(self, name: str) -> Array:
-        """Rotation matrices of one manipulator; array, shape (n_steps, 3, 3)."""
+        """Return the rotation matrices of one manipulator; array, shape (n_steps, 3, 3)."""
         return matrices(self.orientations[:, self._index(name)])
 
     def orientation(self, name: str) -> Array:
-        """Quaternions of one manipulator; array, shape (n_steps, 4)."""
+        """Return the unit quaternions (w x y z) of one manipulator; array, shape (n_steps, 4)."""
         return self.orientations[:, self._index(name)]
 
     def _index(self, name: str) -> int:
@@ -71,7 +71,7 @@ Constraint = Callable[[Poses], Array]
 
 @dataclass(frozen=True)
 class HandDistance:
-    """Two hands stay `distance` apart [m]."""
+    """A constraint that keeps two hands `distance` apart [m]."""
 
     first: str
     second: str
@@ -88,7 +88,7 @@ class HandDistance:
 
 @dataclass(frozen=True)
 class Separation:
-    """Two hands stay at least `distance` apart [m]."""
+    """A constraint that keeps two hands at least `distance` apart [m]."""
 
     first: str
     second: str
@@ -103,7 +103,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class SameHeight:
-    """Two hands are at the same height."""
+    """A constraint that keeps two hands at the same height."""
 
     first: str
     second: str
@@ -114,7 +114,7 @@ class SameHeight:
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """The second hand keeps `pose` in the frame of the first."""
+    """A constraint that keeps the second hand at `pose` in the frame of the first."""
 
     first: str
     second: str
@@ -136,7 +136,7 @@ class RelativePose:
 
 @dataclass(frozen=True)
 class Upright:
-    """The hand's `axis`, in its own frame, points up: a tray stays level."""
+    """A constraint that makes `axis`, given in the hand's own frame, point up, as for a tray that stays level."""
 
     name: str
     axis: tuple[float, float, float] = VERTICAL
@@ -155,14 +155,14 @@ class Upright:
 
 
 def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
-    """The poses moved onto all constraints, at every sample.
+    """Return the poses moved onto all constraints, at every sample.
 
     Raises
     ------
     ConstraintError
-        If they cannot be met together; names the constraint that is missed most.
+        If the constraints cannot be met together; the message names the one that is violated most.
     OptionError
-        If a constraint does not give one row of finite numbers a sample.
+        If a constraint does not return one row of finite numbers per sample.
     """
     if not constraints:
         return poses
@@ -224,7 +224,7 @@ def _rows(constraint: Constraint, poses: Poses) -> Array:
 
 
 def _jacobian(poses: Poses, constraints: Sequence[Constraint]) -> Array:
-    """Derivatives of the residuals; array, shape (n_steps, n_residuals, 6 n_manipulators)."""
+    """Return the derivatives of the residuals; array, shape (n_steps, n_residuals, 6 n_manipulators)."""
     width = 6 * len(poses.manipulators)
     columns = []
     for j in range(width):
@@ -236,7 +236,7 @@ def _jacobian(poses: Poses, constraints: Sequence[Constraint]) -> Array:
 
 
 def _moved(poses: Poses, step: Array) -> Poses:
-    """The poses after translations and turns; step (n_steps, 6 n_manipulators)."""
+    """Return the poses after translations and rotations; `step` has the shape (n_steps, 6 n_manipulators) [m, rad]."""
     step = step.reshape(len(step), -1, 6)
     turned = quaternion_product(exponential(step[..., 3:]), poses.orientations)
     return Poses(poses.manipulators, poses.positions + step[..., :3], turned)

@@ -1,4 +1,4 @@
-"""Manipulators with orientations, moving together in cooperative coordinates on one phase.
+"""Manipulators with orientations that move together in cooperative coordinates, on one phase.
 
 Every hand's pose is that of a common frame times its own pose in that frame,
 
@@ -7,7 +7,7 @@ Every hand's pose is that of a common frame times its own pose in that frame,
 where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
 prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
 construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
-move for themselves have no X; constraints between them are met by projection, sample by sample.
+move independently have no X; constraints between them are met by projection, sample by sample.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROUNDING = 1e-7  # m
 
 @dataclass(frozen=True, eq=False)
 class CooperativeState:
-    """Where an execution stands.
+    """The state of an execution, which holds the states of its movements.
 
     Attributes
     ----------
@@ -48,24 +48,24 @@ class CooperativeState:
 
     @property
     def time(self) -> float:
-        """Since the start [s]."""
+        """Return the time since the start [s]."""
         return next(iter(self.parts.values())).time
 
     @property
     def progress(self) -> float:
-        """Phase in durations."""
+        """Return the phase in durations."""
         return next(iter(self.parts.values())).progress
 
 
 @dataclass(frozen=True, eq=False)
 class CooperativeDMP:
-    """Several manipulators in space on one phase.
+    """A movement of several manipulators in space that share one phase.
 
     Attributes
     ----------
-    load : movement of the common frame; None where every hand moves for itself
+    load : movement of the common frame; None where every hand moves independently
     hands : by name, the pose in that frame: constant, or a movement of the same duration
-    constraints : what is met by projection
+    constraints : constraints that are met by projection
     """
 
     load: PoseDMP | None
@@ -122,7 +122,7 @@ class CooperativeDMP:
         n_basis: int = 20,
         **options,
     ) -> CooperativeDMP:
-        """Hands that carry a load as one hand was shown to: from a single-arm demonstration to all manipulators.
+        """Build the movement of all hands that carry a load from the demonstration of a single hand.
 
         Parameters
         ----------
@@ -154,18 +154,18 @@ class CooperativeDMP:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Return the duration of the movement [s]."""
         return next(iter(self._movements().values())).duration
 
     @property
     def manipulators(self) -> tuple[str, ...]:
-        """Names of the hands."""
+        """Return the names of the hands."""
         return tuple(self.hands)
 
     def towards(
         self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
     ) -> CooperativeDMP:
-        """The same movement between other poses of the load, or at another pace."""
+        """Return the movement between other poses of the load, or with another duration [s]."""
         if self.load is None and (start is not None or goal is not None):
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
@@ -186,13 +186,13 @@ class CooperativeDMP:
         duration: float | None = None,
         n_steps: int = 201,
     ) -> PoseTrajectory:
-        """Play the movement of all hands, between other poses of the load if they are given."""
+        """Return samples of the movement of all hands, between other poses of the load if they are given."""
         require_steps(n_steps)
         dmp = self.towards(start=start, goal=goal, duration=duration)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
-        """Poses and velocities of all hands at any times [s], array of shape (n_steps,).
+        """Return poses and velocities of all hands at any times [s], array of shape (n_steps,).
 
         Raises
         ------
@@ -224,7 +224,7 @@ class CooperativeDMP:
         )
 
     def initial_state(self) -> CooperativeState:
-        """The state at time 0, from which `step` goes on."""
+        """Return the state at time 0, from which `step` continues."""
         return CooperativeState(
             {name: movement.initial_state() for name, movement in self._movements().items()}
         )
@@ -237,20 +237,20 @@ class CooperativeDMP:
         )
 
     def redirected(self, state: CooperativeState, goal: Pose, name: str = "") -> CooperativeState:
-        """The state with a moved goal: of the load, or of the hand `name` that moves for itself."""
+        """Return the state with another goal: of the load, or of the hand `name` that moves independently."""
         return self._changed(state, name, self._movement(name).redirected(state.parts[name], goal))
 
     def displaced(self, state: CooperativeState, pose: Pose, name: str = "") -> CooperativeState:
-        """The state of a load, or of a hand, that was pushed to `pose`."""
+        """Return the state after the load, or the hand `name`, was pushed to `pose`."""
         return self._changed(state, name, self._movement(name).displaced(state.parts[name], pose))
 
     def poses(self, state: CooperativeState) -> dict[str, Pose]:
-        """Poses of all hands in a state.
+        """Return the poses of all hands in a state, by name.
 
         Raises
         ------
         ConstraintError
-            If the constraints cannot be met together near them.
+            If the constraints cannot be met together near these poses.
         """
         movements = self._movements()
         now = {name: movements[name].pose(part) for name, part in state.parts.items()}
@@ -266,7 +266,9 @@ class CooperativeDMP:
         }
 
     def _free(self, time: Array) -> tuple[Poses, Array, Array]:
-        """Poses without projection, and velocities and angular velocities, (n_steps, n_manipulators, 3)."""
+        """Return poses without projection, and velocities and angular velocities, arrays (n_steps, n_manipulators,
+        3).
+        """
         n_steps = len(time)
         frame = None if self.load is None else self.load.at(time)
         positions, orientations, velocities, spins = [], [], [], []
@@ -291,10 +293,10 @@ class CooperativeDMP:
         return Poses(self.manipulators, positions, orientations), velocities, spins
 
     def _require_no_jump(self, time: Array, poses: Poses) -> None:
-        """Refuse a projection that is far faster than the movement somewhere, however it was sampled.
+        """Refuse a projection that is much faster than the movement at some time, however the movement is sampled.
 
-        Intervals in which hands go a longer way by the projection than by the movement are halved again and again,
-        towards their faster half: what jumps goes the same way in no time.
+        Intervals in which hands move farther by the projection than by the movement are halved again and again,
+        towards their faster half: at a jump the hands move equally far in an ever shorter time.
         """
         begin, end = time[:-1], time[1:]
         there = [
@@ -338,7 +340,7 @@ class CooperativeDMP:
 
 
 def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
-    """Position and orientation of `hand`, given in `frame`."""
+    """Return the position and the orientation of `hand`, which is given in `frame`."""
     return (
         frame.position + rotations.matrices(frame.orientation) @ hand.position,
         rotations.quaternion_product(frame.orientation, hand.orientation),
@@ -346,7 +348,10 @@ def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
 
 
 def _apart(first: Poses, second: Poses) -> Array:
-    """The largest way of a hand from one pose to another, a radian counting as `TURN_LENGTH`; (n_steps,)."""
+    """Return the largest movement of a hand between two sets of poses, array, shape (n_steps,) [m].
+
+    A radian counts as `TURN_LENGTH` metres.
+    """
     moved = np.linalg.norm(second.positions - first.positions, axis=2)
     cosine = np.abs((first.orientations * second.orientations).sum(axis=2))
     return (moved + TURN_LENGTH * 2 * np.arccos(np.minimum(cosine, 1.0))).max(axis=1)

@@ -1,9 +1,9 @@
 """Coordinates in which a coordinated movement is a plain DMP and its rigid constraints hold by construction.
 
-The configuration q of a scene is the concatenation of one block a rigid group:
+The configuration q of a scene is the concatenation of one block per rigid group:
 
 ============ ============================== ====================================================
-block        q                              a point r of the group is at
+block        q                              position of a point r of the group
 ============ ============================== ====================================================
 point        c (D)                          c + r: a hand, or a load that does not turn at all
 angle        c (D), theta                   c + R(theta) r, in space a turn about the vertical
@@ -14,9 +14,9 @@ quaternion   c (3), p (4), w x y z          c + R(p/|p|) r
 A direction and a quaternion need no unwrapping and no charts; normalising them keeps every distance exact.
 Hands that must be at one height share the column of their heights, as do free hands that keep a load level.
 The projection of two free hands onto their distance constraint (middle -/+ half the distance along the unit
-vector between them) is the same thing as direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
-`projected_coordinates` holds that linear map. `arms_coordinates` leave every hand to itself, as the paper does: one
-point block a hand, in which constraints are held by nothing but the search.
+vector between them) is equal to direction coordinates driven by ``c = (y1 + y2)/2, v = y2 - y1``:
+`projected_coordinates` holds that linear map. `arms_coordinates` describe every hand independently, as the paper
+does: one point block per hand, in which only the search keeps the constraints.
 """
 
 from __future__ import annotations
@@ -68,16 +68,16 @@ Kind = Literal["load", "projected", "arms"]
 
 
 class Blocks(NamedTuple):
-    """The blocks as arrays, the form that kernels take.
+    """The blocks of the coordinates as arrays, the form that kernels take.
 
     Attributes
     ----------
-    kind, first : arrays of int, shape (n_blocks,): POINT, ANGLE, DIRECTION or QUATERNION; first entry in
-        `node` and `point` (with one more at the end of `first`)
-    center : array of int, shape (n_blocks, 3), columns of q of the centre, the third unused in the plane
+    kind, first : arrays of int, shape (n_blocks,) and (n_blocks + 1,): POINT, ANGLE, DIRECTION or QUATERNION; index
+        of the block's first entry in `node` and `point`
+    center : array of int, shape (n_blocks, 3), columns of q that hold the centre, the third unused in the plane
     turn : array of int, shape (n_blocks,), first column of the orientation
-    node : array of int, shape (n_nodes,), which node an entry is
-    point : array, shape (n_nodes, 3), the entry in the group's frame [m]
+    node : array of int, shape (n_nodes,), number of the node that an entry describes
+    point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
     n_dims : 2 or 3
     """
 
@@ -91,14 +91,14 @@ class Blocks(NamedTuple):
 
 
 class Block(NamedTuple):
-    """One block of the coordinates.
+    """One block of the coordinates, which describes one rigid group.
 
     Attributes
     ----------
     kind : POINT, ANGLE, DIRECTION or QUATERNION
-    columns : of q, the centre's and then the orientation's; a slice wherever they are neighbours
-    nodes : array of int, shape (n,), which nodes belong to it
-    points : array, shape (n, 3), these nodes in the group's frame [m]
+    columns : columns of q, those of the centre and then those of the orientation; a slice where they are contiguous
+    nodes : array of int, shape (n,), numbers of the nodes in the block
+    points : array, shape (n, 3), positions of these nodes in the group's frame [m]
     """
 
     kind: int
@@ -109,17 +109,18 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """How configurations of a scene are written as vectors q.
+    """The coordinates that describe configurations of a scene as vectors q.
 
     Attributes
     ----------
     kind : "load" (angle, direction or quaternion about the load's centre), "projected" (free hands,
         projected onto the constraints) or "arms" (free hands)
     blocks : the blocks as arrays
+    groups : the rigid groups that the blocks describe
     n_columns : length of q
-    search : array, shape (n_columns, n_search), how q follows the variables of a search: a scale for each
-        column, or the linear map from free hands for "projected"
-    together : free hands that carry one load, drawn together while it is small
+    search : array, shape (n_columns, n_search), linear map from the variables of a search to q: a scale for each
+        column, or the map from free hands for "projected"
+    together : groups of free hands that carry one load, contracted about their centre while it is small
     """
 
     kind: Kind
@@ -131,16 +132,16 @@ class Coordinates:
 
     @property
     def n_dims(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Return 2 in the plane, 3 in space."""
         return self.blocks.n_dims
 
     def nodes(self, q: Array, size: float = 1.0) -> Array:
-        """Nodes of many rollouts.
+        """Return the nodes of many rollouts.
 
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
-        size : of the groups, 1 for the real load; used while the load grows
+        size : factor on the size of the groups, 1 for the real load; smaller while the load grows
 
         Returns
         -------
@@ -154,7 +155,7 @@ class Coordinates:
         return nodes
 
     def motion(self, q: Array) -> Array:
-        """Positions, velocities and accelerations of the nodes along one movement.
+        """Return positions, velocities and accelerations of the nodes along one movement.
 
         Parameters
         ----------
@@ -173,9 +174,10 @@ class Coordinates:
         return result
 
     def boundary(self, turn: int = 0) -> Array:
-        """Start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest at the goal.
+        """Return start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest at the
+        goal.
 
-        `turn` asks for another way round: whole turns for an angle, the other sign for a quaternion.
+        `turn` selects another way to turn: additional whole turns for an angle, the other sign for a quaternion.
         """
         values = np.zeros((4, self.n_columns))
         for group, (kind, columns, _, _) in zip(self.groups, self.parts, strict=True):
@@ -189,7 +191,7 @@ class Coordinates:
         return values
 
     def from_hands(self, hands: Array) -> Array:
-        """The configurations nearest to given hands, continuous in time.
+        """Return the configurations nearest to given hands, continuous in time.
 
         Parameters
         ----------
@@ -227,7 +229,7 @@ class Coordinates:
         return q / shared
 
     def centers(self, q: Array) -> Array:
-        """The blocks' centres one after the other, shared columns repeated.
+        """Return the blocks' centres one after the other, with shared columns repeated.
 
         Parameters
         ----------
@@ -241,11 +243,13 @@ class Coordinates:
         return q if np.array_equal(columns, np.arange(self.n_columns)) else q[:, columns]
 
     def same_as(self, other: Coordinates) -> bool:
-        """Whether both write configurations of the same groups in the same way."""
+        """Return whether both describe configurations of the same groups in the same way."""
         return all(np.array_equal(a, b) for a, b in zip(self.blocks, other.blocks, strict=True))
 
     def from_load(self, q: Array, load: Coordinates) -> Array:
-        """Rewrite configurations of the same scene's `load_coordinates` in these; arrays, shape (..., n_columns)."""
+        """Return configurations in the scene's `load_coordinates`, rewritten in these; arrays, shape (...,
+        n_columns).
+        """
         result = np.empty((*q.shape[:-1], self.n_columns))
         for own, theirs in zip(self.parts, load.parts, strict=True):
             part = q[..., theirs.columns]
@@ -256,7 +260,7 @@ class Coordinates:
 
     @cached_property
     def parts(self) -> tuple[Block, ...]:
-        """The blocks one by one."""
+        """Return the blocks one by one."""
         blocks = self.blocks
         return tuple(
             Block(
@@ -270,18 +274,18 @@ class Coordinates:
 
 
 def load_coordinates(scene: Scene) -> Coordinates:
-    """Coordinates about the load's centre: the fewest that describe the scene."""
+    """Return coordinates about the load's centre: the fewest that describe the scene."""
     return _coordinates(scene, "load", [KINDS[g.orientation] for g in scene.groups])
 
 
 def projected_coordinates(scene: Scene) -> Coordinates:
-    """Free hands, projected onto the constraints.
+    """Return coordinates of free hands, projected onto the constraints.
 
     Raises
     ------
     OptionError
-        Where the projection has no linear driver: in space with three hands or more on one load, with a relative
-        pose, and with a load that stays upright.
+        Where the projection is not driven by a linear map: in space with three hands or more on one load, with a
+        relative pose, and with a load that stays upright.
     """
     kinds = []
     for group in scene.groups:
@@ -313,12 +317,12 @@ def projected_coordinates(scene: Scene) -> Coordinates:
 
 
 def arms_coordinates(scene: Scene) -> Coordinates:
-    """Every hand for itself: no constraint is held by these coordinates.
+    """Return coordinates that describe every hand independently, so that no constraint holds by construction.
 
     Raises
     ------
     OptionError
-        If the load has points beside the hands, which free hands do not determine; if it must stay upright in the
+        If the load has points besides the hands, which free hands do not determine; if it must stay upright in the
         plane, or between hands at different heights; and if hands must keep their relative pose in space.
     """
     tilted = [c for c in scene.constraints if isinstance(c, UprightConstraint) and not _is_level(scene, c)]
@@ -354,12 +358,12 @@ COORDINATES = {"load": load_coordinates, "projected": projected_coordinates, "ar
 
 
 def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:
-    """The coordinates of a scene by their kind."""
+    """Return the coordinates of a scene by their kind."""
     return COORDINATES[kind](scene)
 
 
 def _padded(y: Array) -> Array:
-    """A point with zeros up to three coordinates; array, shape (3,)."""
+    """Return a point padded with zeros to three coordinates; array, shape (3,)."""
     return np.concatenate([y, np.zeros(3 - len(y))])
 
 
@@ -395,7 +399,7 @@ def _coordinates(
 
 
 def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
-    """For every group the first one at the same height, by the demands on hands of different groups."""
+    """Return, for every group, the number of the first group that is kept at the same height by the constraints."""
     group_of = {hand: b for b, group in enumerate(groups) for hand in group.members}
     level = list(range(len(groups)))
     for c in scene.constraints:
@@ -412,18 +416,20 @@ def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
 
 
 def _is_level(scene: Scene, c: UprightConstraint) -> bool:
-    """Return whether hands that keep a load upright are at one height at both ends, and so all along; in space."""
+    """Return whether hands that keep a load upright are at one height at start and goal, and so at all times; in
+    space only.
+    """
     heights = [ends[list(c.members), -1] for ends in (scene.start, scene.goal)]
     return scene.n_dims == 3 and all(np.ptp(h) <= ROUNDING for h in heights)
 
 
 def _width(kind: int, n_dims: int) -> int:
-    """How many columns an orientation has."""
+    """Return the number of columns of an orientation."""
     return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
 
 
 def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArray[np.int64]:
-    """The columns of one block, as a slice where they are neighbours."""
+    """Return the columns of one block, as a slice where they are contiguous."""
     columns = np.append(center, np.arange(turn, turn + width))
     neighbours = (np.diff(columns) == 1).all()
     return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
@@ -431,7 +437,7 @@ def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArra
 
 @numba.njit(cache=True, error_model="numpy")
 def place(blocks, q, size):
-    """Nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3)."""
+    """Return the nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3) [m]."""
     n_rollouts, n_columns, n_steps = q.shape
     nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
     row = np.empty(n_columns)
@@ -445,7 +451,9 @@ def place(blocks, q, size):
 
 @numba.njit(cache=True, error_model="numpy")
 def place_one(blocks, q, size, nodes):
-    """Nodes, array of shape (n_nodes, 3), of one configuration q, array of shape (n_columns,), in place."""
+    """Write in `nodes`, array of shape (n_nodes, 3), the nodes of one configuration q, array of shape (n_columns,)
+    [m].
+    """
     n_dims = blocks.n_dims
     for b in range(blocks.kind.shape[0]):
         kind, o = blocks.kind[b], blocks.turn[b]
@@ -478,7 +486,7 @@ def place_one(blocks, q, size, nodes):
 
 
 def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
-    """The block of q that describes a pose; array, shape (n_block_columns,)."""
+    """Return the block of q that describes a pose; array, shape (n_block_columns,)."""
     center, rotation = pose.center[:n_dims], pose.rotation
     if kind == POINT:
         return center.copy()
@@ -490,7 +498,9 @@ def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
 
 
 def _write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
-    """How fast a block of q, array of shape (n_block_columns,), changes with a twist; array of the same shape."""
+    """Return the rate of change of a block of q, array of shape (n_block_columns,), with a twist; array of the same
+    shape.
+    """
     turn, (x, y, z) = block[n_dims:], twist[3:]
     if kind == ANGLE:
         change = np.array([z])
@@ -502,7 +512,7 @@ def _write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
 
 
 def _turned(kind: int, part: Array, points: Array) -> Array:
-    """R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
+    """Return R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
     result = np.zeros((3, part.shape[1], len(points), 3))
     if kind == POINT:
         result[0] = points
@@ -534,7 +544,7 @@ def _turned(kind: int, part: Array, points: Array) -> Array:
 
 
 def unit_motion(part: Array) -> Array:
-    """v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
+    """Return v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
     length = np.linalg.norm(part[0], axis=-1, keepdims=True)
     u = part[0] / length
     grow = (u * part[1]).sum(axis=-1, keepdims=True)
@@ -545,9 +555,10 @@ def unit_motion(part: Array) -> Array:
 
 
 def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
-    """Quaternions (n, 4) that turn the x axis along `directions` (n, 3), with the least roll about it.
+    """Return quaternions (n, 4) that turn the x axis along `directions` (n, 3), with the least roll about it.
 
-    The roll begins at the quaternion `start`; what is missing at the end to that of `goal` is spread evenly.
+    The roll begins at the quaternion `start`; the difference of the roll at the end from that of `goal` is spread
+    evenly.
     """
     x, y, z = directions.T
     none = np.zeros_like(x)

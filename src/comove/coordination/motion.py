@@ -1,4 +1,6 @@
-"""The candidate: a coordinated movement as an exact curve, not as samples."""
+"""The candidate of a search: a coordinated movement as an exact curve, not as samples; and the primitive that makes
+it.
+"""
 
 from __future__ import annotations
 
@@ -39,9 +41,9 @@ class CoordinatedMotion:
 
     Attributes
     ----------
-    scene : what it is meant for
-    coordinates : how its configurations are written
-    basis : its transformed system
+    scene : the scene of the movement
+    coordinates : coordinates that describe its configurations
+    basis : basis functions of its transformed system
     boundary : array, shape (4, n_columns): start, start velocity, goal, goal velocity of q
     weights : array, shape (n_columns, n_basis), shape weights
     """
@@ -60,13 +62,13 @@ class CoordinatedMotion:
 
     @classmethod
     def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
-        """From start to goal of minimum jerk through whatever stands there; in load coordinates unless given."""
+        """Return the minimum-jerk motion from start to goal, which ignores obstacles; in load coordinates by default."""
         coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "jerk")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
 
     def on(self, scene: Scene) -> CoordinatedMotion:
-        """The same movement on its scene made larger or smaller (`Scene.scaled`)."""
+        """Return the movement on its scene made larger or smaller (`Scene.scaled`)."""
         coordinates = coordinates_for(scene, self.coordinates.kind)
         factor, blocks = np.ones(self.coordinates.n_columns), self.coordinates.blocks
         sides = [float((own.upper - own.lower).max()) for own in (scene, self.scene)]
@@ -77,44 +79,46 @@ class CoordinatedMotion:
 
     @cached_property
     def knots(self) -> Array:
-        """q and its first two derivatives at the knots; array, shape (3, n_knots, n_columns)."""
+        """Return q and its first two derivatives at the knots; array, shape (3, n_knots, n_columns)."""
         knots = self.basis.boundary @ self.boundary + self.basis.shape @ self.weights.T
         knots.setflags(write=False)
         return knots
 
     def at(self, s: ArrayLike) -> Array:
-        """The same at normalised times `s`; array, shape (3, n_steps, n_columns)."""
+        """Return q and its first two derivatives at normalised times `s`; array, shape (3, n_steps, n_columns)."""
         boundary, shape = self.basis.at(s)
         return boundary @ self.boundary + shape @ self.weights.T
 
     def hands(self, s: ArrayLike) -> Array:
-        """Hands and their derivatives by normalised time; array, shape (3, n_steps, n_manipulators, n_dims)."""
+        """Return the hands and their derivatives by normalised time; array, shape (3, n_steps, n_manipulators,
+        n_dims).
+        """
         nodes = self.coordinates.motion(self.at(s))
         return nodes[:, :, : len(self.scene.manipulators), : self.scene.n_dims]
 
     @cached_property
     def curve(self) -> Curve:
-        """What an execution follows, in configurations."""
+        """Return the curve in configurations that an execution follows."""
         basis = self.basis
         force = basis.boundary_force @ self.boundary + basis.shape_force @ self.weights.T
         return Curve(self.knots, force, self.boundary[2])
 
     def initial_state(self) -> DMPState:
-        """The state at time 0, from which `step` goes on; its position is a configuration q."""
+        """Return the state at time 0, from which `step` continues; its position is a configuration q."""
         return begin(self.curve, self.boundary[0], self.boundary[1], self.scene.duration)
 
     def step(self, state: DMPState, dt: float, *, rate: float = 1.0) -> DMPState:
         """Advance by `dt` [s] online, exactly as `DMP.step` does.
 
-        What the coordinates hold by construction, they hold at any pace, in pauses, after pushes and while the goal
-        moves. A redirected movement has not been verified.
+        Constraints that the coordinates keep by construction hold at any pace, in pauses, after pushes and while the
+        goal moves. A redirected movement has not been verified.
         """
         if not np.array_equal(state.goal, state.curve.goal):
             state = self._towards(state, state.goal)
         return advance(state, dt, rate)
 
     def hands_at(self, state: DMPState) -> tuple[Array, Array]:
-        """Positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators, n_dims)."""
+        """Return positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators, n_dims)."""
         rate = state.rate / state.duration
         q = np.stack([state.position, state.slope * rate, np.zeros_like(state.position)])[:, None]
         position, velocity, _ = self.coordinates.motion(q)[
@@ -123,12 +127,12 @@ class CoordinatedMotion:
         return position, velocity
 
     def redirected(self, state: DMPState, goal: ArrayLike) -> DMPState:
-        """The state with a moved goal, array of shape (n_manipulators, n_dims), [m].
+        """Return the state with another goal, array of shape (n_manipulators, n_dims), [m].
 
         Raises
         ------
         OptionError
-            If hands at this goal would not meet what the coordinates hold.
+            If hands at this goal would violate constraints that the coordinates keep by construction.
         """
         q = self._configuration(state.curve.goal, goal)
         miss = np.abs(self._hands_of(q) - goal).max()
@@ -140,7 +144,7 @@ class CoordinatedMotion:
         return self._towards(state, q)
 
     def _towards(self, state: DMPState, q: Array) -> DMPState:
-        """The state on the way to another goal, a configuration."""
+        """Return the state on the way to another goal, a configuration."""
         if len(q) != self.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         boundary = self.boundary.copy()
@@ -149,14 +153,14 @@ class CoordinatedMotion:
         return replace(state, goal=q, curve=curve)
 
     def displaced(self, state: DMPState, hands: ArrayLike) -> DMPState:
-        """The state after a push, with hands as measured, array of shape (n_manipulators, n_dims), [m].
+        """Return the state after a push, with the hands as measured, array of shape (n_manipulators, n_dims), [m].
 
         The nearest configuration is taken, so that the constraints hold whatever was measured.
         """
         return replace(state, position=self._configuration(state.position, hands))
 
     def _configuration(self, near: Array, hands: ArrayLike) -> Array:
-        """The configuration of given hands on the branch of another one, `near`."""
+        """Return the configuration of given hands that continues another one, `near`: in roll, whole turns and sign."""
         if len(near) != self.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         hands = numbers(hands)
@@ -200,12 +204,12 @@ class CoordinatedMotion:
 
 @dataclass(frozen=True, eq=False)
 class CoordinatedDMP:
-    """Several manipulators on one canonical system (what the paper calls a joint DMP).
+    """A primitive of several manipulators that share one canonical system (the paper's joint DMP).
 
     Attributes
     ----------
     scene, coordinates, basis, boundary : as in `CoordinatedMotion`
-    weights : array, shape (n_columns, n_basis), those of the demonstration
+    weights : array, shape (n_columns, n_basis), shape weights of the demonstration
     """
 
     scene: Scene
@@ -218,7 +222,9 @@ class CoordinatedDMP:
     def from_demonstration(
         cls, dmp: DMP | Sequence[DMP], scene: Scene, coordinates: Coordinates, basis: MotionBasis
     ) -> CoordinatedDMP:
-        """Modulate one single-manipulator movement to every manipulator's start and goal (paper, III-B).
+        """Build the primitive from a movement of one manipulator, modulated to every manipulator's start and goal.
+
+        The modulation is that of the paper, III-B.
 
         Parameters
         ----------
@@ -232,7 +238,7 @@ class CoordinatedDMP:
         )
 
     def fitted(self, s: Array, q: Array) -> CoordinatedDMP:
-        """The primitive whose rollout is nearest to given configurations.
+        """Return the primitive whose rollout is nearest to given configurations.
 
         Parameters
         ----------
@@ -262,12 +268,12 @@ class CoordinatedDMP:
         return replace(self, boundary=boundary, weights=weights)
 
     def rollout(self, weights: Array | None = None) -> CoordinatedMotion:
-        """The movement with these shape weights, array of shape (n_columns, n_basis)."""
+        """Return the movement with these shape weights, array of shape (n_columns, n_basis); by default its own."""
         weights = self.weights if weights is None else np.asarray(weights, dtype=float)
         return CoordinatedMotion(self.scene, self.coordinates, self.basis, self.boundary, weights)
 
     def rollouts(self, weights: Array, n_steps: int = 201) -> Array:
-        """Configurations of a whole population by one matrix product.
+        """Return the configurations of a whole population, by one matrix product.
 
         Parameters
         ----------
@@ -302,9 +308,10 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
 
 
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
-    """Carry a movement to other ends by the similarity (rotation and scale) that maps its ends to theirs.
+    """Return a movement carried to another start and goal by the similarity (rotation and scale) that maps its ends
+    to them.
 
-    Where its own ends coincide there is no such map: then it is only shifted. The result starts at rest.
+    Where its own start and goal coincide there is no such map: then it is only shifted. The result starts at rest.
 
     Parameters
     ----------

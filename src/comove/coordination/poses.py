@@ -1,4 +1,4 @@
-"""A taught movement of a load that turns, as the movements of the hands that hold it."""
+"""The taught movement of a load that turns, converted to movements of the hands that hold it."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ N_STEPS, N_BASIS = 401, 50
 def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
     """Return the movements of all hands that carry the load as it was taught, from the scene's start to its goal.
 
-    The way is carried to the load's ends by a similarity, as that of a single hand is (paper, III-B), and the axes of
-    turning turn with it; then turning is led to the load's own ends. What the load cannot do, such as to tilt where
-    it stays upright, is left out.
+    The path is carried to the load's start and goal by a similarity, as that of a single hand is (paper, III-B), and
+    the axes of rotation turn with it; then the rotation is adapted to the load's own start and goal. Rotations that
+    the load cannot perform, such as tilting where it stays upright, are left out.
 
     Parameters
     ----------
-    dmp : poses of the load; only by how much it turns from its start matters
+    dmp : poses of the load; of the orientations, only the rotation since the start matters
 
     Raises
     ------
     OptionError
-        If not one body is all that moves, or the movement has another dimension.
+        If a single body is not all that moves, or the movement has another dimension.
     """
     if not scene.turns_as_one:
         raise OptionError(
@@ -69,7 +69,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
 
 
 def _turned(group: RigidGroup) -> Array:
-    """By what a group turns from start to goal, as little as its hands allow; array, shape (3, 3)."""
+    """Return the rotation of a group from start to goal, as small as its hands allow; array, shape (3, 3)."""
     if group.orientation == "axis":
         return similarity(group.start.rotation[:, 0], group.goal.rotation[:, 0])
     return group.goal.rotation @ group.start.rotation.T

@@ -1,7 +1,7 @@
 """Recordings of movements: reading, cleaning, cutting and writing them.
 
 A file becomes a :class:`Demonstration`, which is clean by construction: finite, starting at time zero,
-every instant once. What was changed on the way is said in its `notes`.
+every instant once. Its `notes` report every change that was made.
 """
 
 from comove.demonstrations.csv import read_csv, write_csv

@@ -1,7 +1,7 @@
-"""What makes a recording fit to learn from: the checks, and the few repairs that are said in words.
+"""Checks of recordings, and the few repairs that are made and reported.
 
-A check raises, because only the user can mend what it finds; a repair returns a note beside the arrays,
-empty where there was nothing to do.
+A check raises, because only the user can correct the fault; a repair returns a note beside the arrays, which is
+empty if there was nothing to repair.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True)
 class Origin:
-    """Where samples come from: names them in messages the way the user sees them.
+    """Holds the origin of samples, and names samples in messages as the user knows them.
 
     Attributes
     ----------
-    file : the file they were read from, None for arrays in memory
+    file : the file from which they were read, None for arrays in memory
     """
 
     file: object = None
 
     def time(self, sample: int) -> str:
-        """Name the time stamp of a sample, counted from 0."""
+        """Return the name of the time stamp of a sample, counted from 0."""
         return f"time[{sample}]"
 
     def position(self, sample: int, dim: int) -> str:
-        """Name one coordinate of a sample."""
+        """Return the name of one coordinate of a sample."""
         return f"position[{sample}, {dim}]"
 
     def orientation(self, sample: int) -> str:
-        """Name the quaternion of a sample."""
+        """Return the name of the quaternion of a sample."""
         return f"orientation[{sample}]"
 
 
@@ -67,7 +67,7 @@ IN_MEMORY = Origin()
 def check(
     time: ArrayLike, position: ArrayLike, origin: Origin = IN_MEMORY
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Refuse what is no recorded movement.
+    """Return time and position as arrays, and raise unless they are a recorded movement.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def check(
     Raises
     ------
     DemonstrationError
-        Not numeric, shapes that do not belong together, fewer than two rows, a number that is not finite,
-        time that goes back or stands still. Names the first bad row.
+        If they are not numeric, their shapes disagree, there are fewer than two rows, a number is not finite, or
+        time goes back or stands still. Names the first bad row.
     """
     time, position = _numbers(time, "time", origin), _numbers(position, "position", origin)
     _check_shapes(time, position, origin)
@@ -95,12 +95,12 @@ def check(
 def check_orientation(
     orientation: ArrayLike, n_steps: int, origin: Origin = IN_MEMORY
 ) -> NDArray[np.float64]:
-    """Refuse what are no orientations, and bring the rest to unit norm.
+    """Return orientations with unit norm, and raise unless they are valid quaternions.
 
     Parameters
     ----------
     orientation : array, shape (n_steps, 4), quaternions w x y z
-    n_steps : how many rows the positions have
+    n_steps : number of rows of the positions
     origin : names samples in messages
 
     Returns
@@ -110,7 +110,8 @@ def check_orientation(
     Raises
     ------
     DemonstrationError
-        Not numeric, another shape, not finite, or a norm off by more than `NORM_TOLERANCE`. Names the first bad row.
+        If they are not numeric, have another shape, are not finite, or a norm differs from 1 by more than
+        `NORM_TOLERANCE`. Names the first bad row.
     """
     orientation = _numbers(orientation, "orientation", origin)
     if orientation.shape != (n_steps, 4):
@@ -136,7 +137,7 @@ def check_orientation(
 
 
 def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Choose between q and -q, which turn alike, so that neighbours lie near each other.
+    """Choose the signs of the quaternions, q or -q for the same orientation, so that neighbours are close.
 
     Parameters
     ----------
@@ -144,8 +145,8 @@ def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float6
 
     Returns
     -------
-    orientation : array, shape (n_steps, 4), the first row as it was
-    note : how often the sign changed, empty if never
+    orientation : array, shape (n_steps, 4); the first row keeps its sign
+    note : number of changed signs in words, empty if there are none
     """
     flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
     if not flips.any():
@@ -159,9 +160,10 @@ def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float6
 def merge_repeated_orientations(
     time: NDArray[np.float64], orientation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Give each instant one orientation: the mean of the rows that share its stamp.
+    """Return one orientation per instant: the mean of the rows with the same time stamp.
 
-    The mean is the axis nearest to all of them (Markley), which knows no signs; single rows stay as they are.
+    The mean is the axis nearest to all of them (Markley), which does not depend on signs; single rows stay as they
+    are.
 
     Parameters
     ----------
@@ -184,12 +186,12 @@ def merge_repeated_orientations(
 
 
 def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
-    """Refuse what are no names of `n_dims` coordinates; the names x, y, z go without saying.
+    """Return the names of `n_dims` coordinates, and raise if they are invalid; for x, y, z return ().
 
     Raises
     ------
     DemonstrationError
-        Not as many texts as coordinates, or an empty or repeated one.
+        If there are not as many names as coordinates, or a name is empty or repeated.
     """
     names = (axes,) if isinstance(axes, str) else tuple(axes)
     if names in ((), ("x", "y", "z")[:n_dims]):
@@ -206,7 +208,7 @@ def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Shift `time`, shape (n_steps,), [s], to start at zero."""
+    """Shift `time`, shape (n_steps,), [s], to start at zero, and return it with a note, empty if nothing changed."""
     if time[0] == 0.0:
         return time, ""
     return time - time[0], f"time shifted by {-time[0]:.9g} s to start at 0"
@@ -215,7 +217,7 @@ def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
 def merge_repeated_stamps(
     time: NDArray[np.float64], position: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
-    """Give each instant one position: the mean of the rows that share its stamp.
+    """Return one position per instant: the mean of the rows with the same time stamp.
 
     Parameters
     ----------
@@ -226,7 +228,7 @@ def merge_repeated_stamps(
     -------
     time : array, shape (n_distinct,), [s], increasing
     position : array, shape (n_distinct, n_dims), [m]
-    note : what was merged, empty if nothing
+    note : report of the merged rows, empty if there were none
     """
     repeated = np.diff(time) == 0.0
     if not repeated.any():
@@ -242,7 +244,7 @@ def merge_repeated_stamps(
 
 
 def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
-    """Say so when `position`, shape (n_steps, n_dims), [unit], looks like millimetres or degrees."""
+    """Return a hint if `position`, shape (n_steps, n_dims), [unit], looks like millimetres or degrees, else ""."""
     extent = np.ptp(position, axis=0).max()
     if extent <= _UNIT_EXTENTS.get(unit, np.inf):
         return ""

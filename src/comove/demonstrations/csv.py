@@ -1,12 +1,12 @@
 """Recordings as comma-separated text.
 
 One movement has the header `time,x`, `time,x,y` or `time,x,y,z`; several manipulators recorded together
-have `time,left.x,left.y,...,right.x,right.y,...`. Orientations stand in the columns `qw,qx,qy,qz`
-(`left.qw`, ...), quaternions of unit norm. Other coordinates are named with their unit: `elbow [rad]`,
-`left.elbow [rad]`. Time in seconds, positions in metres, numbers with a point, UTF-8. Blank lines and lines
-that begin with `#` are skipped. Rows are counted as an editor counts lines: the first line of the file is row 1.
+have `time,left.x,left.y,...,right.x,right.y,...`. The columns `qw,qx,qy,qz` (`left.qw`, ...) hold orientations,
+quaternions of unit norm. Other coordinates are named with their unit: `elbow [rad]`, `left.elbow [rad]`. Time is in
+seconds, positions are in metres, numbers have a decimal point, the encoding is UTF-8. Blank lines and lines that
+begin with `#` are skipped. Rows are counted as in an editor: the first line of the file is row 1.
 
-NumPy's C parser reads block by block; only a block that it refuses is searched, for the bad cell.
+NumPy's C parser reads block by block; only if it refuses a block is that block searched for the bad cell.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ _EXAMPLE = "begin the file with a line such as time,x,y"
 
 
 def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
-    """Read all movements of a file.
+    """Read all movements of a CSV file.
 
     Parameters
     ----------
-    path : file as the module describes, up to 2,000,000 rows
+    path : file in the format of this module, up to 2,000,000 rows
 
     Returns
     -------
-    demos : movement by manipulator, in the order of the columns; "" where the file names none
+    demos : movement by manipulator, in the order of the columns; "" if the file names none
 
     Raises
     ------
@@ -68,7 +68,7 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
     Warns
     -----
     ComoveWarning
-        The last row does not end its line: it may have been cut.
+        The last line has no line end: it may be incomplete.
     """
     path = existing_file(path, MAX_BYTES, _TOO_LONG)
     with telling(path):
@@ -91,7 +91,7 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
 
 
 def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write movements so that `read_csv` returns the same numbers, bit by bit.
+    """Write movements to a CSV file, from which `read_csv` returns the same numbers, bit by bit.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
 
 
 def _check_writable(path: object, name: str, demo: Demonstration) -> None:
-    """Refuse what no header can name."""
+    """Raise if the header cannot name the coordinates, the manipulator or the unit."""
     if demo.n_dims > len(AXES) and not demo.axes:
         raise DemonstrationError(
             f"{demo.n_dims} dimensions without names have no columns in CSV",
@@ -177,7 +177,7 @@ class _CsvOrigin(Origin):
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Iterate over (row, text) of all lines that say something, the header first."""
+    """Iterate over (row, text) of all lines with content, the header first."""
     with open(path, encoding="utf-8-sig") as file:
         for row, line in enumerate(file, start=1):
             if line.strip() and not line.startswith("#"):
@@ -185,7 +185,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _check_length(path: Path) -> None:
-    """Refuse a file of too many rows, or with too long a one, before any of it is parsed."""
+    """Raise if a file has too many rows or too long a row, before any of it is parsed."""
     feeds = returns = line = 0
     with open(path, "rb") as file:
         while max(feeds, returns) <= MAX_ROWS + 1 and (chunk := file.read(2**16)):
@@ -244,7 +244,7 @@ def _read_header(path: Path) -> list[str]:
 
 
 def _group(path: Path, names: list[str]) -> dict[str, _Group]:
-    """Return the columns of each manipulator; "" where the header names none."""
+    """Return the columns of each manipulator, which is "" if the header names none."""
     columns: dict[str, dict[str, int]] = {}
     units: dict[str, dict[str, str | None]] = {}
     for column, name in enumerate(names[1:], start=1):
@@ -284,7 +284,7 @@ def _group(path: Path, names: list[str]) -> dict[str, _Group]:
 def _one_group(
     path: Path, manipulator: str, found: Mapping[str, int], units: Mapping[str, str | None]
 ) -> _Group:
-    """Order the columns of one manipulator; those without a unit are x, y, z in metres."""
+    """Return the columns of one manipulator in order; columns without a unit are x, y, z in metres."""
     turned = [axis for axis in QUATERNION if axis in found and axis not in units]
     (first, unit), *others = ((axis, unit or "m") for axis, unit in units.items()) if units else [("", "m")]
     for axis, other in others:
@@ -352,7 +352,7 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
 
 
 def _parse(path: Path, names: list[str], row: int, lines: list[str]) -> NDArray[np.float64] | None:
-    """Parse a block of lines, the first of which is `row`; shape (n_rows, n_columns), finite, or None if empty."""
+    """Parse lines, the first of which is `row`; return finite numbers (n_rows, n_columns), or None if there are none."""
     with contextlib.suppress(ValueError):
         # Blank and commented lines are rare: only where the parser stumbles they are looked for.
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2) if all(lines) else None
@@ -371,7 +371,7 @@ def _parse(path: Path, names: list[str], row: int, lines: list[str]) -> NDArray[
 
 
 def _bad_cell(path: Path, names: list[str], block: list[tuple[int, str]]) -> DemonstrationError:
-    """Describe the first bad row of a block that has one."""
+    """Return the error that describes the first bad row of a block."""
     for row, line in block:
         cells = [cell.strip() for cell in line.split(",")]
         if len(cells) != len(names):
@@ -419,7 +419,7 @@ def _not_utf8(path: Path) -> DemonstrationError:
 
 
 def _is_number(cell: str) -> bool:
-    """Say whether NumPy's parser takes `cell` for a number, other than nan and infinity."""
+    """Return whether NumPy's parser accepts `cell` as a number, other than nan and infinity."""
     try:
         float(cell)
     except ValueError:
@@ -428,6 +428,6 @@ def _is_number(cell: str) -> bool:
 
 
 def _short(text: str) -> str:
-    """Quote `text`, cut to a readable length."""
+    """Quote `text`, shortened to a readable length."""
     text = text.strip()
     return repr(text if len(text) <= 40 else f"{text[:37]}...")

@@ -1,4 +1,4 @@
-"""One recorded movement."""
+"""The class of recorded movements."""
 
 from __future__ import annotations
 
@@ -26,32 +26,31 @@ _END_SHARE = 0.01
 class Demonstration:
     """One recorded movement, clean by construction.
 
-    Time starts at zero and increases, at whatever steps it was recorded; all numbers are finite. A later
-    start is shifted, rows of one instant are merged into their mean, quaternions get unit norm and the sign
-    that lies near their neighbour's; anything worse is refused.
+    Time starts at zero and increases, in even or uneven steps; all numbers are finite. Time stamps are shifted to
+    start at zero, rows of one instant are merged into their mean, and quaternions get unit norm and the sign that is
+    nearest to their neighbour; all other faults are errors.
 
     Parameters
     ----------
     time : array, shape (n_steps,), [s]
     position : array, shape (n_steps, n_dims), [m]; 1 to 64 dimensions
-    name : what to call it in messages
-    notes : what was done to the recording so far, in words; cleaning appends to it
-    unit : unit of `position`; anything but "m" is exempt from the hint at millimetres, and what is "rad" gets
-        one at degrees
-    orientation : array, shape (n_steps, 4), unit quaternions w x y z; None where none was recorded
-    axes : names of the coordinates, such as those of joints; () where they are x, y, z or have none
+    name : name of the movement in messages
+    notes : reports of the processing so far, in words; cleaning appends to them
+    unit : unit of `position`; only "m" is checked for numbers that look like millimetres, only "rad" for degrees
+    orientation : array, shape (n_steps, 4), unit quaternions w x y z; None if none was recorded
+    axes : names of the coordinates, such as those of joints; () if they are x, y, z or have no names
 
     All arrays are read-only copies.
 
     Raises
     ------
     DemonstrationError
-        It is no movement, or a quaternion is off unit norm by more than 0.001; names the row.
+        If it is not a movement, or the norm of a quaternion differs from 1 by more than 0.001; names the row.
 
     Warns
     -----
     ComoveWarning
-        Positions were merged, or look like millimetres or degrees.
+        If positions were merged, or look like millimetres or degrees.
     """
 
     time: NDArray[np.float64]
@@ -86,32 +85,32 @@ class Demonstration:
 
     @property
     def n_steps(self) -> int:
-        """Number of samples."""
+        """Return the number of samples."""
         return self.position.shape[0]
 
     @property
     def n_dims(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return self.position.shape[1]
 
     @property
     def duration(self) -> float:
-        """Time of the last sample [s]."""
+        """Return the time of the last sample [s]."""
         return float(self.time[-1])
 
     @property
     def start(self) -> NDArray[np.float64]:
-        """First position, shape (n_dims,), [m]."""
+        """Return the first position, shape (n_dims,), [m]."""
         return self.position[0]
 
     @property
     def goal(self) -> NDArray[np.float64]:
-        """Last position, shape (n_dims,), [m]."""
+        """Return the last position, shape (n_dims,), [m]."""
         return self.position[-1]
 
     @property
     def rotation(self) -> Rotation | None:
-        """The orientations as SciPy's rotations, None where none were recorded."""
+        """Return the orientations as SciPy's rotations, None if none were recorded."""
         if self.orientation is None:
             return None
         from scipy.spatial.transform import Rotation
@@ -120,18 +119,18 @@ class Demonstration:
 
     @property
     def start_velocity(self) -> NDArray[np.float64]:
-        """Velocity at the first sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
+        """Return the velocity at the first sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
         return _end_velocity(self.time, self.position)
 
     @property
     def goal_velocity(self) -> NDArray[np.float64]:
-        """Velocity at the last sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
+        """Return the velocity at the last sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
         return -_end_velocity(self.duration - self.time[::-1], self.position[::-1])
 
     def resampled(self, n_steps: int) -> Demonstration:
         """Return the movement at `n_steps` even time steps, interpolated between neighbours.
 
-        Positions by a monotone cubic (PCHIP), orientations along the shortest turn (slerp).
+        Positions are interpolated by a monotone cubic (PCHIP), orientations along the shortest turn (slerp).
 
         Raises
         ------
@@ -150,17 +149,17 @@ class Demonstration:
         return self._changed(time, position, orientation, note)
 
     def smoothed(self, cutoff_hz: float) -> Demonstration:
-        """Return the movement without what is faster than `cutoff_hz` [Hz]; both ends stay exactly.
+        """Return the movement without frequencies above `cutoff_hz` [Hz]; both ends stay exactly.
 
         Raises
         ------
         OptionError
-            The recording holds no such frequency, or turns faster than that.
+            If the cutoff is not below the Nyquist frequency, or the recording turns too fast for it.
 
         Warns
         -----
         ComoveWarning
-            Always, and says how far samples were moved at most: smoothing is never silent.
+            Always; reports the largest displacement of a sample.
         """
         nyquist = 0.5 * (self.n_steps - 1) / self.duration
         if not 0.0 < cutoff_hz < nyquist:
@@ -182,12 +181,12 @@ class Demonstration:
         return self._changed(self.time, position, orientation, note)
 
     def in_metres(self, unit: str | None) -> Demonstration:
-        """Return the movement with its positions in metres, where they were written in `unit`; as it is for None.
+        """Return the movement with its positions, given in `unit`, converted to metres; unchanged if `unit` is None.
 
         Raises
         ------
         OptionError
-            The unit is not known, or the recording says another one.
+            If the unit is unknown, or the recording states another one.
         """
         if unit is None:
             return self
@@ -204,15 +203,15 @@ class Demonstration:
         return replace(self, position=factor * self.position, unit="m", notes=notes)
 
     def cleaned(self) -> Demonstration:
-        """Return the movement between the pauses, without its noise; notes say what was done.
+        """Return the movement between the pauses, without its noise; notes report the processing.
 
-        Of several movements, the one in which the hand comes farthest. The filter's frequency is the lowest at which
-        it removes no more than the noise, which is read from the recording itself.
+        If there are several movements, the one with the longest path is taken. The cutoff frequency is the lowest at
+        which the filter removes no more than the noise, which is estimated from the recording itself.
 
         Raises
         ------
         DemonstrationError
-            Nothing moves in it.
+            If nothing moves in it.
         """
         from comove.demonstrations.segmentation import segment
 
@@ -229,9 +228,9 @@ class Demonstration:
         return part if cutoff is None else part.smoothed(float(f"{cutoff:.3g}"))
 
     def trimmed(self, speed_threshold: float) -> Demonstration:
-        """Return the movement without standing still, slower than `speed_threshold` [m/s], at its ends.
+        """Return the movement without the samples at its ends that are slower than `speed_threshold` [m/s].
 
-        Turning on the spot counts as standing still.
+        Rotation without translation counts as standing still.
 
         Raises
         ------
@@ -268,25 +267,25 @@ class Demonstration:
         rate: float | None = None,
         clean: bool = False,
     ) -> Demonstration:
-        """Read one movement from a file or folder of any kind that `comove.demonstrations` reads.
+        """Read one movement from a file or folder of any kind that `comove.demonstrations` supports.
 
-        The suffix says the kind: .csv, .npz, .hdf5 or .h5 (robomimic, ALOHA), .bag (ROS 1), .mcap or .db3 (ROS 2);
-        of folders, `meta/info.json` marks a LeRobot dataset and `metadata.yaml` a rosbag2.
+        The suffix determines the kind: .csv, .npz, .hdf5 or .h5 (robomimic, ALOHA), .bag (ROS 1), .mcap or .db3 (ROS
+        2); a folder with `meta/info.json` is a LeRobot dataset, one with `metadata.yaml` a rosbag2.
 
         Parameters
         ----------
         path : file or folder
-        manipulator : whose movement, where several were recorded together
-        episode : which recording, by name or number, where the file holds several
-        topic : which topic of a bag
-        unit : of its lengths, such as "mm"; metres, or what the file says, unless given
-        columns, delimiter, time, rate : of a text table as other programs write it, see `tables.read_table`
-        clean : return the movement between the pauses, without noise (see `cleaned`)
+        manipulator : name of the manipulator, if several were recorded together
+        episode : name or number of the recording, if the file holds several
+        topic : topic of a bag
+        unit : unit of lengths, such as "mm"; by default the file's, or metres
+        columns, delimiter, time, rate : options for text tables of other programs, see `tables.read_table`
+        clean : whether to return the movement between the pauses, without noise (see `cleaned`)
 
         Raises
         ------
         DemonstrationError
-            It cannot be read, or holds several movements and none, or an unknown one, was named; lists them.
+            If it cannot be read, or holds several movements and the name is missing or unknown; lists the names.
         """
         from comove.demonstrations.loading import load
 
@@ -314,7 +313,7 @@ class Demonstration:
     def load_all(cls, path: str | os.PathLike[str]) -> tuple[Demonstration, ...]:
         """Read all movements of a file or folder, as `load` does: each episode, each manipulator or topic.
 
-        Their names tell which they are.
+        The name of each movement tells its episode, manipulator or topic.
         """
         from comove.demonstrations.loading import load_all
 
@@ -322,13 +321,13 @@ class Demonstration:
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read one movement from a CSV file; `manipulator` says which if there are several.
+        """Read one movement from a CSV file; if it holds several, `manipulator` selects one.
 
         Raises
         ------
         DemonstrationError
-            The file cannot be read as `comove.demonstrations.csv` describes, or holds several
-            manipulators and none, or an unknown one, was named.
+            If the file does not have the format of `comove.demonstrations.csv`, or holds several manipulators and
+            the name is missing or unknown.
         """
         from comove.demonstrations.csv import read_csv
         from comove.demonstrations.loading import choose
@@ -361,7 +360,7 @@ class Demonstration:
         return replace(self, time=time, position=position, orientation=orientation, notes=notes)
 
     def _part(self, first: int, stop: int, note: str, name: str | None = None) -> Demonstration:
-        """Return the samples from `first` up to, not including, `stop`."""
+        """Return the movement of the samples from `first` up to, not including, `stop`."""
         kept = slice(first, stop)
         orientation = None if self.orientation is None else self.orientation[kept]
         part = self._changed(self.time[kept] - self.time[first], self.position[kept], orientation, note)
@@ -373,16 +372,16 @@ class Demonstration:
 
 
 def _warn(name: str, *notes: str, stacklevel: int) -> None:
-    """Warn once of all `notes` that are not empty."""
+    """Issue one warning with all `notes` that are not empty."""
     if text := "; ".join(filter(None, notes)):
         warnings.warn(f"{name or 'demonstration'}: {text}", ComoveWarning, stacklevel=stacklevel)
 
 
 def _end_velocity(time: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Velocity at time zero, shape (n_dims,), from a parabola through the samples near it.
+    """Estimate the velocity at time zero, shape (n_dims,), from a parabola through the samples near it.
 
-    Least squares over the first seven samples, and at least the first hundredth of the movement, so that
-    neither noise nor a pair of stamps a moment apart decides. Exact for polynomials of degree 2.
+    The fit is by least squares over the first seven samples, and at least the first hundredth of the movement, so
+    that noise, or two stamps very close together, have little influence. Exact for polynomials of degree 2.
 
     Parameters
     ----------

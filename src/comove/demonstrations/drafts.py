@@ -1,10 +1,11 @@
-"""Drafts: what is written beside its place and put there as a whole, whatever interrupts it.
+"""Drafts: files and folders that are written beside their target and moved there as a whole, despite interruptions.
 
-A draft is a hidden folder beside its target that its writer holds a lock on, which the system takes back when the
-writer dies, however it dies. So the next writer knows which drafts nobody will finish, and takes them away.
+A draft is a hidden folder beside its target. Its writer holds a lock on it, which the system releases when the writer
+dies for whatever reason. So the next writer can recognise abandoned drafts, and removes them.
 
-Where the system can exchange two folders (Linux), the target is at every instant the whole old or the whole new one.
-Elsewhere the old one steps aside first; a writer that dies in between leaves both, and `finish` ends its work.
+Where the system can exchange two folders (Linux), the target is at every instant the complete old or the complete new
+one. Elsewhere the old one is renamed first; a writer that dies in between leaves both, and `finish` completes its
+work.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ T = TypeVar("T")
 
 @contextlib.contextmanager
 def draft(target: Path) -> Iterator[Path]:
-    """An empty folder beside `target`, which goes when the block ends, with whatever is in it then."""
+    """Make an empty folder beside `target`, which is removed when the block ends, with all its content at that time."""
     tidy(target)
     path, lock = _new(target)
     try:
@@ -53,7 +54,7 @@ def draft(target: Path) -> Iterator[Path]:
 
 
 def put(draft: Path, target: Path) -> None:
-    """Make a folder the `target`, as a whole; what was there before is where `draft` was, or gone."""
+    """Rename a folder to `target`, as a whole; the former target is then in the place of `draft`, or removed."""
     settle(draft)
     for _ in range(_ATTEMPTS):
         try:
@@ -69,7 +70,7 @@ def put(draft: Path, target: Path) -> None:
 
 
 def exchanged(first: Path, second: Path) -> bool:
-    """Let two folders change places at once; False where the system cannot."""
+    """Exchange two folders atomically; return False if the system cannot."""
     rename = _renameat2()
     if rename is None:
         return False
@@ -83,7 +84,7 @@ def exchanged(first: Path, second: Path) -> bool:
 
 @functools.cache
 def _renameat2() -> Callable[..., int] | None:
-    """The system's call, None where there is none."""
+    """Return the system call, or None if there is none."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (OSError, AttributeError, TypeError):
@@ -93,7 +94,7 @@ def _renameat2() -> Callable[..., int] | None:
 
 
 def _stepped_aside(draft: Path, target: Path) -> bool:
-    """Two renames, between which a writer may die; False where another writer was quicker."""
+    """Replace the target by two renames, between which a writer may die; return False if another writer was faster."""
     old = draft.with_suffix(OLD)
     try:
         os.rename(target, old)
@@ -112,11 +113,11 @@ def _stepped_aside(draft: Path, target: Path) -> bool:
 
 
 def finish(target: Path) -> bool:
-    """End what a writer began who died while `target` stepped aside; says so in a warning.
+    """Complete the replacement of `target` by a writer that died between its two renames; warn if there was one.
 
     Returns
     -------
-    bool, whether there was something to end
+    bool, whether there was something to complete
     """
     for old in _beside(target, OLD):
         part = old.with_suffix(PART)
@@ -135,7 +136,7 @@ def finish(target: Path) -> bool:
 
 
 def steadily(folder: Path, read: Callable[[], T]) -> T:
-    """What `read` gives of a folder that nobody replaced meanwhile."""
+    """Return the result of `read` on a folder, repeated until nobody has replaced the folder meanwhile."""
     for _ in range(_ATTEMPTS):
         before = _identity(folder)
         try:
@@ -150,7 +151,7 @@ def steadily(folder: Path, read: Callable[[], T]) -> T:
 
 
 def _identity(folder: Path) -> tuple[int, ...] | None:
-    """Changes when another folder takes its place."""
+    """Return a value that changes when another folder takes the place of this one; None if it does not exist."""
     try:
         found = os.stat(folder)
     except (OSError, ValueError):
@@ -159,7 +160,7 @@ def _identity(folder: Path) -> tuple[int, ...] | None:
 
 
 def tidy(target: Path) -> None:
-    """Take away what writers of `target` left who died."""
+    """Remove the drafts of `target` whose writers died."""
     finish(target)
     for part in _beside(target, PART):
         with contextlib.suppress(OSError), _held(part, abandoned_after=_LONG) as held:
@@ -171,7 +172,7 @@ def tidy(target: Path) -> None:
 
 
 def _beside(target: Path, suffix: str) -> list[Path]:
-    """Drafts of `target`, its own and those of others."""
+    """Return the existing drafts of `target`, from this and other processes."""
     prefix = _prefix(target)
     with contextlib.suppress(OSError):
         return [
@@ -183,12 +184,12 @@ def _beside(target: Path, suffix: str) -> list[Path]:
 
 
 def _prefix(target: Path) -> str:
-    """Names the target, however long its name is."""
+    """Return the beginning of the names of a target's drafts, of limited length for targets with long names."""
     return f".{target.name[:40]}.{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]}."
 
 
 def _new(target: Path) -> tuple[Path, int]:
-    """A new draft and the lock on it."""
+    """Make a new draft, and return its path and its lock."""
     while True:
         path = target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{PART}")
         try:
@@ -206,11 +207,12 @@ def _new(target: Path) -> tuple[Path, int]:
 
 @contextlib.contextmanager
 def _held(path: Path, *, abandoned_after: float, wait: bool = False) -> Iterator[bool]:
-    """Whether the draft is ours to deal with: it is there, and its writer is not.
+    """Yield whether this process holds the draft: the draft exists and its writer no longer does.
 
     Parameters
     ----------
-    abandoned_after : seconds after which it counts as left alone, on file systems without locks
+    abandoned_after : age [s] after which a draft counts as abandoned, on file systems without locks
+    wait : whether to wait for the lock
     """
     try:
         lock = os.open(path, os.O_RDONLY)
@@ -231,14 +233,14 @@ def _held(path: Path, *, abandoned_after: float, wait: bool = False) -> Iterator
 
 
 def _lock(number: int, *, wait: bool) -> None:
-    """Lock an open folder; raises OSError where another has it, or nobody can."""
+    """Lock an open folder; raises OSError if another process holds the lock, or locks are not supported."""
     if fcntl is None:
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
 def _is(number: int, path: Path) -> bool:
-    """Whether an open folder still has that path."""
+    """Return whether an open folder still has that path."""
     try:
         return os.path.samestat(os.fstat(number), os.stat(path))
     except FileNotFoundError:
@@ -246,7 +248,7 @@ def _is(number: int, path: Path) -> bool:
 
 
 def settle(draft: Path) -> None:
-    """Wait until the disk holds everything that is in a draft."""
+    """Wait until the whole content of a draft is on the disk."""
     for folder, _, names in os.walk(draft, topdown=False):
         for name in names:
             _synchronise(os.path.join(folder, name))

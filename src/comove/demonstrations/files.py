@@ -1,4 +1,4 @@
-"""What readers and writers of files share: paths, sizes, whole files or none; and belonging together."""
+"""Functions shared by the readers and writers of files: paths, sizes, complete writing, and movements in one file."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _EVEN_SHARE = 1e-3
 def existing_file(
     path: str | os.PathLike[str], max_bytes: int, way_out: str, error: type[InputError] = DemonstrationError
 ) -> Path:
-    """Return `path` if it is a file of at most `max_bytes`; `way_out` says what to do with a larger one.
+    """Return `path` if it is a file of at most `max_bytes`; `way_out` is the advice for a larger one.
 
     Raises
     ------
     error
-        It is missing, a folder, no regular file, or too large.
+        If it is missing, a folder, not a regular file, or too large.
     """
     path = Path(path)
     with telling(path, error=error):
@@ -61,7 +61,7 @@ def existing_file(
 
 @contextlib.contextmanager
 def telling(path: Path, doing: str = "read", error: type[InputError] = DemonstrationError) -> Iterator[None]:
-    """Tell a failure of the file system as an `error` that names `path`."""
+    """Convert a failure of the file system to an `error` that names `path`."""
     try:
         yield
     except OSError as failure:
@@ -90,7 +90,7 @@ def _encodable(path: Path, encoding: str) -> bool:
 
 
 def refusal(failure: OSError, path: Path) -> tuple[str, str]:
-    """What the file system would not do, and what to do instead."""
+    """Return the reason for a failure of the file system, and the advice against it."""
     if failure.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"the disk is full{_free(path)}", "make room there, or name a place on another disk"
     if failure.errno == errno.ENAMETOOLONG:
@@ -103,7 +103,7 @@ def refusal(failure: OSError, path: Path) -> tuple[str, str]:
 
 
 def _free(path: Path) -> str:
-    """How much there is, in words; empty where nobody knows."""
+    """Return the free space of the disk in words; empty if it is large or unknown."""
     for folder in path.absolute().parents:
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(folder).free
@@ -112,16 +112,16 @@ def _free(path: Path) -> str:
 
 
 def require_room(path: Path, error: type[InputError] = DemonstrationError, room: int = ROOM) -> None:
-    """Make sure, before anything takes time, that a draft can be written beside `path` (see `drafts`).
+    """Check, before a long computation, that a draft can be written beside `path` (see `drafts`).
 
     Parameters
     ----------
-    room : how much of the disk must be free [bytes]
+    room : space that must be free on the disk [bytes]
 
     Raises
     ------
     error
-        Its folder is missing or not writable, its name is too long, or the disk is full.
+        If its folder is missing or not writable, its name is too long, or the disk is full.
     """
     with telling(path, "written", error):
         with contextlib.suppress(FileNotFoundError):
@@ -145,12 +145,12 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
 
 
 def extra(module: str, file: object) -> ModuleType:
-    """Import a library that only some formats need, when one of them is used.
+    """Import a library that only some formats need.
 
     Raises
     ------
     DemonstrationError
-        It is not installed; says the command.
+        If it is not installed; the error gives the command to install it.
     """
     try:
         return importlib.import_module(module)
@@ -167,7 +167,7 @@ def extra(module: str, file: object) -> ModuleType:
 def whole_file(
     path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
 ) -> Iterator[IO[Any]]:
-    """Open `path` for writing bytes; as `whole_path`."""
+    """Open `path` for writing bytes; see `whole_path`."""
     with whole_path(path, error, replace=replace) as draft, open(draft, "wb") as file:
         yield file
 
@@ -176,16 +176,17 @@ def whole_file(
 def whole_path(
     path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
 ) -> Iterator[Path]:
-    """Lend a path to write a file at; it becomes `path` only when all went well and the disk holds it.
+    """Yield a temporary path to write a file; it is moved to `path` only after complete writing to the disk.
 
     Parameters
     ----------
-    replace : replace a file that is there already; otherwise it is refused, whoever made it meanwhile
+    replace : whether to replace an existing file; otherwise an existing file is an error, even one made meanwhile by
+        another process
 
     Raises
     ------
     error
-        The folder is missing or not writable, or `path` is a folder or may not be replaced.
+        If the folder is missing or not writable, or `path` is a folder or may not be replaced.
     """
     path = Path(path)
     with telling(path, "written", error):
@@ -202,12 +203,12 @@ def whole_path(
 
 
 def require_target(path: Path, error: type[InputError] = DemonstrationError) -> None:
-    """Make sure, before anything takes time, that a file may be written to `path`.
+    """Check, before a long computation, that a file can be written to `path`.
 
     Raises
     ------
     error
-        It is no name of a file, or there is a folder or something else; as `require_room`.
+        If it does not name a file, or a folder or something else is there; or as in `require_room`.
     """
     with telling(path, "written", error):
         with contextlib.suppress(FileNotFoundError):
@@ -230,7 +231,7 @@ def _require_folder(path: Path, error: type[InputError]) -> None:
 
 
 def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
-    """Give the draft its name, unless somebody else was first."""
+    """Move the draft to its path, and raise if another process made a file there first."""
     try:
         try:
             os.link(draft, path)
@@ -247,12 +248,12 @@ def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
 
 @contextlib.contextmanager
 def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Lend a path to write a folder at; it becomes `path` only when all went well.
+    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing.
 
     Raises
     ------
     DemonstrationError
-        There is something at `path` already, other than an empty folder, or it cannot be written.
+        If `path` exists already and is not an empty folder, or it cannot be written.
     """
     path = Path(path)
     with telling(path, "written"):
@@ -274,12 +275,12 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:
-    """Return the names to read: all, or the one that was asked for by its name or its number.
+    """Return the names to read: all, or only the requested one, given by its name or its number.
 
     Raises
     ------
     DemonstrationError
-        There is no such episode; lists them.
+        If there is no such episode; lists the episodes.
     """
     if episode is None:
         return list(episodes)
@@ -295,12 +296,13 @@ def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file
 def as_episodes(
     episodes: Sequence[Demonstration | Mapping[str, Demonstration]], file: object
 ) -> list[dict[str, Demonstration]]:
-    """Return each episode as movements by manipulator, after checking that one file can hold them.
+    """Return each episode as movements by manipulator, after a check that one file can hold them.
 
     Raises
     ------
     DemonstrationError
-        There are none, movements of one episode do not belong together, or episodes differ in what they hold.
+        If there are none, movements of one episode do not belong together, or episodes differ in their manipulators
+        or coordinates.
     """
     if isinstance(episodes, Demonstration | Mapping):
         episodes = [episodes]
@@ -319,12 +321,12 @@ def as_episodes(
 
 
 def even_rate(demo: Demonstration, file: object) -> float:
-    """Return the rate [Hz] of a movement whose stamps a format leaves out.
+    """Return the sampling rate [Hz] of a movement, for formats without time stamps.
 
     Raises
     ------
     DemonstrationError
-        Its time does not pass in even steps.
+        If its time steps are not even.
     """
     rate = (demo.n_steps - 1) / demo.duration
     if math.isclose(rate, round(rate, 3), rel_tol=1e-9):
@@ -342,14 +344,14 @@ def even_rate(demo: Demonstration, file: object) -> float:
 
 
 def together(demos: Demonstration | Mapping[str, Demonstration], file: object) -> dict[str, Demonstration]:
-    """Return movements by manipulator after checking that one file can hold them.
+    """Return movements by manipulator after a check that one file can hold them.
 
     A single `Demonstration` has the name "".
 
     Raises
     ------
     DemonstrationError
-        There are none, one of several has no name, or they differ in time stamps or dimensions, or only some have
+        If there are none, one of several has no name, they differ in time stamps or dimensions, or only some have
         orientations.
     """
     demos = {"": demos} if isinstance(demos, Demonstration) else dict(demos)

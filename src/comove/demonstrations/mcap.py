@@ -1,7 +1,7 @@
-"""Checksums of MCAP files: written where the library leaves them out, compared where they stand.
+"""Checksums of MCAP files: written where the library omits them, verified where they exist.
 
-The format has one for each chunk of messages (CRC-32 of its unpacked records; the library compares it), one for all
-that precedes the summary and one for the summary; 0 means none. See https://mcap.dev/spec.
+The format has one for each chunk of messages (CRC-32 of its uncompressed records; the library verifies it), one for
+everything before the summary, and one for the summary; 0 means none. See https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _TAIL = _HEAD.size + _STARTS.size + _CRC.size + len(MAGIC)
 
 
 def check_mcap(path: Path) -> None:
-    """Compare a file with its checksums.
+    """Verify the checksums of a file.
 
     Raises
     ------
     DemonstrationError
-        One of them is of other bytes.
+        If a checksum does not match its bytes.
     """
     with open(path, "rb") as file:
         size = file.seek(0, 2)
@@ -50,7 +50,7 @@ def check_mcap(path: Path) -> None:
 
 
 def seal_mcap(path: Path) -> None:
-    """Write the checksums of a file whose chunks are not packed."""
+    """Write the checksums of a file whose chunks are not compressed."""
     with open(path, "rb+") as file:
         size = file.seek(0, 2)
         places = list(_records(file, size))
@@ -76,7 +76,7 @@ def seal_mcap(path: Path) -> None:
 
 
 def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, int, int]]:
-    """Where each record begins, its kind and its length, as far as they are whole."""
+    """Iterate over the position, kind and length of each complete record."""
     at = len(MAGIC)
     while at + _HEAD.size <= size - len(MAGIC):
         file.seek(at)
@@ -88,7 +88,7 @@ def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _footer(file: IO[bytes], size: int) -> tuple[int, int]:
-    """Where the summary begins, 0 for none, and its checksum, 0 for none."""
+    """Return the position of the summary and its checksum; 0 if there is none."""
     file.seek(size - _TAIL)
     tail = file.read(_TAIL)
     start, _ = _STARTS.unpack_from(tail, _HEAD.size)

@@ -2,12 +2,12 @@
 
 One movement: `time` (n_steps,) [s] and `position` (n_steps, n_dims) [m]. Several manipulators recorded
 together: `position` (n_steps, n_manipulators, n_dims) and their names in `manipulators`
-(n_manipulators,). Optional: `orientation`, of the shape of `position` but for 4 numbers at the end,
+(n_manipulators,). Optional: `orientation`, of the shape of `position` except for the last axis of length 4,
 quaternions w x y z; `axes`, the names of the coordinates, (n_dims,) or (n_manipulators, n_dims); `unit`, the
-unit of `position`, one or one for each manipulator. Further arrays are left alone.
+unit of `position`, one for all or one per manipulator. Further arrays are ignored.
 
 An archive of 1 MB can unpack to 1 GB, and a header can claim any shape: both are compared with a limit
-before anything is read. Pickled objects are never loaded.
+before any data are read. Pickled objects are never loaded.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
 
     Parameters
     ----------
-    path : archive as the module describes, up to 256 MB unpacked
+    path : archive in the layout of this module, up to 256 MB unpacked
 
     Returns
     -------
-    demos : movement by manipulator, in the order of `manipulators`; "" where the archive names none
+    demos : movement by manipulator, in the order of `manipulators`; "" if the archive names none
 
     Raises
     ------
     DemonstrationError
-        The archive cannot be read, is too large, or misses or misshapes an array; names it.
+        If the archive cannot be read or is too large, or an array is missing or has a wrong shape; names it.
     """
     path = Path(path)
     arrays = read_arrays(path, ("time", "position"), ("manipulators", "orientation", "axes", "unit"))
@@ -60,7 +60,7 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
 
 
 def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write movements so that `read_npz` returns the same numbers, bit by bit.
+    """Write movements to an archive, from which `read_npz` returns the same numbers, bit by bit.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _unnamed(n_dims: int) -> tuple[str, ...]:
 
 
 def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
-    """Return texts as an array, the first one alone if `single`."""
+    """Return texts as an array; only the first one if `single`."""
     array = np.array(texts[0] if single else texts)
     if array.tolist() != (np.array(texts[0] if single else texts, dtype=object)).tolist():
         raise DemonstrationError(
@@ -113,7 +113,7 @@ def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
 
 
 def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> Demonstration:
-    """Pick the movement of one manipulator out of the arrays of all."""
+    """Build the movement of one manipulator from the arrays of all."""
     several = arrays["position"].ndim == 3
     origin = _NpzOrigin(path, index) if several else Origin(path)
     position = arrays["position"][:, index] if several else arrays["position"]
@@ -169,12 +169,12 @@ class _NpzOrigin(Origin):
 def read_arrays(
     path: str | os.PathLike[str], required: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> dict[str, NDArray]:
-    """Read named arrays from an archive, after comparing what they claim with the limit.
+    """Read named arrays from an archive, after comparing their stated sizes with the limit.
 
     Parameters
     ----------
     path : archive of up to 256 MB unpacked
-    required, optional : names; further arrays are left alone
+    required, optional : names of arrays; further arrays are ignored
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _check_unpacked_size(path: Path, archive: ZipFile) -> None:
 
 
 def _read_array(path: Path, archive: ZipFile, key: str) -> NDArray:
-    """Read one member whose header agrees with its size."""
+    """Read one member of the archive, and raise unless its header agrees with its size."""
     member = archive.getinfo(f"{key}.npy")
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)

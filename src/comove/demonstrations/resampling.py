@@ -1,4 +1,4 @@
-"""Positions at other instants, and without tremor. Pure functions of arrays."""
+"""Interpolation and smoothing of recorded positions and orientations, as pure functions of arrays."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _ORDER = 2
 def resample(
     time: NDArray[np.float64], position: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate by a monotone cubic (PCHIP).
+    """Interpolate positions by a monotone cubic (PCHIP).
 
-    A spline would be smoother, but where stamps jitter two samples may lie microseconds apart, and the
-    steep chord between them throws a spline metres away from the data. PCHIP stays between neighbours.
+    A spline would be smoother, but two jittering time stamps may be microseconds apart, and the steep chord between
+    their samples makes a spline overshoot by metres. PCHIP stays between neighbours.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def resample(
 def slerp(
     time: NDArray[np.float64], orientation: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate along the shortest turn between neighbours, at even pace; samples are met exactly.
+    """Interpolate orientations along the shortest turn between neighbours, at constant speed; samples are met exactly.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def slerp(
     before = (np.searchsorted(time, at, side="right") - 1).clip(0, len(time) - 2)
     share = ((at - time[before]) / (time[before + 1] - time[before])).clip(0.0, 1.0)[:, None]
     start, goal = orientation[before], orientation[before + 1]
-    # Half the chord tells small angles exactly where the arc cosine of the product rounds to nothing.
+    # Half the chord gives small angles exactly, for which the arc cosine of the product would round to zero.
     angle = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(goal - start, axis=1)))[:, None]
     near = angle < 1e-8
     scale = np.where(near, 1.0, np.sin(np.where(near, 1.0, angle)))
@@ -76,7 +76,7 @@ def slerp(
 def smooth_orientation(
     time: NDArray[np.float64], orientation: NDArray[np.float64], cutoff_hz: float
 ) -> NDArray[np.float64]:
-    """Filter quaternions as `smooth` does positions and bring them back to unit norm; both ends stay exactly.
+    """Filter quaternions as `smooth` does positions and normalise them; both ends stay exactly.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def smooth_orientation(
     Raises
     ------
     OptionError
-        It turns faster than the cutoff: filtered quaternions lose their length, and then their direction.
+        If it turns faster than the cutoff: filtered quaternions then become short and lose their direction.
     """
     smoothed = smooth(time, orientation, cutoff_hz)
     norm = np.linalg.norm(smoothed, axis=1, keepdims=True)
@@ -107,9 +107,9 @@ def smooth_orientation(
 
 
 def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
-    """Return the standard deviation of what is noise in a recording, all dimensions together [m].
+    """Estimate the standard deviation of the noise in a recording, all dimensions together [m].
 
-    It is read from fourth differences, in which movements vanish and noise does not; 0 for less than 8 samples.
+    It is estimated from fourth differences, in which movements vanish but noise does not; 0 for fewer than 8 samples.
 
     Parameters
     ----------
@@ -127,11 +127,11 @@ def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
 def cutoff_of_noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
     """Return the lowest cutoff [Hz] at which a filter removes no more than the noise (the discrepancy principle).
 
-    None where the noise is too little to matter.
+    Return None if the noise is negligible.
 
     Parameters
     ----------
-    time, position : as of `noise`
+    time, position : arrays, as for `noise`
     """
     deviation, extent = noise(time, position), float(np.ptp(position, axis=0).max())
     if deviation <= _QUIET * extent:
@@ -147,16 +147,16 @@ def cutoff_of_noise(time: NDArray[np.float64], position: NDArray[np.float64]) ->
 
 
 def is_even(time: NDArray[np.float64]) -> bool:
-    """Say whether `time`, shape (n_steps,), [s], from 0, passes in even steps, but for rounding."""
+    """Return whether `time`, shape (n_steps,), [s], from 0, has even steps, except for rounding."""
     n_steps = len(time)
     return bool(np.abs(time - np.linspace(0.0, time[-1], n_steps)).max() <= 1e-6 * time[-1] / (n_steps - 1))
 
 
 def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: float) -> NDArray[np.float64]:
-    """Remove what is faster than `cutoff_hz` by a zero-phase Butterworth filter; both ends stay exactly.
+    """Remove frequencies above `cutoff_hz` by a zero-phase Butterworth filter; both ends stay exactly.
 
-    The line from start to goal is set aside, so that the rest vanishes at both ends and its odd extension,
-    which the filter sees, is smooth there.
+    The line from start to goal is subtracted before filtering, so that the rest vanishes at both ends and its odd
+    extension, with which the filter works, is smooth there.
 
     Parameters
     ----------
@@ -184,5 +184,5 @@ def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: 
 
 
 def _line(position: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Straight line from the first to the last row, shape (n_steps, n_dims), at even pace over `time`."""
+    """Return the straight line from first to last row, shape (n_steps, n_dims), at constant speed over `time`."""
     return position[0] + np.outer(time / time[-1], position[-1] - position[0])

@@ -1,8 +1,9 @@
-"""Recordings as bags of ROS: ROS 1 (`.bag`), ROS 2 folders and single files (`.mcap`, `.db3`).
+"""Recordings as ROS bags: ROS 1 (`.bag`), ROS 2 folders and single files (`.mcap`, `.db3`).
 
-One topic is one movement. Poses, points, transforms and odometry give a sample a message, a `Path` or a
-`JointTrajectory` is a whole movement, the last one counts. Quaternions stand x y z w in ROS and are turned into
-w x y z here. Time is that of the headers; where one of them is zero, the bag's own. Stamps are whole nanoseconds.
+One topic is one movement. For poses, points, transforms and odometry, each message is a sample; a `Path` or a
+`JointTrajectory` is a whole movement, and the last message counts. The order of quaternions, x y z w in ROS, is
+changed to w x y z here. Time is that of the headers; if one of them is zero, the bag's own. Stamps are whole
+nanoseconds.
 
 Needs rosbags. Messages are decoded by the standard definitions; code or definitions in a bag are not used.
 """
@@ -49,23 +50,22 @@ def read_rosbag(path: str | os.PathLike[str], *, topic: str | None = None) -> di
     Parameters
     ----------
     path : `.bag`, `.mcap` or `.db3` file, or folder with `metadata.yaml`
-    topic : read only this one; None: all topics that hold movements
+    topic : the only topic to read; None: all topics that hold movements
 
     Returns
     -------
-    demos : movement by topic; each starts at time zero, and its notes say how much later than the first of those
-        read
+    demos : movement by topic; each starts at time zero, and its notes give its delay after the first movement read
 
     Raises
     ------
     DemonstrationError
-        The bag cannot be read or is cut off, there is no such topic (lists those that can be read, with their types),
-        or its messages are no movement.
+        If the bag cannot be read or is truncated, there is no such topic (lists those that can be read, with their
+        types), or its messages are not a movement.
 
     Warns
     -----
     ComoveWarning
-        Messages of other joints on the same topic were left out.
+        If messages of other joints on the same topic were left out.
     """
     path = Path(path)
     with _opened(path) as bag:
@@ -86,7 +86,7 @@ def rosbag_topics(path: str | os.PathLike[str]) -> dict[str, str]:
     Raises
     ------
     DemonstrationError
-        The bag cannot be read, or there is none.
+        If the bag cannot be read, or has no such topic.
     """
     path = Path(path)
     with _opened(path) as bag:
@@ -101,24 +101,24 @@ def write_rosbag(
     frame_id: str = "world",
     start_ns: int = NANO,
 ) -> None:
-    """Write movements so that `read_rosbag` returns the same numbers, bit by bit, at stamps of whole nanoseconds.
+    """Write movements to a bag, from which `read_rosbag` returns the same numbers, bit by bit.
 
-    Movements in metres become `PoseStamped`, or `PointStamped` without orientations, on the topics `/NAME/pose` or
-    `/NAME/point`; all others `JointState` on `/NAME/joint_states`.
+    Time stamps are rounded to whole nanoseconds. Movements in metres become `PoseStamped`, or `PointStamped` without
+    orientations, on the topics `/NAME/pose` or `/NAME/point`; all others `JointState` on `/NAME/joint_states`.
 
     Parameters
     ----------
     path : `.bag`: ROS 1; `.mcap` or `.db3`: the single file of ROS 2; otherwise a ROS 2 folder, which must not
-        exist or be empty. Appears only when complete
+        exist or be empty. It appears only when complete
     demos : one movement, or movements by manipulator; their stamps may differ
-    storage : what a folder holds, "mcap" or "sqlite3"
-    frame_id : frame that positions are measured in
+    storage : storage format of a folder, "mcap" or "sqlite3"
+    frame_id : reference frame of the positions
     start_ns : stamp of time zero [ns]; not 0, which means "none" in ROS
 
     Raises
     ------
     DemonstrationError
-        A movement or a name has no place in ROS, or the bag cannot be written.
+        If ROS cannot represent a movement or a name, or the bag cannot be written.
     """
     path = Path(path)
     demos = {"": demos} if isinstance(demos, Demonstration) else dict(demos)
@@ -148,7 +148,7 @@ def write_rosbag(
 
 @dataclass(frozen=True)
 class _Track:
-    """What a topic holds: stamps (n_steps,) [ns] of the clock, values, and what was noticed."""
+    """Content of a topic: stamps (n_steps,) [ns], values, and notes."""
 
     stamps: NDArray[np.int64]
     position: NDArray[np.float64]
@@ -160,7 +160,7 @@ class _Track:
 
 @dataclass(frozen=True)
 class _BagOrigin(Origin):
-    """Names samples by their message."""
+    """Names samples by topic and message."""
 
     topic: str = ""
 
@@ -176,7 +176,7 @@ class _BagOrigin(Origin):
 
 @dataclass(frozen=True)
 class _Bag:
-    """An open bag: the library's reader and how to decode its messages."""
+    """An open bag: the library's reader and the function that decodes its messages."""
 
     reader: Any
     decode: Callable[[bytes, str], Any]
@@ -184,7 +184,7 @@ class _Bag:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[_Bag]:
-    """Open a bag; tell what is wrong with it as a `DemonstrationError`."""
+    """Open a bag; convert its faults to a `DemonstrationError`."""
     with telling(path):
         is_folder = path.is_dir()
     if is_folder:
@@ -213,7 +213,7 @@ def _opened(path: Path) -> Iterator[_Bag]:
 
 @contextlib.contextmanager
 def _telling(path: Path) -> Iterator[None]:
-    """Tell what a damaged bag makes the library raise, assertions among them, as a `DemonstrationError`."""
+    """Convert all exceptions that the library raises on a damaged bag, assertions included, to a `DemonstrationError`."""
     try:
         yield
     except (DemonstrationError, Warning):
@@ -224,7 +224,7 @@ def _telling(path: Path) -> Iterator[None]:
 
 
 def _check_sqlite_size(file: Path) -> None:
-    """Refuse a cut database: SQLite itself only notices when it needs a page that is gone."""
+    """Raise if a database is truncated: SQLite itself only notices when it needs a missing page."""
     if file.suffix.lower() != ".db3":
         return
     with open(file, "rb") as stream:
@@ -267,7 +267,7 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
     n_found = 0
 
     def messages() -> _Messages:
-        """Decode one message after the other, so that no more than one is held."""
+        """Decode one message at a time, so that only one is in memory."""
         nonlocal n_found
         for _, received, data in bag.reader.messages(connections=connections):
             n_found += 1
@@ -286,7 +286,7 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
 
 
 def _movement(path: Path, topic: str, track: _Track, first: int) -> Demonstration:
-    """Make the movement of a topic; time is counted from the stamp `first` [ns]."""
+    """Build the movement of a topic; time is counted from the stamp `first` [ns]."""
     origin = _BagOrigin(path, topic)
     time, position = check((track.stamps - first) / NANO, track.position, origin)
     orientation = track.orientation
@@ -307,11 +307,11 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the stamps of the headers, or of the bag where a header has none, and say so.
+    """Return the stamps of the headers, or the bag's own, with a note, if a header has none.
 
     Parameters
     ----------
-    stamps : when the bag received each message, and what its header says, in turns [ns]
+    stamps : for each message in turn the time at which the bag received it and the stamp of its header [ns]
     """
     received, said = np.array(stamps, dtype=np.int64).reshape(-1, 2).T
     if (said != 0).all() or np.array_equal(received, said):
@@ -320,7 +320,7 @@ def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ..
 
 
 def _track_of_poses(stamps: NDArray[np.int64], poses: array[float], notes: tuple[str, ...]) -> _Track:
-    """Make a track of poses, each x y z and w x y z."""
+    """Build a track from poses, each x y z and w x y z."""
     rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
     if not rows[:, 3:].any():
         unset = "all quaternions are zero: orientations left out"
@@ -329,7 +329,7 @@ def _track_of_poses(stamps: NDArray[np.int64], poses: array[float], notes: tuple
 
 
 def _pose_reader(pick: Callable[[Any], tuple[Any, Any]]) -> Callable[..., _Track]:
-    """Make a reader of messages that hold one pose each."""
+    """Return a reader of messages that hold one pose each."""
 
     def read(path: Path, topic: str, messages: _Messages) -> _Track:
         stamps, poses = array("q"), array("d")
@@ -365,7 +365,7 @@ def _read_path(path: Path, topic: str, messages: _Messages) -> _Track:
 
 
 def _read_joint_states(path: Path, topic: str, messages: _Messages) -> _Track:
-    """Read joint states; where several publishers share the topic, those of the joints that come most often."""
+    """Read joint states; if several publishers share the topic, only those of the most frequent set of joints."""
     kinds: dict[tuple[str, ...], tuple[array[int], array[float]]] = {}
     n_messages = 0
     for received, message in messages:
@@ -414,7 +414,7 @@ def _check_row(path: Path, topic: str, sample: int, row: Any, names: Any) -> Non
 
 
 def _last_of(messages: _Messages) -> tuple[Any, tuple[str, ...]]:
-    """Return the last message, and say so if there were others."""
+    """Return the last message, with a note if there were others."""
     number, message = 0, None
     for number, (_, message) in enumerate(messages, start=1):  # noqa: B007
         pass
@@ -509,7 +509,7 @@ def _topic_and_type(path: Path, name: str, demo: Demonstration) -> tuple[str, st
 
 
 def _maker(store: Any, kind: str, demo: Demonstration, frame_id: str) -> Callable[[int, int], Any]:
-    """Return what makes the message of a row at a stamp [ns]."""
+    """Return a function that makes the message of a row at a stamp [ns]."""
     message, Header, Time = (
         store.types[name] for name in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     )

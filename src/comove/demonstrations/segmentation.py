@@ -1,12 +1,12 @@
-"""Cutting a long recording into its movements.
+"""Segmentation of a long recording into its movements.
 
-A movement ends where the hand stands still, and, if asked for, at corners: where it is slow and the path turns,
-as the two-thirds power law has it for every stroke of a hand. Pure functions; nothing is moved or filtered in what
-they return.
+A movement ends where the hand stands still, and, optionally, at corners, where it is slow and the path turns, as the
+two-thirds power law describes it for every stroke of a hand. Pure functions; the returned samples are neither moved
+nor filtered.
 
-The speed is that of the recording behind a zero-phase low-pass. It counts as still below a share of the
-largest speed, and never where it is no more than what the noise of the recording does to it: the noise is read
-from fourth differences, in which movements vanish and noise does not.
+The speed is computed after a zero-phase low-pass filter. It counts as still below a share of the largest speed, and
+always where it does not exceed the effect of the recording's noise on the speed. The noise is estimated from fourth
+differences, in which movements vanish but noise does not.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ def segment(
     cutoff_hz: float = 6.0,
     corner: float | None = None,
 ) -> tuple[Demonstration, ...]:
-    """Cut a recording into movements; what lies between them, standing still, is dropped.
+    """Cut a recording into movements; the pauses between them are dropped.
 
     Parameters
     ----------
     demonstration : recording of any number of movements
-    speed_share : a movement is where the speed exceeds this share of the recording's largest, between 0 and 1;
-        it reaches from where the speed leaves 0.02 of the movement's own largest to where it returns there
-    min_pause : the hand has to stand still for this long, otherwise the movement goes on [s]
-    min_duration : shorter movements are dropped [s]
-    cutoff_hz : frequency above which the recording is taken for noise [Hz]; at most a fifth of the sampling
-        rate is used
-    corner : cut also at minima of the speed where the path turns by this angle or more [rad]; None: at
-        pauses only
+    speed_share : share of the recording's largest speed that a movement must exceed, between 0 and 1; the movement
+        begins and ends where the speed is 0.02 of its own largest
+    min_pause : shortest duration of a pause [s]; the movement continues through shorter ones
+    min_duration : shortest duration of a movement [s]; shorter ones are dropped
+    cutoff_hz : frequency above which the recording counts as noise [Hz]; at most a fifth of the sampling rate is
+        used
+    corner : smallest angle between path directions [rad] at which minima of the speed are cut; None: cut at pauses
+        only
 
     Returns
     -------
-    movements : in the order of time, without common samples; none where nothing moves. Time starts at zero in each;
-        the last note says from which instants of which recording it comes.
+    movements : in the order of time, without common samples; empty if nothing moves. Time starts at zero in each;
+        the last note gives the recording and the instants in it.
 
     Raises
     ------
     OptionError
-        A parameter is out of its range; names it.
+        If a parameter is out of its range; names it.
     """
     _check_options(speed_share, min_pause, min_duration, cutoff_hz, corner)
     bounds = movements(
@@ -109,7 +109,7 @@ def movements(
 
     Returns
     -------
-    bounds : array, shape (n_movements, 2), first sample and the one after the last; each has two samples at least
+    bounds : array, shape (n_movements, 2), first sample and the one after the last; each has at least two samples
     """
     track = _Track.of(time, position, cutoff_hz)
     speed, rest = track.speed, _NOISE_STILL * track.noise
@@ -139,7 +139,7 @@ class _Track:
     even : array, shape (n_steps,), [s]
     path : array, shape (n_steps, n_dims), [m]
     speed : array, shape (n_steps,), [m/s]
-    noise : standard deviation that noise in the recording causes in the velocity, all dimensions together [m/s]
+    noise : standard deviation of the velocity caused by noise in the recording, all dimensions together [m/s]
     """
 
     even: NDArray[np.float64]
@@ -149,7 +149,7 @@ class _Track:
 
     @property
     def step(self) -> float:
-        """Time between samples [s]."""
+        """Return the time between samples [s]."""
         return float(self.even[-1]) / (len(self.even) - 1)
 
     @classmethod
@@ -167,19 +167,24 @@ class _Track:
 
 
 def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> float:
-    """Return what white noise in `position`, shape (n_steps, n_dims), does to a velocity filtered at `cutoff` [m/s].
+    """Return the standard deviation of a velocity, filtered at `cutoff`, that white noise in `position` causes [m/s].
 
     White noise of deviation s has the power 2 s^2 / rate at each frequency up to the Nyquist frequency;
-    differentiation weighs it by (2 pi f)^2, and the filter ends the integral near its cutoff.
+    differentiation weights it by (2 pi f)^2, and the filter ends the integral near its cutoff.
+
+    Parameters
+    ----------
+    position : array, shape (n_steps, n_dims), [m]
+    rate, cutoff : [Hz]
     """
     time = np.arange(len(position)) / rate
     return resampling.noise(time, position) * 2.0 * np.pi * float(np.sqrt(2.0 / rate * cutoff**3 / 3.0))
 
 
 def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDArray[np.bool_]:
-    """Say of each sample whether it belongs to a movement, with hysteresis.
+    """Return for each sample whether it belongs to a movement, with hysteresis.
 
-    A run above the lower threshold is a movement if it somewhere exceeds the upper one.
+    A run above the lower threshold is a movement if it exceeds the upper one at some sample.
     """
     upper = max(speed_share * float(speed.max()), _NOISE_MOVING * noise)
     lower = min(upper, max(_STILL_SHARE * speed_share * float(speed.max()), _NOISE_STILL * noise))
@@ -192,7 +197,7 @@ def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDA
 
 
 def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float) -> NDArray[np.bool_]:
-    """Let movements go on through stops shorter than `min_pause` [s], at the ends of the recording too."""
+    """Fill stops shorter than `min_pause` [s], also at the ends of the recording, so that movements continue through them."""
     if not moving.any():
         return moving
     gaps = _runs(~moving)
@@ -202,8 +207,8 @@ def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float
 def _to_rest(speed: NDArray[np.float64], bounds: NDArray[np.int64], rest: float) -> NDArray[np.int64]:
     """Extend runs to where the speed has fallen to a small share of their own largest, or to `rest` [m/s].
 
-    One threshold for all would cut the slow beginning off a slow movement that stands beside a fast one. Where
-    the gap between two movements never gets so slow, its slowest sample parts them.
+    A common threshold would cut the slow beginning off a slow movement beside a fast one. If the gap between two
+    movements never gets so slow, its slowest sample separates them.
     """
     if not len(bounds):
         return bounds
@@ -232,7 +237,7 @@ def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
-    """Return the mask, shape (n_steps,), that `_runs` takes apart."""
+    """Return the mask, shape (n_steps,), that is True within the runs: the inverse of `_runs`."""
     edges = np.zeros(n_steps + 1, dtype=np.int64)
     edges[runs[:, 0]] += 1
     edges[runs[:, 1]] -= 1
@@ -242,8 +247,8 @@ def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
 def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> NDArray[np.int64]:
     """Cut runs at minima of the speed where the path turns by `corner` [rad] or more.
 
-    The turn is that between the chords from and to the places of largest speed on either side. It does not
-    depend on the pace, nor on where the path lies.
+    The turn is measured between the chord from the place of largest speed before the minimum and the chord to the one
+    after it. It depends neither on the speed nor on the position of the path.
     """
     from scipy.signal import find_peaks
 

@@ -1,8 +1,8 @@
-"""Recordings as text tables of other programs: any separator, any names of columns, any unit of length and time.
+"""Recordings as text tables of other programs: any separator, column names, and units of length and time.
 
-What the project's own CSV (`comove.demonstrations.csv`) asks for is found or named here: lines before the header are
-passed over, units may stand in brackets behind a name (`X [mm]`, `t (ms)`), and where columns are not separated by
-commas, numbers may have decimal commas.
+The layout is detected or given by options, in contrast to the project's own CSV (`comove.demonstrations.csv`): lines
+before the header are skipped, units may follow a name in brackets (`X [mm]`, `t (ms)`), and where columns are not
+separated by commas, numbers may have decimal commas.
 """
 
 from __future__ import annotations
@@ -64,19 +64,19 @@ def read_table(
     Parameters
     ----------
     path : file, UTF-8, of up to 2,000,000 rows
-    columns : names, or numbers from 1, of the positions; x, y and z in upper or lower case unless given
-    delimiter : what separates columns: a character, "tab" or "space"; found unless given
-    time : name or number of the column of time, with a unit in brackets where the file does not say it
-        ("stamp [ms]"); found by its name unless given
-    rate : samples a second [Hz], where there is no column of time
-    unit : of the positions, "mm" for example; what the header says in brackets unless given, else metres
+    columns : names, or numbers from 1, of the columns of positions; by default x, y and z in upper or lower case
+    delimiter : separator of columns: a character, "tab" or "space"; by default detected
+    time : name or number of the column of time, with a unit in brackets if the file does not contain it
+        ("stamp [ms]"); by default found by its name
+    rate : sampling rate [Hz], if there is no column of time
+    unit : unit of the positions, for example "mm"; by default the one in brackets in the header, else metres
 
     Raises
     ------
     DemonstrationError
-        The file cannot be read so; names line, column and way out.
+        If the file cannot be read with these options; names line, column and way out.
     OptionError
-        An option is out of range, or contradicts the file.
+        If an option is out of range, or contradicts the file.
     """
     path = existing_file(Path(path), MAX_BYTES, f"keep up to {MAX_ROWS:,} rows")
     delimiter = None if delimiter is None else _separator(delimiter)
@@ -123,7 +123,7 @@ def _separator(text: str) -> str:
 
 
 def _lines(path: Path) -> list[tuple[int, str]]:
-    """Lines that say something, with their numbers from 1."""
+    """Return the lines with content, with their numbers from 1."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -147,7 +147,7 @@ def _lines(path: Path) -> list[tuple[int, str]]:
 def _header(
     path: Path, lines: list[tuple[int, str]], columns: Sequence[str] | None, delimiter: str | None
 ) -> tuple[int, str, list[str]]:
-    """The number of the first line below the header, the separator, and the names; numbers where there are none."""
+    """Return the number of the first row below the header, the separator, and the names (numbers if there are none)."""
     wanted = [name for name in columns or POSITIONS[:1] if not name.isdigit()]
     seen: list[str] = []
     for number, line in lines[:PREAMBLE]:
@@ -189,13 +189,13 @@ def _is_number(text: str) -> bool:
 
 
 def _bare(name: str) -> str:
-    """A name without its unit, in lower case."""
+    """Return a name without its unit, in lower case."""
     found = _UNIT.fullmatch(name)
     return (found["name"] if found else name).strip().lower()
 
 
 def _found(name: str, names: list[str]) -> int | None:
-    """Where a column stands: of that very name, or but for its unit and case, or of that number."""
+    """Return the index of a column: by its exact name, its name without unit and case, or its number; else None."""
     if name in names:
         return names.index(name)
     alike = [i for i, other in enumerate(names) if _bare(other) == _bare(name)]
@@ -207,7 +207,7 @@ def _found(name: str, names: list[str]) -> int | None:
 
 
 def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list[int]:
-    """The columns of the positions."""
+    """Return the indices of the columns of positions."""
     if columns is None:
         places = [_found(axis, names) for axis in POSITIONS]
         return [place for place in places if place is not None]
@@ -225,7 +225,7 @@ def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list
 
 
 def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str]:
-    """The column of time, and its unit."""
+    """Return the column of time, and its unit."""
     if time is not None:
         place = _found(time, names)
         place = _found(_bare(time), names) if place is None else place
@@ -260,7 +260,7 @@ def _says_unit(names: list[str], clock: int, time: str | None) -> bool:
 def _numbers(
     path: Path, rows: list[tuple[int, str]], separator: str, wanted: list[int], names: list[str]
 ) -> Array:
-    """The wanted columns of all rows."""
+    """Return the wanted columns of all rows."""
     if len(rows) * len(wanted) > MAX_CELLS:
         raise DemonstrationError("it has too many numbers", file=path, way_out="keep every n-th row")
     if not rows:

@@ -1,4 +1,4 @@
-"""Units of length and time that recordings are written in."""
+"""Units of length and time of recordings."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 
 
 def length(unit: str, file: object = None) -> float:
-    """Return the metres of a unit.
+    """Return the length of a unit in metres.
 
     Raises
     ------
     OptionError
-        It is not known.
+        If the unit is unknown.
     """
     if unit not in LENGTHS:
         raise OptionError(

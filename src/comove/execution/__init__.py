@@ -1,4 +1,4 @@
-"""Online execution among obstacles that move."""
+"""Online execution among moving obstacles."""
 
 from comove.execution.clouds import Clouds, Scanned
 from comove.execution.comparison import Compared, compare, write_comparison

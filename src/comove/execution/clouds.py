@@ -1,8 +1,8 @@
-"""Obstacles of which only clouds of points are known, as a depth camera or a laser scanner gives them.
+"""Obstacles that are known only from point clouds, as a depth camera or a laser scanner measures them.
 
-Every cloud is covered by spheres (`comove.execution.cover`), which are followed over time
-(`comove.execution.tracks`): there are as many obstacles as there are spheres now. What stands, as the scene's file
-says, remains as it is.
+Every cloud is covered by spheres (`comove.execution.cover`), which are tracked over time
+(`comove.execution.tracks`): at any time there are as many obstacles as spheres. Obstacles that stand still in the
+scene's file are kept as they are.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ HISTORY = 2.0  # s, for which it is known where the load was
 
 
 class Clouds:
-    """Obstacles that are seen as clouds of points, which somebody passes on as they come.
+    """A sight of obstacles as point clouds, which the caller passes on as they arrive.
 
-    The obstacles of a scene that stand are known; of those with a `motion` nothing is known but what clouds show.
-    Points of the load and the hands are left out: an `Executor` says where these are. Points of the arms are not;
-    leave them out before. What no cloud shows, as the far side of things, is not avoided.
+    The obstacles of a scene that stand still are known; those with a `motion` are known only from the clouds.
+    Points of the load and the hands are removed: an `Executor` says where these are. Points of the arms are not
+    removed; remove them before. Surfaces that no cloud shows, such as the far side of an object, are not avoided.
 
     Parameters
     ----------
-    scene : in which the load moves
-    scanner : what clouds are worth
+    scene : the scene in which the load moves
+    scanner : accuracy of the clouds and settings of the tracking
     """
 
     certain = False
@@ -59,11 +59,11 @@ class Clouds:
         self._named[moving] = away
 
     def carried(self, time: float, nodes: Array) -> None:
-        """Take in where the load is.
+        """Take in the position of the load.
 
         Parameters
         ----------
-        time : of now [s]
+        time : present time [s]
         nodes : array, shape (n_nodes, 3), hands first, then corners of the load [m]
         """
         self._carried.append((time, nodes))
@@ -74,17 +74,17 @@ class Clouds:
         """Take in one cloud.
 
         Points with NaN or infinite coordinates, as cameras give them where they see nothing, are ignored, and so is a
-        cloud that is not later than the last one. An empty cloud says that nothing is in sight.
+        cloud that is not later than the last one. An empty cloud means that nothing is in sight.
 
         Parameters
         ----------
         points : array, shape (n_points, n_dims), [m]
-        time : at which they were there, on the clock of the execution [s]
+        time : time at which they were measured, on the clock of the execution [s]
 
         Raises
         ------
         OptionError
-            If the array has another shape, or the time is none or lies in the future.
+            If the array has another shape, or the time is not a number or lies in the future.
         """
         n_dims, points = self.scene.n_dims, numbers(points)
         if points.shape == (0,):
@@ -104,7 +104,7 @@ class Clouds:
             self._memory = updated(self._memory, self._others(points, time), float(time), self.scanner)
 
     def seen(self, time: float) -> Sighting:
-        """Spheres where they are believed to be, with the margin for how else their points may have moved."""
+        """Return the spheres at their estimated positions, with a margin for the unknown motion of their points."""
         memory = self._memory
         now = moved(memory, max(time, memory.time), 0.0) if np.isfinite(memory.time) else memory
         n, m = len(self._named), len(memory.spheres.radius)
@@ -120,18 +120,18 @@ class Clouds:
         return Sighting(table, velocity, np.zeros((n + m, 3)), margin)
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do."""
+        """Return the scene with obstacles that keep their present velocities."""
         seen = self.seen(time)
         return going_on(self.scene, seen, np.zeros((len(seen.table), 3)), time)
 
     def true(self, time: Array) -> Array:
-        """Of the file's obstacles; nobody knows of those that move."""
+        """Return the true positions of the file's obstacles that stand still, NaN for those that move."""
         centers = np.full((len(time), len(self.scene.motions), 3), np.nan)
         centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
         return centers
 
     def _others(self, points: Array, time: float) -> Array:
-        """The points, spatial, that are neither the load's nor an obstacle's of the file, nor far away."""
+        """Return the points, in space, that belong neither to the load nor to a known obstacle and are not far away."""
         scene, body = self.scene, self.scene.body
         near_by = (points >= scene.lower - AROUND) & (points <= scene.upper + AROUND)  # and a number
         points = points[np.logical_and.reduce(near_by.T)]
@@ -143,7 +143,9 @@ class Clouds:
         return points[~_of_obstacles(points, self._standing, near)]
 
     def _nodes(self, time: float) -> Array | None:
-        """Where the load was at an instant [s]; array, shape (n_nodes, 3) [m]; None where nobody has said."""
+        """Return the nodes of the load at an instant [s]; array, shape (n_nodes, 3) [m]; None where they are not
+        known.
+        """
         if not self._carried:
             return None
         times = np.array([t for t, _ in self._carried])
@@ -155,17 +157,17 @@ class Clouds:
 
 
 class Scanned(Clouds):
-    """Clouds made up from where obstacles really are, to try out what a scanner is good for.
+    """A sight of synthetic clouds, which are generated from the true positions of obstacles to test a scanner.
 
-    Points lie all around on the obstacles, those that stand too, on the load and on the hands.
+    Points lie all around on the obstacles, also on those that stand still, on the load and on the hands.
 
     Parameters
     ----------
-    truth : where obstacles really are
-    scanner : its noise and spacing are the clouds'
-    rng : of noise, and of where on the surfaces points lie
-    period : between two clouds [s]
-    delay : between an instant and the arrival of its cloud [s]
+    truth : sight of the true positions of the obstacles
+    scanner : its noise and spacing are those of the clouds
+    rng : random numbers for the noise and for the positions of points on the surfaces
+    period : time between two clouds [s]
+    delay : time between a measurement and the arrival of its cloud [s]
     """
 
     def __init__(
@@ -183,7 +185,7 @@ class Scanned(Clouds):
         self._next = 0.0
 
     def seen(self, time: float) -> Sighting:
-        """Scan where it is time to, and believe."""
+        """Scan if a new cloud is due, and return the spheres at their estimated positions."""
         if time >= self._next - 1e-9:
             self._next = time + self._period
             then = max(time - self._delay, 0.0)  # before it begins, everything stands as it does at 0 s
@@ -191,11 +193,11 @@ class Scanned(Clouds):
         return super().seen(time)
 
     def true(self, time: Array) -> Array:
-        """What is."""
+        """Return the true positions of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m]."""
         return self._truth.true(time)
 
     def cloud(self, time: float) -> Array:
-        """The points of an instant [s]; array, shape (n_points, n_dims) [m]."""
+        """Return the points of the cloud at an instant [s]; array, shape (n_points, n_dims) [m]."""
         n, table = self.scene.n_dims, self.scene.obstacles.copy()
         if (table[:, sd.KIND] == sd.POLYTOPE).any():
             raise OptionError(
@@ -212,13 +214,13 @@ class Scanned(Clouds):
 
 
 def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -> Array:
-    """Points all around on an obstacle, no farther apart than a spacing [m]; array, shape (n_points, 3) [m].
+    """Return points all around on an obstacle, no farther apart than `spacing` [m]; array, shape (n_points, 3) [m].
 
-    On boxes they lie on grids; on other shapes rays from the centre, evenly spread, end in them.
+    On boxes they lie on grids; on other shapes they are the ends of evenly spread rays from the centre.
 
     Parameters
     ----------
-    row : of the obstacle's table, array of shape (distances.N_COLUMNS,)
+    row : array, shape (distances.N_COLUMNS,), the obstacle's row of the table
     """
     table, center = np.ascontiguousarray(row[None]), row[sd.CENTER : sd.CENTER + 3]
     if row[sd.KIND] == sd.BOX:
@@ -242,7 +244,7 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3) [m]."""
+    """Return points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3) [m]."""
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []
     for axis, h in enumerate(half):
@@ -255,7 +257,7 @@ def _on_box(half: Array, spacing: float) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def _along(table, rays, reach):
-    """How far from its centre rays (n, 3) leave the first obstacle of a table (n,) [m], found by bisection."""
+    """Return how far from its centre rays (n, 3) leave the first obstacle of a table [m], found by bisection."""
     lengths = np.empty(rays.shape[0])
     for i in range(rays.shape[0]):
         low, high = 0.0, 1.01 * reach
@@ -272,7 +274,7 @@ def _along(table, rays, reach):
 
 @numba.njit(cache=True, error_model="numpy")
 def _of_obstacles(points, table, near):
-    """Which points (n, 3) lie as near as that to an obstacle of a table [m]."""
+    """Return which points (n, 3) lie within the distance `near` [m] of an obstacle of a table."""
     found = np.zeros(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
         for j in range(table.shape[0]):
@@ -284,7 +286,7 @@ def _of_obstacles(points, table, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _of_body(points, nodes, edges, radii, solids, filled, near):
-    """Which points (n, 3) lie as near as that to a body [m], see `comove.scenes.scene.Body`."""
+    """Return which points (n, 3) lie within the distance `near` [m] of a body, see `comove.scenes.scene.Body`."""
     found = np.zeros(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
         p, crossings = points[i], 0

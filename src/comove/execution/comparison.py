@@ -1,8 +1,8 @@
-"""One scene, every way to deal with its moving obstacles, one judge (the counterpart of the paper's Figure 2).
+"""Comparison of all methods for moving obstacles on one scene, with one judge (as in the paper's Figure 2).
 
-All have the same start, goal and obstacles, and `comove.verification.record.judge` judges what came of it. Hands that
-nothing holds together are judged where they are, straight from step to step; the load is what lies between them, its
-corners where the pose that fits the hands best puts them.
+All have the same start, goal and obstacles, and `comove.verification.record.judge` judges their executions. Hands
+that move independently are judged at their own positions, straight from step to step; the load is the line between
+them, and its corners are placed by the pose that fits the hands best.
 """
 
 from __future__ import annotations
@@ -44,41 +44,43 @@ obstacle (the paper's rule), by that of the nearest point of hands and load; and
 
 @dataclass(frozen=True, eq=False)
 class LooseRecord(Record):
-    """What happened to hands that nothing holds together.
+    """The record of an execution whose hands move independently.
 
     Attributes
     ----------
-    hands : array, shape (n_steps, n_manipulators, 3), [m]
+    hands : array, shape (n_steps, n_manipulators, 3), positions of the hands [m]
     """
 
     hands: Array
 
     @cached_property
     def nodes(self) -> Array:
-        """Hands where they are, corners of the load where the pose that fits them best puts them."""
+        """Return the hands at their own positions, and the load's corners placed by the pose that fits the hands
+        best.
+        """
         nodes = super().nodes.copy()
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
 
     def holds(self, c: PairConstraint) -> bool:
-        """Nothing holds them."""
+        """Return False, as no rigid body holds the hands together."""
         return False
 
     @cached_property
     def spins(self) -> Array:
-        """None: nothing turns between two steps, hands go straight."""
+        """Return zeros, as hands go straight and nothing turns between two steps."""
         return np.zeros((len(self.time) - 1, len(self.scene.groups), 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """What one method made of a scene.
+    """The result of one method on a scene.
 
     Attributes
     ----------
     method : its name, one of `METHODS`
-    record : what happened
-    report : how it is judged
+    record : the record of its execution
+    report : the judgement on the record
     """
 
     method: str
@@ -87,17 +89,17 @@ class Compared:
 
     @property
     def ours(self) -> bool:
-        """Whether it is this package's executor."""
+        """Return whether the method is this package's executor."""
         return self.method not in MODULATED
 
     @property
     def arrived(self) -> bool:
-        """Whether the hands came to where they should."""
+        """Return whether the hands reached their goal."""
         return not any("goal is missed" in reason for reason in self.report.reasons)
 
     @cached_property
     def distance_errors(self) -> Array:
-        """Largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where nothing is fixed."""
+        """Return the largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where no distance is fixed."""
         errors, nodes = np.zeros(len(self.record.time)), self.record.nodes
         for c in self.record.scene.distances:
             apart = np.linalg.norm(nodes[:, c.first] - nodes[:, c.second], axis=1)
@@ -106,32 +108,32 @@ class Compared:
 
     @cached_property
     def clearances(self) -> Array:
-        """Of load and hands from everything, at every step; array, shape (n_steps,) [m]."""
+        """Return the clearance of load and hands at every step; array, shape (n_steps,) [m]."""
         record = self.record
         steps = zip(np.ascontiguousarray(record.nodes), record.time, strict=True)
         return np.array([record.scene.clearance_at(nodes, float(time))[0] for nodes, time in steps])
 
     @property
     def off(self) -> NDArray[np.bool_]:
-        """At which steps a distance is off by more than its tolerance; array, shape (n_steps,)."""
+        """Return at which steps the distance error exceeds the largest tolerance; array of bool, shape (n_steps,)."""
         return self.distance_errors > max((c.tolerance for c in self.record.scene.distances), default=np.inf)
 
     @property
     def touching(self) -> NDArray[np.bool_]:
-        """At which steps the load or a hand is in something; array, shape (n_steps,)."""
+        """Return at which steps the load or a hand is inside an obstacle; array of bool, shape (n_steps,)."""
         return self.clearances < 0.0
 
 
 def compare(
     record: Record, budget: float, *, seed: int = 0, pace: Pace | None = None
 ) -> tuple[list[Compared], bool]:
-    """Do with every other method what an executor with known motions has done, and judge all alike.
+    """Run every other method on the scene of an executor with known motions, and judge all in the same way.
 
     Parameters
     ----------
-    record : of that executor
+    record : the record of that executor
     budget : simulated time that each of the others may take [s]
-    seed, pace : of executors
+    seed, pace : seed and pace of the executors
 
     Returns
     -------
@@ -155,7 +157,7 @@ def compare(
 
 
 def write_comparison(folder: Path, compared: list[Compared], *, seed: int) -> dict[str, Any]:
-    """Write `comparison.json` into an existing folder; returns what it holds."""
+    """Write `comparison.json` into an existing folder, and return its contents."""
     scene = compared[0].record.scene
     summary = {
         "scene": scene.name,
@@ -190,7 +192,7 @@ def _row(compared: Compared) -> dict[str, Any]:
 def loose_run(
     scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
 ) -> LooseRecord:
-    """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles as the file moves them."""
+    """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles that move as in the file."""
     time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
     poses = [poses_of(scene, h) for h in hands]
     return LooseRecord(
@@ -205,6 +207,6 @@ def loose_run(
 
 
 def _among_known(record: Record) -> Record:
-    """The record with its obstacles where the scene's file says: the same truth for all."""
+    """Return the record with its obstacles moving as in the scene's file, so that all methods have the same truth."""
     sag = record.scene.obstacle_sags(record.time)
     return replace(record, obstacles=Known(record.scene).true(record.time), sag=sag)

@@ -1,9 +1,9 @@
-"""Point clouds covered by few spheres.
+"""Covers of point clouds by few spheres.
 
-A sphere about some points is halved, along the longest side of their box, while its surface lies farther from the
-nearest of them than `detail`, the worst first. So a disc or a ball seen from all around stays one sphere, and a wall
-becomes a row of small ones. Every sphere is found by Badoiu & Clarkson's (2003) iteration, and its radius is the
-distance of the farthest point: whatever was split, the union holds all points.
+A sphere about some points is halved, along the longest side of their box, while its surface lies farther than
+`detail` from the nearest of them, the worst first. So a disc or a ball seen from all around stays one sphere, and a
+wall becomes a row of small ones. Every sphere is found by Badoiu & Clarkson's (2003) iteration, and its radius is the
+distance of the farthest point: the union always contains all points.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ N_DIRECTIONS = 26  # in which it is looked at how far a sphere sticks out
 
 
 class Cells(NamedTuple):
-    """Points thinned to one mean a cell of a grid.
+    """Points reduced to one mean per cell of a grid.
 
     Attributes
     ----------
     point : array, shape (n_cells, 3), means [m]
-    key : array of int, shape (n_cells, 3), the cells' places in the grid
+    key : array of int, shape (n_cells, 3), positions of the cells in the grid
     of : array of int, shape (n_points,), the cell of every point
     """
 
@@ -38,13 +38,13 @@ class Cells(NamedTuple):
 
 
 class SphereCover(NamedTuple):
-    """Spheres.
+    """Spheres that together contain a cloud.
 
     Attributes
     ----------
     center : array, shape (n_spheres, 3), [m]
     radius : array, shape (n_spheres,), [m]
-    group : array of int, shape (n_spheres,), whose points they hold
+    group : array of int, shape (n_spheres,), the group whose points a sphere contains
     """
 
     center: Array
@@ -65,15 +65,15 @@ def thinned(points: Array, edge: float) -> Cells:
 
 
 def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float, most: int) -> SphereCover:
-    """Spheres that hold all points, each those of one group.
+    """Return spheres that contain all points, where each sphere belongs to one group.
 
     Parameters
     ----------
     points : array, shape (n_points, 3), [m]
-    cells : of these points
-    group : array of int, shape (n_cells,), from 0 on, each of them with a cell
-    detail : how far spheres may stick out [m]
-    most : how many spheres there may be; more than that only where there are more groups
+    cells : cells of these points
+    group : array of int, shape (n_cells,), group of each cell, numbered from 0 without gaps
+    detail : largest distance of a sphere's surface from the nearest point [m]
+    most : largest number of spheres, exceeded only where there are more groups
     """
     if not len(points):
         return SphereCover(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
@@ -91,12 +91,12 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
 
 @numba.njit(cache=True, error_model="numpy")
 def _split(points, order, firsts, lasts, detail, most):
-    """Centres (most, 3) of spheres, the sphere of every point, and how many there are.
+    """Return the centres (most, 3) of spheres, the sphere of every point, and the number of spheres.
 
     Parameters
     ----------
-    order : array of int, shape (n_points,), points group by group; it is sorted on
-    firsts, lasts : arrays of int, shape (n_groups,), where the groups lie in it
+    order : array of int, shape (n_points,), indices of the points group by group; it is rearranged
+    firsts, lasts : arrays of int, shape (n_groups,), where each group begins and ends in `order`
     """
     directions = _directions(np.ptp(points[:, 2]) == 0.0)
     center, excess = np.zeros((most, 3)), np.zeros(most)
@@ -123,7 +123,7 @@ def _split(points, order, firsts, lasts, detail, most):
 
 @numba.njit(cache=True, error_model="numpy")
 def _directions(flat):
-    """Unit vectors, even on the circle or the sphere (Fibonacci's lattice)."""
+    """Return unit vectors, evenly spread on the circle or the sphere (Fibonacci's lattice)."""
     directions = np.zeros((N_DIRECTIONS, 3))
     for i in range(N_DIRECTIONS):
         if flat:
@@ -138,7 +138,9 @@ def _directions(flat):
 
 @numba.njit(cache=True, error_model="numpy")
 def _sphere(points, order, first, last, directions, detail, center):
-    """Write the centre of a sphere about some points; how far it sticks out [m]."""
+    """Write the centre of a sphere about some points in `center`, and return how far its surface is from the points
+    [m].
+    """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(first, last):
         for axis in range(3):
@@ -174,7 +176,7 @@ def _sphere(points, order, first, last, directions, detail, center):
 
 @numba.njit(cache=True, error_model="numpy")
 def _halved(points, order, first, last):
-    """Sort some points by the two halves of their box; where the second half begins."""
+    """Sort some points by the two halves of their box, and return where the second half begins."""
     axis, low, longest = 0, 0.0, -1.0
     for column in range(3):
         least, most = np.inf, -np.inf
@@ -194,5 +196,5 @@ def _halved(points, order, first, last):
 
 @numba.njit(cache=True, error_model="numpy")
 def square_of(p, q):
-    """Squared distance [m^2] of two points."""
+    """Return the squared distance [m^2] of two points."""
     return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2

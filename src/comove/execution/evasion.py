@@ -1,10 +1,10 @@
-"""Where to go while there is no plan: the course with the best prospects among many drawn.
+"""Evasion while there is no plan: the most promising of many random courses.
 
-A course is a twist for every moment of the next while, approached from the present velocity on as fast as the
-acceleration limit lets it be (a dynamic window: Fox, Burgard and Thrun, 1997), among obstacles that move as expected.
-Some are one twist throughout, others turn off to another one on the way, and the best of them is varied; the course
-of a moment ago is among them. What stays clear by `SAFE` is as good as what stays clear by more; among the safe the
-one that comes nearest to the goal is taken, and that leaves some room to what moves, as that may turn.
+A course is a twist for every moment up to a short horizon, approached from the present velocity as fast as the
+acceleration limit allows (a dynamic window: Fox, Burgard and Thrun, 1997), among obstacles that move as expected.
+Some courses have one twist throughout, others change to another one on the way, and the best of them is varied; the
+course of a moment ago is among them. A clearance of more than `SAFE` is worth no more than `SAFE`; among safe courses
+the one is taken that comes nearest to the goal and also leaves some distance to moving obstacles, as these may turn.
 """
 
 from __future__ import annotations
@@ -42,14 +42,16 @@ def evasive_course(
     rng: np.random.Generator,
     before: Array | None = None,
 ) -> Array | None:
-    """The course with the best prospects; array, shape (N_MOMENTS, n_groups, 6) [m/s, rad/s]; None to the goal.
+    """Return the most promising course; array, shape (N_MOMENTS, n_groups, 6) [m/s, rad/s].
+
+    None means that the course straight to the goal is the best.
 
     Parameters
     ----------
-    objective : of the scene as it is expected to be
-    poses, twists : of now
-    goal : poses
-    offsets : array, shape (N_MOMENTS + 1, n_rows, 3), of the obstacles' rows at the ends of the moments [m]
+    objective : objective of the scene as it is expected to be
+    poses, twists : present poses and twists of the rigid groups
+    goal : poses at the goal
+    offsets : array, shape (N_MOMENTS + 1, n_rows, 3), offsets of the obstacles' rows at the ends of the moments [m]
     before : the course of a moment ago
     """
     scene, hands = objective.scene, _hands(objective.scene, poses)
@@ -83,14 +85,16 @@ def evasive_course(
 
 
 def prospect() -> Array:
-    """The ends of the moments that are looked at, from now on [s]; array, shape (N_MOMENTS + 1,)."""
+    """Return the ends of the moments up to the horizon, from now on [s]; array, shape (N_MOMENTS + 1,)."""
     return MOMENT * np.arange(N_MOMENTS + 1)
 
 
 def _drawn(
     scene: Scene, poses: HandPoses, twists: Array, goal: HandPoses, hands: Array, rng: np.random.Generator
 ) -> Array:
-    """To stand still, to go on, to go to the goal, and what is drawn; (N_DRAWN, N_MOMENTS, n_groups, 6)."""
+    """Return courses: to stand still, to go on, to go to the goal, and random ones; (N_DRAWN, N_MOMENTS, n_groups,
+    6).
+    """
     drawn = _random(scene, hands, N_DRAWN, rng)
     drawn[0], drawn[1] = 0.0, twists
     drawn[TO_GOAL] = twists_between(scene, poses, goal, MOMENT * N_MOMENTS)
@@ -102,7 +106,10 @@ def _drawn(
 
 
 def _random(scene: Scene, hands: Array, n: int, rng: np.random.Generator) -> Array:
-    """Twists that the load can do, of hands at 0.3 to 1 times their limit; array, shape (n, n_groups, 6)."""
+    """Return random twists that the load can perform, array, shape (n, n_groups, 6).
+
+    The fastest hand moves at 0.3 to 1 times its speed limit, or 1 m/s if the limit is higher.
+    """
     drawn = rng.standard_normal((n, len(scene.groups), 6))
     for g, group in enumerate(scene.groups):
         drawn[:, g, 3:] /= max(group.reach, 1e-3)
@@ -114,19 +121,19 @@ def _random(scene: Scene, hands: Array, n: int, rng: np.random.Generator) -> Arr
 
 
 def _turning(drawn: Array, rng: np.random.Generator) -> Array:
-    """Courses that change from each of some twists to another at some moment; (n, N_MOMENTS, n_groups, 6)."""
+    """Return courses that change from each twist to another one at a random moment; (n, N_MOMENTS, n_groups, 6)."""
     moment = rng.integers(1, N_MOMENTS // 2 + 3, len(drawn))
     turned = np.arange(N_MOMENTS) >= moment[:, None]
     return np.where(turned[:, :, None, None], rng.permutation(drawn)[:, None], drawn[:, None])
 
 
 def _limited(twists: Array, hands: Array, limit: float) -> Array:
-    """Twists, slowed down where a hand would be faster than the limit [m/s]; any shape (..., n_groups, 6)."""
+    """Return twists, slowed down where a hand would be faster than the limit [m/s]; any shape (..., n_groups, 6)."""
     return twists * np.minimum(1.0, limit / np.maximum(_speeds(hands, twists), 1e-9))[..., None, None]
 
 
 def _followed(scene: Scene, poses: HandPoses, twists: Array, courses: Array, hands: Array) -> Array:
-    """Nodes of those who follow courses, at the ends of the moments; (n_courses, N_MOMENTS + 1, n_nodes, 3) [m]."""
+    """Return the nodes along courses, at the ends of the moments; (n_courses, N_MOMENTS + 1, n_nodes, 3) [m]."""
     velocity = np.zeros((len(courses), N_MOMENTS + 1, *twists.shape))
     way = np.zeros_like(velocity)
     velocity[:, 0] = twists
@@ -146,12 +153,12 @@ def _followed(scene: Scene, poses: HandPoses, twists: Array, courses: Array, han
 
 
 def _hands(scene: Scene, poses: HandPoses) -> Array:
-    """What makes velocities of the hands of twists; array, shape (n_hands, 3, n_groups, 6)."""
+    """Return the linear map from twists to velocities of the hands; array, shape (n_hands, 3, n_groups, 6)."""
     n_groups = len(scene.groups)
     of_each = [hand_velocities(scene, poses, row.reshape(n_groups, 6)) for row in np.eye(6 * n_groups)]
     return np.moveaxis(np.array(of_each), 0, -1).reshape(-1, 3, n_groups, 6)
 
 
 def _speeds(hands: Array, twists: Array) -> Array:
-    """Of the fastest hand [m/s]; `twists` of any shape (..., n_groups, 6)."""
+    """Return the speed of the fastest hand [m/s]; `twists` of any shape (..., n_groups, 6)."""
     return np.linalg.norm(np.einsum("hdgk,...gk->...hd", hands, twists), axis=-1).max(axis=-1)

@@ -1,9 +1,9 @@
-"""Online execution among obstacles that move: follow a plan, dodge, stop in time, plan anew.
+"""Online execution among moving obstacles: follow a plan, evade, stop in time, plan anew.
 
-Every control step asks what is seen. While a plan holds that is certified for what is known exactly, it is followed
-to the letter. Otherwise the twist programme lets through of it what keeps clear of what is seen now; where the way is
-blocked the load slows down and waits in the open, dodging. A plan that seems not to hold any more is replaced by one
-from the present state on.
+Every control step asks what is seen. A plan that is certified for exactly known motions is followed exactly.
+Otherwise the twist programme modifies the plan's velocities to keep clear of the obstacles that are seen now; where
+the path is blocked the load slows down and evades until it is free. A plan that seems not to hold any more is
+replaced by one from the present state on.
 """
 
 from __future__ import annotations
@@ -64,14 +64,15 @@ AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
 
 @dataclass(frozen=True)
 class Pace:
-    """How often things are done.
+    """Periods and time budgets of an execution.
 
     Attributes
     ----------
-    period : of control [s]
-    watch : between two looks at whether the plan still holds [s]
-    patience : between two attempts to plan [s]; it doubles while they fail
-    leisure, haste : that the first attempt to plan and any later one may take [s]; the clock of a simulation waits
+    period : control period [s]
+    watch : time between two checks of whether the plan still holds [s]
+    patience : time between two attempts to plan [s]; it doubles while they fail
+    leisure, haste : time that the first attempt to plan and any later one may take [s]; the clock of a simulation
+        waits
     """
 
     period: float = 0.01
@@ -89,7 +90,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened, at `time` [s], in words."""
+    """An event of an execution, which happened at `time` [s] and is described by `what`."""
 
     time: float
     what: str
@@ -97,18 +98,18 @@ class Event:
 
 @dataclass(eq=False)
 class ExecutionLog:
-    """What is written down on the way.
+    """The log that an executor keeps.
 
     Attributes
     ----------
-    events : in their order
-    control, planning, evading : what every control step, every attempt to plan, and every look for a way without a
-        plan took [s]
-    blocking : how often which obstacle hindered most, by number; -1 for the border, the number
-        of the file's obstacles for all that clouds show
-    relaxed : by how much the programme had to give way at most [m/s]
-    evaluations, generations : of all plans
-    first_plan : what finding the first plan took [s], None where there was none
+    events : events in their order
+    control, planning, evading : computing time of every control step, of every attempt to plan, and of every search
+        for a course without a plan [s]
+    blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
+        border, the number of the file's obstacles for all that clouds show
+    relaxed : by how much the programme had to relax its rows at most [m/s]
+    evaluations, generations : totals of all plans
+    first_plan : computing time until the first plan was found [s], None where there was none
     """
 
     events: list[Event] = field(default_factory=list)
@@ -124,7 +125,7 @@ class ExecutionLog:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A verified motion from an instant [s] on; `certain` where nothing but the file says what obstacles do."""
+    """A verified motion that begins at an instant [s]; `certain` where the obstacles move as the file says."""
 
     motion: CoordinatedMotion
     begins: float
@@ -132,32 +133,32 @@ class Plan:
 
     @property
     def ends(self) -> float:
-        """[s]"""
+        """Return the time at which the motion ends [s]."""
         return self.begins + self.motion.scene.duration
 
     def poses(self, *time: float) -> list[HandPoses]:
-        """At some instants; those of the goal after the end."""
+        """Return the poses of the rigid groups at some instants [s]; after the end, those of the goal."""
         s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
         return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
 
 
 class Executor:
-    """Executes a scene step by step.
+    """An executor that moves the load of a scene step by step among moving obstacles.
 
     Parameters
     ----------
-    scene : what is to be done
-    sight : what is seen of its obstacles; their known motions unless given
-    seed : of the plans
-    pace : how often things are done
-    demonstration : a movement of one hand, or one for each, that plans are to resemble from wherever the load is
+    scene : the scene to be executed
+    sight : the sight of its obstacles; by default their known motions
+    seed : seed of the plans
+    pace : periods and time budgets
+    demonstration : a movement of one hand, or one for each, that plans should resemble from the present state on
 
     Attributes
     ----------
-    time : of now [s]
-    poses : of the rigid groups
-    twists : array, shape (n_groups, 6), of the last step
-    log : what happened
+    time : present time [s]
+    poses : present poses of the rigid groups
+    twists : array, shape (n_groups, 6), twists of the last step [m/s, rad/s]
+    log : log of the execution
     """
 
     def __init__(
@@ -188,23 +189,23 @@ class Executor:
 
     @property
     def time(self) -> float:
-        """Of now [s]."""
+        """Return the present time [s]."""
         return self.n_steps * self.pace.period
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C has ended the run."""
+        """Return whether Ctrl-C has ended the run."""
         return self._interruption.wished
 
     @property
     def arrived(self) -> bool:
-        """Whether the load is at its goal, at rest."""
+        """Return whether the load is at its goal, at rest."""
         hands = self._hands(self.poses) - self._hands(self.goal)
         at_rest = np.abs(hand_velocities(self.scene, self.poses, self.twists)).max() <= AT_REST
         return bool(at_rest and np.linalg.norm(hands, axis=1).max() <= AT_GOAL)
 
     def step(self) -> None:
-        """One control step: see, decide, move."""
+        """Perform one control step: see, decide, move."""
         self._keep_a_plan()
         self._keep_a_course()
         begun = clock.perf_counter()
@@ -222,12 +223,12 @@ class Executor:
         self.log.control.append(clock.perf_counter() - begun)
 
     def run(self, budget: float) -> Record:
-        """Execute until the load has arrived, or for `budget` [s] of simulated time; what happened.
+        """Execute until the load has arrived, or for `budget` [s] of simulated time, and return the record.
 
         Raises
         ------
         OptionError
-            If the budget is no positive number.
+            If the budget is not a positive number.
         """
         require_positive("budget", budget)
         poses = [self.poses]
@@ -250,7 +251,7 @@ class Executor:
 
     @property
     def blocker(self) -> str:
-        """What keeps the load from its goal, in words; empty where nothing is known to."""
+        """Return what keeps the load from its goal, in words; empty where nothing is known to."""
         goal = self.goal
         nodes = nodes_of(self.scene, goal)
         seen = self.sight.seen(self.time)
@@ -263,7 +264,7 @@ class Executor:
         return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
 
     def _truth(self, time: Array) -> tuple[Array, Array]:
-        """Where obstacles really were, and how far they strayed between the steps."""
+        """Return the true positions of the obstacles, and how far they strayed from their chords between the steps."""
         centers = self.sight.true(time)
         if self.sight.certain:
             return centers, self.scene.obstacle_sags(time)
@@ -271,7 +272,9 @@ class Executor:
         return centers, np.linalg.norm(self.sight.true(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2)
 
     def _dodged(self, now: float) -> Array:
-        """The twists that the programme allows of what the plan, or the way to the goal, asks for."""
+        """Return the twists that the programme allows when the plan, or the way to the goal, gives the desired
+        velocities.
+        """
         seen, period = self.sight.seen(now), self.pace.period
         if self.plan is None:
             evades = self._course is not None
@@ -291,7 +294,7 @@ class Executor:
         return allowed.twists
 
     def _keep_a_course(self) -> None:
-        """Without a plan, see where to go for the next moment."""
+        """Without a plan, search for a course for the next moment."""
         now = self.time
         if self.plan is not None:
             self._course = None
@@ -306,14 +309,16 @@ class Executor:
             self.log.evading.append(clock.perf_counter() - begun)
 
     def _homing(self) -> Array:
-        """Velocities of the hands straight to the goal, without haste; array, shape (n_hands, 3) [m/s]."""
+        """Return velocities of the hands straight to the goal, at moderate speed; array, shape (n_hands, 3) [m/s]."""
         twists = twists_between(self.scene, self.poses, self.goal, HOMING)
         wanted = hand_velocities(self.scene, self.poses, twists)
         fastest = np.linalg.norm(wanted, axis=1).max()
         return wanted * min(1.0, CAUTION * min(self.scene.speed_limit, 1.0) / max(fastest, 1e-9))
 
     def _keep_a_plan(self) -> None:
-        """See that there is a plan which holds, as far as one can see."""
+        """Give up a plan that does not hold any more, as far as can be foreseen, and search for one where there is
+        none.
+        """
         if self.plan is not None and self.plan.certain:
             return
         now = self.time
@@ -330,7 +335,7 @@ class Executor:
             self._patience = min(MOST_PATIENT, 2 * self._patience) if failed else self.pace.patience
 
     def _against(self, plan: Plan, now: float) -> str:
-        """Why a plan does not hold any more; empty if it does."""
+        """Return why a plan does not hold any more; empty if it does."""
         (there,) = plan.poses(now)
         behind = self._hands(self.poses) - self._hands(there)
         if np.linalg.norm(behind, axis=1).max() > LOST:
@@ -345,7 +350,7 @@ class Executor:
         return ""
 
     def _plan_anew(self, now: float) -> None:
-        """Look for a plan from the present state on."""
+        """Search for a plan from the present state on."""
         begun = clock.perf_counter()
         expected = self.sight.ahead(now)
         expected = replace(expected, obstacles=inflated(expected.obstacles, self.sight.seen(now).margin))
@@ -382,7 +387,7 @@ class Executor:
             self.log.first_plan = sum(self.log.planning)
 
     def _left_of_it(self, now: float) -> tuple[DMP, ...] | None:
-        """What is left of the demonstration, None where that is next to nothing."""
+        """Return the rest of the demonstration, None where it is nearly done or there is none."""
         done = now / self.scene.duration
         if self.demonstration is None or done > NEARLY_DONE:
             return None
@@ -390,7 +395,10 @@ class Executor:
         return tuple(rest[own] for own in self.demonstration)
 
     def _method(self, now: float) -> Quick:
-        """How to plan: what is not certain only guides, and the programme sees to the limits."""
+        """Return the planning method.
+
+        A plan among obstacles that are not exactly known only guides the load, and the programme keeps the limits.
+        """
         if self.n_steps == 0:
             return AT_LEISURE
         if self.sight.certain:
@@ -401,7 +409,7 @@ class Executor:
         return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
 
     def _shortest(self, now: float) -> float:
-        """Duration of the first plan to try [s]: what the scene leaves, or enough for the way."""
+        """Return the duration of the first plan to try [s]: the scene's remaining time, or more if the path needs it."""
         way = self._hands(self.goal) - self._hands(self.poses)
         way = float(np.linalg.norm(way, axis=1).max())
         enough = max(
@@ -410,11 +418,11 @@ class Executor:
         return max(self.scene.duration - now, enough)
 
     def _hands(self, poses: HandPoses) -> Array:
-        """Hands at given poses; array, shape (n_manipulators, 3) [m]."""
+        """Return the hands at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
 
     def _tell_where(self) -> None:
-        """Where the load is, so that its own points in a cloud are not taken for obstacles."""
+        """Tell the sight where the load is, so that its own points in a cloud are not taken for obstacles."""
         if isinstance(self.sight, Clouds):
             self.sight.carried(self.time, nodes_of(self.scene, self.poses))
 
@@ -423,6 +431,6 @@ class Executor:
 
 
 def _rest(dmp: DMP, done: float) -> DMP:
-    """What is left of a movement after a share of it."""
+    """Return the rest of a movement after the fraction `done` of it."""
     time = np.linspace(done, 1.0, N_LEFT) * dmp.duration
     return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))

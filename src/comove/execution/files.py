@@ -1,9 +1,9 @@
-"""An execution in files: `run.npz` and `run.json`.
+"""The files of an execution: `run.npz` and `run.json`.
 
 `run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
-`obstacle_center` (n_steps, n_obstacles, n_dims) [m], where the obstacles of the scene really were; besides, what
-rebuilds the whole load: `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z, of the
-rigid groups.
+`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles; it also holds the
+poses from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
+(n_steps, n_groups, 4), w x y z, of the rigid groups.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def write_run(
     interrupted: bool,
     wall_time_s: float,
 ) -> dict[str, Any]:
-    """Write `run.npz` and `run.json` into an existing folder; returns the summary."""
+    """Write `run.npz` and `run.json` into an existing folder, and return the summary."""
     n = record.scene.n_dims
     arrays = {
         "time": record.time,
@@ -78,7 +78,7 @@ def write_run(
 
 
 def _cost(record: Record) -> dict[str, Any]:
-    """J and its terms, of what was done, in unit duration."""
+    """Return the cost J and its terms for the executed motion, in unit duration."""
     scene = record.scene
     objective = Objective(scene, load_coordinates(scene))
     offsets = np.ascontiguousarray(scene.by_row(record.obstacles - scene.centers))

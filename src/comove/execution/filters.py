@@ -1,10 +1,10 @@
-"""Filters of what moves: steadily, with a turn that lasts, until it suddenly does something else.
+"""Filters that track obstacles which move steadily, possibly on a lasting turn, and may suddenly change their motion.
 
 Two extended Kalman filters of position, velocity and angular velocity of the direction (the coordinated turn;
-Bar-Shalom, Li and Kirubarajan, 2001, 11.7) take in the same measurements. The steady one expects velocities to
-change by turning alone, and knows a motion that goes on for long very well; the quick one takes any other
-acceleration for white noise. Where the quick one has told the measurements of late better, by a likelihood ratio that
-forgets, something has happened, and the steady one begins anew from what the quick one believes.
+Bar-Shalom, Li and Kirubarajan, 2001, 11.7) use the same measurements. The steady one expects velocities to
+change by turning alone, and estimates a lasting motion very accurately; the quick one treats any other
+acceleration as white noise. Where the quick one has predicted recent measurements better, by a likelihood ratio with
+forgetting, the motion has changed, and the steady one is restarted from the estimate of the quick one.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ POSITION, VELOCITY, TURN = slice(0, 3), slice(3, 6), slice(6, 9)
 
 
 class Belief(NamedTuple):
-    """What two filters, first the steady one, believe of things that move.
+    """The estimates of two filters, the steady and the quick one in this order, for several obstacles.
 
     Attributes
     ----------
-    state : array, shape (2, n, 9), positions [m], velocities [m/s] and their turning [rad/s]
+    state : array, shape (2, n, 9), positions [m], velocities [m/s] and angular velocities of their direction [rad/s]
     covariance : array, shape (2, n, 9, 9)
-    ratio : array, shape (n,), logarithm of how much better the steady one has told measurements of late, at most 0
+    ratio : array, shape (n,), logarithm of the likelihood ratio of the steady to the quick filter for recent
+        measurements, at most 0
     """
 
     state: Array
@@ -41,38 +42,42 @@ class Belief(NamedTuple):
     ratio: Array
 
     def at(self, which: NDArray[np.int64]) -> Belief:
-        """Of some things."""
+        """Return the estimates for some of the obstacles, by index."""
         return Belief(self.state[:, which], self.covariance[:, which], self.ratio[which])
 
     def put(self, which: NDArray[np.int64], of: Belief) -> None:
-        """Write in place what is believed of some things."""
+        """Write the estimates for some of the obstacles, in place."""
         self.state[:, which], self.covariance[:, which], self.ratio[which] = of
 
     @property
     def position(self) -> Array:
-        """Array, shape (n, 3) [m]."""
+        """Return the positions of the steady filter; array, shape (n, 3) [m]."""
         return self.state[0, :, POSITION]
 
     @property
     def velocity(self) -> Array:
-        """Array, shape (n, 3) [m/s]."""
+        """Return the velocities of the steady filter; array, shape (n, 3) [m/s]."""
         return self.state[0, :, VELOCITY]
 
     @property
     def spin(self) -> Array:
-        """Angular velocity of the velocity's direction, across it; array, shape (n, 3) [rad/s]."""
+        """Return the angular velocity of the velocity's direction, perpendicular to it; array, shape (n, 3) [rad/s]."""
         velocity, turn = self.velocity, self.state[0, :, TURN]
         square = np.maximum((velocity**2).sum(axis=1, keepdims=True), np.finfo(float).tiny)
         return turn - velocity * ((turn * velocity).sum(axis=1, keepdims=True) / square)
 
     @property
     def deviation(self) -> Array:
-        """Standard deviation of the position in the direction of which least is known; array, shape (n,) [m]."""
+        """Return the largest standard deviation of the position in any direction, of both filters; array, shape (n,)
+        [m].
+        """
         return np.sqrt(np.linalg.eigvalsh(self.covariance[:, :, POSITION, POSITION])[..., -1].max(axis=0))
 
 
 def unknown(position: Array, variances: Array) -> Belief:
-    """Nothing but where things may be, (n, 3) [m], and variances, (n, 9), zeros for what cannot be."""
+    """Return the initial estimates: positions, (n, 3) [m], and variances, (n, 9), zero for components that cannot
+    change.
+    """
     n = len(position)
     state, covariance = np.zeros((2, n, 9)), np.zeros((2, n, 9, 9))
     state[:, :, POSITION] = position
@@ -81,12 +86,12 @@ def unknown(position: Array, variances: Array) -> Belief:
 
 
 def later(belief: Belief, dt: Array, agility: float, fastest: float, sharpest: float) -> Belief:
-    """The same after a while.
+    """Return the estimates after a time without measurements.
 
     Parameters
     ----------
     dt : array, shape (n,), [s]
-    agility : spectral density of accelerations that are no turn, of what does not stand [m^2/s^3]
+    agility : spectral density of the accelerations that are not turns, of obstacles that do not stand still [m^2/s^3]
     fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
     """
     state, covariance = belief.state.copy(), belief.covariance.copy()
@@ -99,7 +104,7 @@ def later(belief: Belief, dt: Array, agility: float, fastest: float, sharpest: f
 
 
 def informed(belief: Belief, position: Array, variance: float) -> Belief:
-    """The same, knowing measured positions, (n, 3) [m], of a variance [m^2] a coordinate."""
+    """Return the estimates updated by measured positions, (n, 3) [m], with a variance [m^2] of each coordinate."""
     state, covariance = belief.state.copy(), belief.covariance.copy()
     steady, quick = (_correct(*each, position, variance) for each in zip(state, covariance, strict=True))
     ratio = np.minimum(FORGETS * belief.ratio + steady - quick, 0.0)
@@ -110,7 +115,7 @@ def informed(belief: Belief, position: Array, variance: float) -> Belief:
 
 @numba.njit(cache=True, error_model="numpy")
 def _predict(state, covariance, dt, density, drift):
-    """States (n, 9) and covariances (n, 9, 9) after times (n,), in place."""
+    """Advance states (n, 9) and covariances (n, 9, 9) by times (n,), in place."""
     for i in range(len(dt)):
         h, forward = dt[i], np.eye(9)
         velocity, turn = state[i, VELOCITY].copy(), state[i, TURN]
@@ -146,7 +151,7 @@ def _predict(state, covariance, dt, density, drift):
 
 @numba.njit(cache=True, error_model="numpy")
 def _correct(state, covariance, position, variance):
-    """Let states and covariances know measured positions, in place; log-likelihoods of these, shape (n,)."""
+    """Update states and covariances by measured positions, in place; return log-likelihoods of these, shape (n,)."""
     told = np.empty(len(position))
     for i in range(len(position)):
         known = np.ascontiguousarray(covariance[i, POSITION])
@@ -162,5 +167,5 @@ def _correct(state, covariance, position, variance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _crossing(a):
-    """The matrix of the cross product with a vector."""
+    """Return the matrix of the cross product with a vector."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -1,8 +1,8 @@
-"""Obstacles of which only measurements are known: noisy, late, and now and then none at all.
+"""Obstacles that are known only from measurements, which are noisy, delayed and sometimes missing.
 
-Every obstacle is followed by a steady and a quick filter (`filters`). The margin that is kept on top of the scene's
-clearance, for where an obstacle is now, after the delay and whatever has been missed, is `SIGMAS` standard deviations
-of the one that is less sure: the quick one, which reckons with sudden turns.
+Every obstacle is tracked by a steady and a quick filter (`filters`). The margin that is kept on top of the scene's
+clearance, for the present position after the delay and missed measurements, is `SIGMAS` standard deviations of the
+filter that is less certain: the quick one, which expects sudden turns.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ UNSEEN = 10.0  # m, standard deviation of what has never been seen
 
 @dataclass(frozen=True)
 class Sensor:
-    """What measurements are worth.
+    """The accuracy of a sensor, and the motions that its filters expect.
 
     Attributes
     ----------
     noise : standard deviation of a coordinate [m]
-    delay : between an instant and the arrival of what was measured then [s]
-    dropout : share of measurements that never arrive
+    delay : time between a measurement and its arrival [s]
+    dropout : fraction of measurements that never arrive
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly velocities change
-    fastest, sharpest : standard deviations of velocity and its turning of what has just been seen [m/s], [rad/s]
+    fastest, sharpest : standard deviations of the velocity of an obstacle that has just been seen, and of the angular
+        velocity of its direction [m/s], [rad/s]
     """
 
     noise: float = 0.01
@@ -60,12 +61,12 @@ class Sensor:
 
 
 class Observed:
-    """Obstacles tracked by measurements that somebody passes on, as they come.
+    """A sight that tracks obstacles by measurements, which the caller passes on as they arrive.
 
     Parameters
     ----------
-    scene : whose obstacles are watched; those without a `motion` stand where it says
-    sensor : what the measurements are worth
+    scene : the scene whose obstacles are observed; those without a `motion` stand still at their positions in it
+    sensor : accuracy of the measurements
     """
 
     certain = False
@@ -86,14 +87,15 @@ class Observed:
 
         Parameters
         ----------
-        obstacle : its number in the scene
-        center : array, shape (n_dims,), [m]
-        time : at which it was there [s]
+        obstacle : number of the obstacle in the scene
+        center : array, shape (n_dims,), measured position of its centre [m]
+        time : time of the measurement [s]
 
         Raises
         ------
         OptionError
-            If there is no such obstacle, if the centre is no place, or if the time lies before the last one.
+            If there is no such obstacle, if the centre is not a point, or if the time is not after that of the last
+            one.
         """
         n_dims, center = self.scene.n_dims, numbers(center)
         if (
@@ -118,19 +120,19 @@ class Observed:
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
     def _take_in(self, which: NDArray[np.int64], centers: Array, time: float) -> None:
-        """Centres, (n_measured, 3) [m], of some obstacles at one instant [s]."""
+        """Update the estimates of some obstacles by centres, (n_measured, 3) [m], measured at one instant [s]."""
         belief = informed(self._predicted(which, time), centers, self.sensor.noise**2)
         self._belief.put(which, belief)
         self._when[which] = time
 
     def _predicted(self, which: NDArray[np.int64], time: float) -> Belief:
-        """What is believed of some obstacles at a later instant [s]."""
+        """Return the estimates for some obstacles at a later instant [s]."""
         when, sensor = self._when[which], self.sensor
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
         return later(self._belief.at(which), dt, sensor.agility, sensor.fastest, sensor.sharpest)
 
     def seen(self, time: float) -> Sighting:
-        """Where the filters believe them to be, with the margin for what they do not know."""
+        """Return the obstacles at their estimated positions, with a margin for the uncertainty."""
         center, n, moving = self.scene.centers.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
         belief = self._predicted(moving, time)
@@ -139,26 +141,26 @@ class Observed:
         return sighting(self.scene, center, velocity, margin)
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do, turns included."""
+        """Return the scene with obstacles that continue their present motions, turns included."""
         moving, spin = np.flatnonzero(self.scene.moving), np.zeros((len(self._when), 3))
         spin[moving] = self._predicted(moving, time).spin
         return going_on(self.scene, self.seen(time), spin[self.scene.owners], time)
 
     def true(self, time: Array) -> Array:
-        """Nobody knows."""
+        """Return the true positions of obstacles that stand still, NaN for those that move."""
         centers = np.full((len(time), len(self._when), 3), np.nan)
         centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
         return centers
 
 
 class Measured(Observed):
-    """Measurements made up from where obstacles really are, to try out what a sensor is good for.
+    """A sight of synthetic measurements, which are generated from the true positions of obstacles to test a sensor.
 
     Parameters
     ----------
-    truth : where they really are
-    sensor : how it is measured, once an instant that is asked for
-    rng : of noise and drop-outs
+    truth : sight of the true positions
+    sensor : accuracy of the measurements, which are taken once at every instant that is asked for
+    rng : random numbers for noise and missing measurements
     """
 
     def __init__(self, truth: Sight, scene: Scene, sensor: Sensor | None, rng: np.random.Generator):
@@ -166,7 +168,7 @@ class Measured(Observed):
         self._truth, self._rng = truth, rng
 
     def seen(self, time: float) -> Sighting:
-        """Measure, and believe."""
+        """Measure, and return the obstacles at their estimated positions."""
         then = time - self.sensor.delay
         if then >= 0.0 or not np.isfinite(self._when[self.scene.moving]).all():
             then = max(then, 0.0)  # before it begins, everything stands as it does at 0 s
@@ -179,5 +181,5 @@ class Measured(Observed):
         return super().seen(time)
 
     def true(self, time: Array) -> Array:
-        """What is."""
+        """Return the true positions of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m]."""
         return self._truth.true(time)

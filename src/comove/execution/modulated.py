@@ -1,7 +1,7 @@
 """Execution as in the paper (III-B): the hands' coordinated primitive, its velocities turned by modulation matrices.
 
-Each hand follows the primitive from start to goal and is drawn back to it once an obstacle has passed; nothing but
-equal velocities keeps their distance. It is here to be compared with `Executor`.
+Each hand follows the primitive from start to goal and is drawn back to it once an obstacle has passed; the hands'
+distances are kept only as far as their velocities are equal. It serves for comparison with `Executor`.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ def run_modulated(
     *,
     load: bool = True,
 ) -> tuple[Array, Array]:
-    """Follow the primitive with modulated velocities.
+    """Follow the primitive with modulated velocities, and return the positions of the hands.
 
     Parameters
     ----------
-    sharing : whose matrix is whose; `Sharing.NONE` follows the primitive as it is
-    budget : simulated time at most [s]
-    load : points of the load count as well, not the hands alone
+    sight : sight of the obstacles
+    sharing : assignment of modulation matrices to points; `Sharing.NONE` follows the primitive as it is
+    budget : largest simulated time [s]
+    load : whether points of the load are modulated as well, not the hands alone
 
     Returns
     -------

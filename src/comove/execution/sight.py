@@ -1,7 +1,7 @@
-"""What an execution sees of its obstacles: known motions, functions of time, or measurements.
+"""The knowledge that an execution has of its obstacles: known motions, functions of time, or measurements.
 
-A sight tells where obstacles are now (`seen`), and what it expects of them from now on (`ahead`). Between its
-measurements it may be wrong: by how much at most, as far as its figures go, is the margin that is kept on top.
+A sight tells where obstacles are now (`seen`), and which motions it expects of them from now on (`ahead`). It may be
+wrong: an estimate of its largest error is the margin that is kept on top of the clearance.
 """
 
 from __future__ import annotations
@@ -30,47 +30,49 @@ SHARPEST = 10.0  # rad/s, of a turn that is expected to go on
 
 
 class Sight(Protocol):
-    """What every sight offers.
+    """The interface that every sight offers.
 
     Attributes
     ----------
-    certain : whether what it expects is what will be
+    certain : whether the motions that it expects are exact
     """
 
     certain: bool
 
     def seen(self, time: float) -> Sighting:
-        """The obstacles as they are believed to be at an instant [s], which must not lie in the past."""
+        """Return the obstacles as estimated at an instant [s], which must not lie in the past."""
 
     def ahead(self, time: float) -> Scene:
-        """The scene as it is expected to be: its motions hold from that instant [s] on."""
+        """Return the scene as it is expected to be: its motions hold from that instant [s] on."""
 
     def true(self, time: Array) -> Array:
-        """Where the centres really are; array, shape (n_times, n_obstacles, 3) [m]; NaN where nobody knows."""
+        """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m]; NaN where they are
+        not known.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Motions as the scene's file gives them.
+    """A sight that knows the motions in the scene's file exactly.
 
     Parameters
     ----------
-    scene : whose obstacles move
+    scene : the scene whose obstacles move
     """
 
     scene: Scene
     certain: ClassVar[bool] = True
 
     def seen(self, time: float) -> Sighting:
-        """Exactly what is."""
+        """Return the obstacles at their exact positions."""
         return sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), self._exact)
 
     def ahead(self, time: float) -> Scene:
-        """The scene itself."""
+        """Return the scene itself."""
         return self.scene
 
     def true(self, time: Array) -> Array:
-        """Where the file says."""
+        """Return the positions of the obstacles' centres by the file; array, shape (n_times, n_obstacles, 3) [m]."""
         return self.scene.centers + self.scene.offsets(time)
 
     @property
@@ -82,12 +84,12 @@ class Known:
 
 
 class Functions:
-    """Obstacles whose centres are functions of time; nothing is known of where they will go.
+    """A sight of obstacles whose centres are functions of time; their future motion is not known.
 
     Parameters
     ----------
-    scene : whose obstacles they are
-    positions : one function of time [s] an obstacle, which gives its centre, n_dims numbers [m]; None where it stands
+    scene : the scene to which the obstacles belong
+    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it stands still
 
     Raises
     ------
@@ -108,7 +110,7 @@ class Functions:
 
     @classmethod
     def of_motions(cls, scene: Scene) -> Functions:
-        """The scene's own motions, of which nobody knows how they go on."""
+        """Return a sight of the scene's own motions, whose continuation is not known."""
         return cls(
             scene,
             [
@@ -118,7 +120,7 @@ class Functions:
         )
 
     def true(self, time: Array) -> Array:
-        """What the functions say."""
+        """Return the values of the functions; array, shape (n_times, n_obstacles, 3) [m]."""
         centers = np.repeat(self.scene.centers[None], len(time), axis=0)
         for j, position in enumerate(self._positions):
             if position is not None:
@@ -132,12 +134,12 @@ class Functions:
         return centers
 
     def seen(self, time: float) -> Sighting:
-        """Where they are now, and how fast they got there."""
+        """Return the obstacles at their present positions, with velocities from the last instant."""
         before, now = self.true(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
         return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
 
     def ahead(self, time: float) -> Scene:
-        """That they go on as they do, turns included."""
+        """Return the scene with obstacles that continue their present motions, turns included."""
         earlier, seen = self.seen(max(0.0, time - TURN)), self.seen(time)
         before, now = earlier.velocity, seen.velocity
         across, along = np.cross(before, now), (before * now).sum(axis=1)
@@ -149,16 +151,17 @@ class Functions:
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """A motion at a constant speed whose direction turns evenly, also before `since`; straight without a turn.
+    """A motion at constant speed whose direction turns at a constant rate, also before `since`; straight without a
+    turn.
 
-    Trackers call it the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene asks of a
-    `comove.scenes.moving.Motion`; offsets are from where the centre is at `since`.
+    It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
+    requires of a `comove.scenes.moving.Motion`; offsets are relative to the centre's position at `since`.
 
     Attributes
     ----------
-    velocity : array, shape (3,), at `since` [m/s]
-    spin : array, shape (3,), across the velocity [rad/s]
-    since : [s]
+    velocity : array, shape (3,), velocity at `since` [m/s]
+    spin : array, shape (3,), angular velocity of the direction, perpendicular to the velocity [rad/s]
+    since : reference time [s]
     """
 
     velocity: Array
@@ -167,29 +170,33 @@ class Turning:
     kinks: ClassVar[tuple[float, ...]] = ()
 
     def offsets(self, time: ArrayLike) -> Array:
-        """Of the centre; array, shape (n_times, 3) [m]."""
+        """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
         time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
         along, across = np.sinc(rate * time / np.pi), np.sinc(0.5 * rate * time / np.pi) ** 2
         return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.spin, self.velocity)
 
     def velocities(self, time: ArrayLike) -> Array:
-        """Of the centre; array, shape (n_times, 3) [m/s]."""
+        """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
         time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
         turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
         return np.cos(rate * time) * self.velocity + turned
 
     def sags(self, time: ArrayLike) -> Array:
-        """How far the centre strays at most from its chords between the times; array, shape (n_times - 1,) [m]."""
+        """Return how far the centre strays at most from its chords between the times; array, shape (n_times - 1,)
+        [m].
+        """
         bend = np.linalg.norm(self.velocity) * np.linalg.norm(self.spin)
         return bend * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
 
 
 def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
-    """The scene whose obstacles go on from what is seen at an instant [s], those behind the scene's own included.
+    """Return the scene with obstacles that continue their motions as seen at an instant [s].
+
+    Seen obstacles beyond those of the scene are appended.
 
     Parameters
     ----------
-    turn : array, shape (n_rows, 3), how fast velocities turn [rad/s]
+    turn : array, shape (n_rows, 3), angular velocities of the velocities' directions [rad/s]
     """
     n_more = len(seen.table) - len(scene.owners)
     owners = np.append(scene.owners, len(scene.motions) + np.arange(n_more))
@@ -204,7 +211,7 @@ def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
 
 
 def sighting(scene: Scene, center: Array, velocity: Array, margin: Array) -> Sighting:
-    """What is seen, by row of the table, from what is known by obstacle.
+    """Return the sighting, by row of the table, from positions, velocities and margins by obstacle.
 
     Parameters
     ----------

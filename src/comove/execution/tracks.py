@@ -1,12 +1,13 @@
-"""What clouds show, followed over time: groups of points with velocities, and the spheres that hold them.
+"""Tracking of point clouds: groups of points with velocities, and the spheres that contain them.
 
-A cloud's cells belong to the track whose spheres, moved on, are nearest; what is near to none begins a new track, and
-a track that has come apart becomes two with one velocity. Two that touch and move alike become one. The middle of a
-track's points is the measurement of a Kalman filter (1960) that takes accelerations for white noise; where a track
-has grown or shrunk by much, its middle says nothing of its motion, and the filter goes on without.
+A cloud's cells belong to the track whose spheres, moved on, are nearest; cells that are near to none begin a new
+track, and a track that has come apart becomes two with one velocity. Two that touch and move alike become one. The
+middle of a track's points is the measurement of a Kalman filter (1960) that treats accelerations as white noise;
+where a track has grown or shrunk by much, its middle is no measure of its motion, and the filter continues without
+it.
 
-A sphere that holds no point of a new cloud deep inside, and is nearest to none, is kept for a while and moves on with
-its track, for what is hidden has not gone; but no longer than it had been seen before.
+A sphere that contains no point of a new cloud deep inside, and is nearest to none, is kept for a while and moves on
+with its track, as an obstacle that is hidden still exists; but no longer than it had been seen before.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ FORGOTTEN = 0.5  # of what a track was seen to stray, from one cloud to the next
 
 @dataclass(frozen=True)
 class Scanner:
-    """What clouds of points are worth.
+    """The accuracy of point clouds, and settings of their tracking.
 
     Attributes
     ----------
     noise : standard deviation of a point's coordinate [m]
-    spacing : between neighbouring points on a surface at most [m]
-    detail : how far spheres may stick out of what was seen [m], noise and spacing aside
-    most : how many spheres there may be
-    own : how near to the load or a hand points are taken to be theirs, and to an obstacle of the file [m]
-    memory : how long what is out of sight is kept [s]
+    spacing : largest distance of neighbouring points on a surface [m]
+    detail : largest distance of a sphere's surface from the points seen, apart from noise and spacing [m]
+    most : largest number of spheres
+    own : distance within which points belong to the load or a hand, or to an obstacle of the file [m]
+    memory : time for which obstacles out of sight are kept [s]
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
-    fastest : standard deviation of a velocity of which nothing is known yet [m/s]
+    fastest : standard deviation of a velocity that is not known yet [m/s]
     """
 
     noise: float = 0.002
@@ -85,10 +86,11 @@ class Tracks(NamedTuple):
     ----------
     position : array, shape (n_tracks, 3), middles of their points [m]
     velocity : array, shape (n_tracks, 3), [m/s]
-    covariance : array, shape (n_tracks, 2, 2), of position and velocity of each coordinate, all alike
-    size : array, shape (n_tracks,), points
-    begun : array, shape (n_tracks,), when each was seen first [s]
-    stray : array, shape (n_tracks,), how fast its points were seen to leave where its motion puts them [m/s]
+    covariance : array, shape (n_tracks, 2, 2), of position and velocity of a coordinate, equal for all coordinates
+    size : array, shape (n_tracks,), number of points
+    begun : array, shape (n_tracks,), time at which each was first seen [s]
+    stray : array, shape (n_tracks,), speed at which points were seen to leave the positions predicted by the motion
+        [m/s]
     """
 
     position: Array
@@ -99,19 +101,19 @@ class Tracks(NamedTuple):
     stray: Array
 
     def at(self, which: Numbers) -> Tracks:
-        """Some of them, in that order."""
+        """Return some of the tracks, in the order of `which`."""
         return Tracks(*(field[which] for field in self))
 
 
 class Spheres(NamedTuple):
-    """What must not be touched, at the instant of the last cloud.
+    """Spheres that must not be touched, at the instant of the last cloud.
 
     Attributes
     ----------
     center : array, shape (n_spheres, 3), [m]
     radius : array, shape (n_spheres,), [m]
-    track : array of int, shape (n_spheres,)
-    seen : array, shape (n_spheres,), when points were last seen in each [s]
+    track : array of int, shape (n_spheres,), number of the track
+    seen : array, shape (n_spheres,), time at which points were last seen in each [s]
     """
 
     center: Array
@@ -121,7 +123,7 @@ class Spheres(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """All that is known, at an instant [s]; minus infinity before the first cloud."""
+    """The tracks and spheres that are known at an instant [s], which is minus infinity before the first cloud."""
 
     time: float
     tracks: Tracks
@@ -129,14 +131,14 @@ class Memory(NamedTuple):
 
 
 def blank() -> Memory:
-    """Nothing seen yet."""
+    """Return an empty memory, before the first cloud."""
     none, no_place = np.zeros(0), np.zeros((0, 3))
     tracks = Tracks(no_place, no_place, np.zeros((0, 2, 2)), none, none, none)
     return Memory(-np.inf, tracks, Spheres(no_place, none, np.zeros(0, dtype=np.int64), none))
 
 
 def moved(memory: Memory, time: float, agility: float) -> Memory:
-    """The same at a later instant [s], everything going on as it did."""
+    """Return the memory at a later instant [s], with all velocities constant."""
     dt = time - memory.time if np.isfinite(memory.time) else 0.0
     tracks, spheres = memory.tracks, memory.spheres
     forward = np.array([[1.0, dt], [0.0, 1.0]])
@@ -150,9 +152,9 @@ def moved(memory: Memory, time: float, agility: float) -> Memory:
 
 
 def margins(memory: Memory, time: float, agility: float) -> Array:
-    """How far what is in a sphere may have left it at a later instant [s]; array, shape (n_spheres,) [m].
+    """Return how far points in a sphere may have left it at a later instant [s]; array, shape (n_spheres,) [m].
 
-    The points are known up to the noise, which the radii hold; what is not known is how they have moved since.
+    The points themselves are known up to the noise, which the radii include; the margin is for their motion since.
     """
     tracks, (_, _, track, seen) = memory.tracks, memory.spheres
     age = np.maximum(time - seen, 0.0)
@@ -161,7 +163,7 @@ def margins(memory: Memory, time: float, agility: float) -> Array:
 
 
 def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Memory:
-    """What is known after a cloud, array of shape (n_points, 3) [m], of a later instant [s]."""
+    """Return the memory after a cloud, array of shape (n_points, 3) [m], of a later instant [s]."""
     edge, lapse = 0.5 * scanner.detail, time - memory.time
     cells, now = thinned(points, edge), moved(memory, time, scanner.agility)
     tracks, spheres = now.tracks, now.spheres
@@ -200,14 +202,14 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
 
 
 def _still(tracks: Tracks) -> Tracks:
-    """Tracks of which nothing is seen now: whatever comes back is another size."""
+    """Return tracks of which nothing is seen now, with size 0, so that any points seen again count as another size."""
     return tracks._replace(size=np.zeros(len(tracks.size)))
 
 
 def _measured(
     before: Tracks, points: Array, part: Numbers, heirs: Numbers, time: float, scanner: Scanner
 ) -> Tracks:
-    """One track a part, with the state of the track whose heir it is, corrected by where its points are."""
+    """Return one track per part: the state of the track that it continues, corrected by the positions of its points."""
     n, old = len(heirs), np.maximum(heirs, 0)
     size = np.bincount(part, minlength=n).astype(float)
     middle = np.stack([np.bincount(part, weights=column, minlength=n) for column in points.T], axis=1)
@@ -241,12 +243,13 @@ def _measured(
 
 
 def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numbers]:
-    """Cells sorted into parts that hang together, those of one track or of none.
+    """Sort cells into connected parts, each of cells of one track or of none.
 
     Returns
     -------
-    part : array of int, shape (n_cells,)
-    heirs : array of int, shape (n_parts,), whose state each takes over, -1 for nobody's; the largest of a track first
+    part : array of int, shape (n_cells,), the part of each cell
+    heirs : array of int, shape (n_parts,), the track whose state each part takes over, -1 for none; the largest part
+        of a track comes first
     """
     if not len(label):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -268,11 +271,11 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
 
 @numba.njit(cache=True, error_model="numpy")
 def _joined(place, label, row, column, velocity):
-    """The first node of those that each hangs together with; array of int, shape (n_nodes,).
+    """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
 
     Parameters
     ----------
-    place : array of int, shape (n_nodes,), in order: x row + y column + z
+    place : array of int, shape (n_nodes,), sorted grid positions: x row + y column + z
     label : array of int, shape (n_nodes,), tracks, -1 for none
     """
     n = place.shape[0]
@@ -314,7 +317,12 @@ def _root(root, i):
 
 @numba.njit(cache=True, error_model="numpy")
 def _nearest_spheres(points, center, radius, reach):
-    """The sphere nearest to each point, -1 beyond all reaches; how far out of it [m]; which still hold any."""
+    """Return the sphere nearest to each point, -1 beyond all reaches; the point's distance from it; which are
+    confirmed.
+
+    Spheres that are confirmed still contain a point deep inside, or are nearest to one. Distances are from the
+    surface [m], negative inside.
+    """
     n, m = points.shape[0], center.shape[0]
     nearest, beyond = np.full(n, -1), np.full(n, np.inf)
     confirmed = np.zeros(m, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Objective, planners, growing the load, and `solve`."""
+"""`solve`, the methods and objectives that it takes, and the choice and combination of library movements."""
 
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement

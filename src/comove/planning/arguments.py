@@ -1,4 +1,4 @@
-"""What `solve` is asked for, checked: bad arguments are answered by one sentence."""
+"""Checks of the arguments of `solve`, which reject a bad one by a message of one sentence."""
 
 from __future__ import annotations
 
@@ -68,7 +68,13 @@ def listed(constraints: object) -> tuple:
 
 
 def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
-    """The demonstration carried to every manipulator's ends; array, shape (N_STEPS, n_manipulators, 3), [m]."""
+    """Transfer a demonstration to the ends of every hand; array, shape (N_STEPS, n_manipulators, 3), [m].
+
+    Raises
+    ------
+    OptionError
+        If a movement has not the scene's dimension.
+    """
     for one in [dmp] if isinstance(dmp, DMP) else dmp:
         if one.n_dims != scene.n_dims:
             raise OptionError(
@@ -82,12 +88,12 @@ def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
 
 
 def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
-    """Return the movement of every manipulator, in their order; None without a demonstration.
+    """Return one movement for every manipulator, in their order; None without a demonstration.
 
     Raises
     ------
     OptionError
-        A manipulator has none, there is one for nobody, or it is no movement.
+        If a manipulator has no movement, a movement is for no manipulator, or something given is no movement.
     """
     if demonstration is None:
         return None

@@ -1,4 +1,4 @@
-"""Choosing a movement from a library for a scene: all are carried to the hands and evaluated at once."""
+"""The choice of a library movement for a scene: all are transferred to the hands and evaluated together."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 PIECE = 64  # movements evaluated at once
-N_BASIS = 30  # shape weights a dimension of what is carried
+N_BASIS = 30  # shape weights a dimension of a transferred movement
 
 Movements = Library | Mapping[str, DMP] | Iterable[Primitive | DMP]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A movement, carried to every hand of a scene.
+    """A library movement that was transferred to every hand of a scene, and its evaluation.
 
     Attributes
     ----------
-    name : of the movement
-    dmp : as it was given, laid into space where that was asked for
-    passes : nothing is touched and no limit broken, as far as samples tell
+    name : name of the movement
+    dmp : the movement as it was given, or laid into space if it is planar and that was asked for
+    passes : whether nothing is touched and no limit exceeded at the samples
     cost : J without its obstacle term
-    penalty : of obstacles, as the search feels them
-    clearance : least one seen [m], at most the search's margin
+    penalty : penalty of obstacles (`ContactPenalty`)
+    clearance : least clearance at the samples [m], capped as in `Evaluation`
     """
 
     name: str
@@ -51,18 +51,18 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Movements in the order in which they suit a scene.
+    """A ranking of movements by how well they suit a scene.
 
     Attributes
     ----------
-    ranking : best first: those that pass by their cost, then the others by cost and penalty
+    ranking : candidates, best first: those that pass, then the others, each part in order of cost plus penalties
     """
 
     ranking: tuple[Candidate, ...]
 
     @property
     def best(self) -> Candidate:
-        """The first."""
+        """Return the first candidate of the ranking."""
         return self.ranking[0]
 
 
@@ -80,15 +80,15 @@ def best_movement(
     ----------
     movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
         and rhythmic ones, are left out
-    scene : to whose hands each is carried, as `solve` does
+    scene : scene to whose hands each movement is transferred, as `solve` does
     objective : weights of equation (4)
-    plane : "xy", "xz" or "yz", in which planar movements are laid in a spatial scene
-    budget : seconds after which movements that have not been looked at are left out
+    plane : "xy", "xz" or "yz", plane into which planar movements are laid in a spatial scene
+    budget : time after which movements that are not yet evaluated are left out [s]
 
     Raises
     ------
     OptionError
-        If no movement is left.
+        If no movement can be transferred.
     """
     begun = time.perf_counter()
     suited = suitable(movements, scene, plane)
@@ -122,12 +122,12 @@ def best_movement(
 
 
 def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> dict[str, DMP]:
-    """The movements that can be carried to the hands of a scene, by name.
+    """Return the movements that can be transferred to the hands of a scene, by name.
 
     Raises
     ------
     OptionError
-        If there is none.
+        If there is no such movement.
     """
     suited: dict[str, DMP] = {}
     n_given = 0

@@ -1,8 +1,8 @@
-"""A clock that compiled loops look at, so that a budget holds inside them as well.
+"""A clock that compiled loops read, so that a time budget holds inside them as well.
 
-Kernels say how much they work, and after some milliseconds of it they look at the time. Once it is up, nothing is
-free any more and loops end: whoever called them looks at the clock as well and ends the search. Before that the clock
-changes nothing.
+Kernels count their work, and read the time after every few milliseconds of it. Once time is up, they report every
+configuration as not free, so that their loops end; the caller checks the time as well and ends the search. Until then
+the clock does not change any result.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 DEADLINE, LEFT, UP, LOOKS = range(4)  # columns of a clock
-STRIDE = 20_000  # distances or the like between two looks at the time: some milliseconds
+STRIDE = 20_000  # computed distances, or as much work, between two readings of the time: some milliseconds
 
 
 def clock_until(deadline: float = np.inf) -> Array:
-    """A clock that is up at `deadline`, a time of `time.perf_counter` [s]."""
+    """Return a clock that expires at `deadline`, a time of `time.perf_counter` [s]."""
     clock = np.zeros(4)
     clock[LEFT] = STRIDE
     wind(clock, deadline)
@@ -28,13 +28,13 @@ def clock_until(deadline: float = np.inf) -> Array:
 
 
 def wind(clock: Array, deadline: float) -> None:
-    """Let a clock run until another deadline: time in which kernels are compiled puts it off."""
+    """Set a new deadline and let the clock run again, as when the compilation of kernels has postponed the deadline."""
     clock[DEADLINE], clock[UP] = deadline, 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
 def worked(clock, work):
-    """Count some work, look at the time if it is long ago; whether time is up."""
+    """Add to the work counted, read the time if enough has been done since last, and return whether time is up."""
     clock[LEFT] -= work
     if clock[LEFT] < 0.0:
         with numba.objmode(now="float64"):

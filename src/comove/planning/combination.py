@@ -1,11 +1,12 @@
-"""Several movements combined into one that gets through: the framework of the paper's reference [6].
+"""A combination of several movements that avoids the obstacles of a scene; after the paper's reference [6].
 
-All movements are carried to common ends. There the weights of the combination are, in every dimension d,
+All movements are transferred to common ends. There the weights of the combination are, in every dimension d,
 
     w_d = sum_k c_kd w_kd,
 
-so that any coefficients c meet the ends, and CMA-ES looks for those of the least objective (4) with hard obstacles.
-The combination is carried to every hand as a demonstration is; its rollout is judged like any other motion.
+so that any coefficients c meet the ends, and CMA-ES searches for those that minimise the objective (4) with obstacles
+as constraints. The combination is transferred to every hand as a demonstration is; its rollout is verified like any
+other motion.
 """
 
 from __future__ import annotations
@@ -39,29 +40,32 @@ from comove.verification.verify import Check, VerifiedMotion, verify
 Array = NDArray[np.float64]
 
 POPULATION, LARGEST = 32, 128  # samples a generation, doubled with every second restart
-RESTARTS, COMPARED = 12, 5  # runs at most, and verified ones of which the best is kept
-AGREEING, ALIKE = 3, 0.01  # fewer are enough if that many have the same cost, up to this share
+RESTARTS, COMPARED = 12, 5  # runs at most, and verified runs after which the best is returned
+AGREEING, ALIKE = (
+    3,
+    0.01,
+)  # verified runs that are enough if their costs agree, up to this relative difference
 SIGMA = 0.5  # first step of the coefficients
-GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # at most, and without a relative gain
+GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # generations at most, and without such a relative gain
 STRICTER = 4  # times that a rejected combination is improved with a wider margin
 
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """What came of combining movements.
+    """The result of `combine`.
 
     Attributes
     ----------
-    dmp : the combination, at the ends of the hand that goes farthest; a demonstration for `solve`
-    names : of the movements
+    dmp : the combination, at the ends of the hand that goes farthest; can be a demonstration for `solve`
+    names : names of the movements
     coefficients : array, shape (n_movements, n_dims)
-    attempt : the combination carried to every hand
-    motion : the same, verified; None where it is not
-    reasons : why it is not, in words
+    attempt : motion of the combination, transferred to every hand
+    motion : `attempt` as a verified motion; None if it is not verified
+    reasons : why `attempt` is not verified, in words
     cost : J of `attempt`
-    evaluations, generations, restarts : of the search, restarts with its first run
-    seed : of all random numbers
-    interrupted : stopped by the user
+    evaluations, generations, restarts : numbers of evaluated samples, of generations, and of runs of the optimiser
+    seed : seed of all random numbers
+    interrupted : whether the user stopped the search
     """
 
     dmp: DMP
@@ -79,7 +83,7 @@ class Combination:
 
     @property
     def verified(self) -> bool:
-        """Whether `motion` holds a verified motion."""
+        """Return whether `motion` holds a verified motion."""
         return self.motion is not None
 
 
@@ -94,22 +98,23 @@ def combine(
     checks: Sequence[Check] = (),
     progress: ProgressCallback | None = None,
 ) -> Combination:
-    """Combine movements into one that gets through a scene.
+    """Combine movements into one that avoids the obstacles of a scene.
 
     Parameters
     ----------
     movements, plane : as for `best_movement`
-    scene : of one hand or several; several hands all make the same movement, each between its own ends
-    seed : of all random numbers; the same inputs, seed and version give the same combination unless time runs short
-    budget : seconds after which the best attempt is returned
+    scene : scene of one hand or several; several hands all make the same movement, each between its own ends
+    seed : seed of all random numbers; the same inputs, seed and version give the same combination unless time runs
+        short
+    budget : time after which the best attempt is returned [s]
     objective : weights of equation (4)
     checks : further checks that the motion must pass
-    progress : called once a generation
+    progress : function that is called once a generation
 
     Raises
     ------
     OptionError
-        If no movement suits, or an argument is out of range.
+        If no movement can be transferred, or an argument is out of range.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
@@ -152,14 +157,14 @@ def combine(
 
 @dataclass(frozen=True, eq=False)
 class _Span:
-    """All combinations of some movements on a scene.
+    """The linear span of some movements: all their combinations, transferred to the hands of a scene.
 
     Attributes
     ----------
-    common : a movement without shape between the common ends
-    weights : array, shape (n_movements, n_dims, n_basis), between the common ends
-    turns : array, shape (n_manipulators, n_dims, n_dims), that carry the weights to each hand
-    ways : array, shape (N_STEPS, n_manipulators, n_dims), of the hands without shape [m]
+    common : movement with zero shape weights between the common ends
+    weights : array, shape (n_movements, n_dims, n_basis), shape weights of the movements between the common ends
+    turns : array, shape (n_manipulators, n_dims, n_dims), matrices that transfer the weights to each hand
+    ways : array, shape (N_STEPS, n_manipulators, n_dims), positions of the hands with zero shape weights [m]
     """
 
     scene: Scene
@@ -190,7 +195,16 @@ class _Span:
         )
 
     def configurations(self, coefficients: Array) -> Array:
-        """Of many combinations, array of shape (n, n_movements, n_dims); array, shape (n, n_columns, N_STEPS)."""
+        """Return the configurations of many combinations.
+
+        Parameters
+        ----------
+        coefficients : array, shape (n, n_movements, n_dims)
+
+        Returns
+        -------
+        array, shape (n, n_columns, N_STEPS)
+        """
         weights = np.einsum("nkd,kdj->ndj", coefficients, self.weights)
         shape = weights @ self.common.basis.sampled(N_STEPS)[:N_BASIS]
         hands = self.ways + np.einsum("mde,net->ntmd", self.turns, shape)
@@ -200,16 +214,16 @@ class _Span:
         return np.ascontiguousarray(q.reshape(n, n_steps, -1).transpose(0, 2, 1))
 
     def combined(self, coefficients: Array) -> DMP:
-        """The primitive of coefficients, array of shape (n_movements, n_dims)."""
+        """Return the combined primitive; `coefficients` has the shape (n_movements, n_dims)."""
         return replace(self.common, weights=np.einsum("kd,kdj->dj", coefficients, self.weights))
 
     def motion(self, dmp: DMP) -> CoordinatedMotion:
-        """The primitive carried to every hand."""
+        """Return the motion of a primitive that is transferred to every hand."""
         basis = motion_basis(N_BASIS, "velocity")
         return CoordinatedDMP.from_demonstration(dmp, self.scene, self.coordinates, basis).rollout()
 
     def begin(self, restart: int, best: int, rng: np.random.Generator) -> Array:
-        """Coefficients to begin with: the best movement alone, the straight way, then any."""
+        """Return initial coefficients: the best movement alone, then the straight way, then random ones."""
         coefficients = np.zeros(self.weights.shape[:2])
         if restart == 1:
             coefficients[best] = 1.0
@@ -219,13 +233,13 @@ class _Span:
 
 
 class Found(NamedTuple):
-    """A combination on a scene.
+    """A combination of movements and its motion on a scene.
 
     Attributes
     ----------
     coefficients : array, shape (n_movements, n_dims)
     dmp : the combination, at the ends of the hand that goes farthest
-    motion : the same carried to every hand
+    motion : motion of the combination, transferred to every hand
     """
 
     coefficients: Array
@@ -234,12 +248,12 @@ class Found(NamedTuple):
 
 
 class Attempts:
-    """Runs of CMA-ES over the coefficients; keeps the best verified combination, or else the best attempt.
+    """Runs of CMA-ES over the coefficients, which keep the best verified combination, or else the best attempt.
 
     Parameters
     ----------
-    search : with an objective in load coordinates
-    movements : by name, all of the scene's dimension
+    search : search whose objective is in load coordinates
+    movements : movements by name, all of the scene's dimension
     """
 
     def __init__(self, search: Search, movements: dict[str, DMP]):
@@ -252,26 +266,26 @@ class Attempts:
         self.restarts = 0
 
     def run(self) -> None:
-        """Run until further runs promise nothing better, or time is up (`OutOfTime`)."""
+        """Run the optimiser until more runs promise no improvement; raises `OutOfTime` when time is up."""
         while self.restarts < RESTARTS and not self.enough:
             self.restarts += 1
             begin = self.span.begin(self.restarts, self.first, self.search.rng)
             self._run_once(begin, min(LARGEST, POPULATION * 2 ** ((self.restarts - 1) // 2)))
 
     def found(self) -> Found:
-        """The best so far, the best movement alone before there is any."""
+        """Return the best combination so far; before the first one, the best movement alone."""
         coefficients = self.span.begin(1, self.first, self.search.rng) if self.best is None else self.best
         dmp = self.span.combined(coefficients)
         return Found(coefficients, dmp, self.span.motion(dmp))
 
     @property
     def enough(self) -> bool:
-        """Whether further runs promise nothing better."""
+        """Return whether more runs promise no improvement."""
         alike = sum(cost <= (1 + ALIKE) * min(self.costs) for cost in self.costs)
         return len(self.costs) >= COMPARED or alike >= AGREEING
 
     def _run_once(self, begin: Array, population: int) -> None:
-        """Improve coefficients until they are verified, more strictly each time they are rejected."""
+        """Optimise coefficients until their motion is verified, with a stricter objective after each rejection."""
         objective, coefficients, sigma = self.search.objective, begin, SIGMA
         for _ in range(1 + STRICTER):
             coefficients, feasible = self._improve(objective, coefficients, sigma, population)
@@ -289,7 +303,7 @@ class Attempts:
     def _improve(
         self, objective: Objective, begin: Array, sigma: float, population: int
     ) -> tuple[Array, bool]:
-        """The best coefficients of one run, and whether they look verifiable."""
+        """Run CMA-ES once; return the best coefficients, and whether their motion is feasible at the samples."""
         search = self.search
         search.stage = f"combining {len(begin)} movements"
         optimiser = CMAES(

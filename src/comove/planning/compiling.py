@@ -1,4 +1,4 @@
-"""What is compiled: once after installation, kernel by kernel, for a minute or two."""
+"""Counters of the kernels that are compiled, once after installation, which takes a minute or two."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ KernelCallback = Callable[[str], None]
 
 @dataclass
 class Compiled:
-    """What has been compiled so far.
+    """Counts what has been compiled so far.
 
     Attributes
     ----------
-    kernels : how many
-    seconds : how long it took [s]
+    kernels : number of kernels
+    seconds : time that it took [s]
     """
 
     kernels: int = 0
@@ -32,7 +32,7 @@ IN_ALL = Compiled()  # what commands have watched in this process
 
 
 class _Listener(event.Listener):
-    """Counts and tells; a kernel that needs others is compiled around them."""
+    """A listener that counts and reports compiled kernels; the compilation of one may include that of others."""
 
     def __init__(self, compiled: Compiled, tell: KernelCallback | None):
         self.compiled, self.tell = compiled, tell
@@ -62,18 +62,19 @@ class _Listener(event.Listener):
 
 
 def _counts(event: event.Event) -> bool:
-    """Not what is interpreted within a kernel: it is never cached, and takes no time to speak of."""
+    """Return whether an event counts: not that of code lifted out of a kernel, which is never cached and costs little."""
     return not isinstance(event.data["dispatcher"], LiftedCode)
 
 
 @contextmanager
 def compiling(tell: KernelCallback | None = None, compiled: Compiled | None = None) -> Iterator[Compiled]:
-    """Watch what is compiled; what is loaded from the cache does not count.
+    """Count the kernels that are compiled in this context; kernels loaded from the cache do not count.
 
     Parameters
     ----------
-    tell : called with the name of every kernel when its turn comes, and with "" when nothing is compiled any more
-    compiled : to which it is added, and which is given; begins empty unless given
+    tell : function that is called with the name of every kernel when its compilation begins, and with "" when all
+        compilation has ended
+    compiled : counters to add to, which the context yields; new ones unless given
     """
     compiled = Compiled() if compiled is None else compiled
     with event.install_listener("numba:compile", _Listener(compiled, tell)):

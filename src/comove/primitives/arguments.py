@@ -1,4 +1,4 @@
-"""What arguments are: numbers, vectors, counts; what is none is told in one sentence."""
+"""Checks of arguments: numbers, vectors and counts; an invalid one is reported in one sentence."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ MAX_STEPS = 100_000_000
 
 
 def is_number(value: object) -> bool:
-    """Whether `value` is one finite number."""
+    """Return whether `value` is one finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         return False
     return -1e308 < value < 1e308
 
 
 def numbers(value: object) -> Array:
-    """A new array of what are numbers; NaN, of no dimension, for what is none."""
+    """Convert `value` to a new array of floats; return a zero-dimensional NaN if that is impossible."""
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -28,12 +28,12 @@ def numbers(value: object) -> Array:
 
 
 def vector(name: str, value: object, n_dims: int) -> Array:
-    """A new array of `n_dims` finite numbers.
+    """Return `value` as a new array of `n_dims` finite numbers.
 
     Raises
     ------
     OptionError
-        If `value` is none.
+        If `value` is not such an array.
     """
     array = numbers(value)
     if array.shape != (n_dims,) or not np.isfinite(array).all():
@@ -42,12 +42,12 @@ def vector(name: str, value: object, n_dims: int) -> Array:
 
 
 def require_positive(name: str, value: object, most: float = 1e308) -> None:
-    """Refuse what is no positive number, or more than `most`.
+    """Raise unless `value` is a positive number that does not exceed `most`.
 
     Raises
     ------
     OptionError
-        That names it.
+        If it is not; the error names the argument.
     """
     if not is_number(value) or not 0 < value <= most:
         bound = f" up to {most:g}" if most < 1e308 else ""
@@ -55,12 +55,12 @@ def require_positive(name: str, value: object, most: float = 1e308) -> None:
 
 
 def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
-    """Refuse what is no whole number from 1 to `most`.
+    """Raise unless `value` is a whole number from 1 to `most`.
 
     Raises
     ------
     OptionError
-        That names it.
+        If it is not; the error names the argument.
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= most:
         bound = f"to {most}" if most < MAX_STEPS else "on"
@@ -68,12 +68,12 @@ def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
 
 
 def instants(time: object) -> Array:
-    """A new array of finite times [s], shape (n_steps,).
+    """Return `time` as a new array of finite times [s], shape (n_steps,).
 
     Raises
     ------
     OptionError
-        If `time` is none.
+        If `time` is not such an array.
     """
     array = numbers(time)
     if array.ndim != 1 or not np.isfinite(array).all():
@@ -82,12 +82,12 @@ def instants(time: object) -> Array:
 
 
 def require_steps(n_steps: object) -> None:
-    """Refuse what is no number of samples.
+    """Raise unless `n_steps` is a valid number of samples.
 
     Raises
     ------
     OptionError
-        If `n_steps` is no whole number from 2 on.
+        If `n_steps` is not a whole number from 2 to `MAX_STEPS`.
     """
     if (
         isinstance(n_steps, bool)

@@ -1,8 +1,8 @@
 """Several demonstrations of one movement: their mean and their spread.
 
-Every demonstration is fitted for itself; phase and basis are common, so the mean of the weights and ends is the
-mean of the movements at equal phases, and deviations from it span the movements that people would take for the same
-one (a probabilistic movement primitive in the DMP's own weights; Li et al., 2023).
+Every demonstration is fitted separately. Phase and basis are common, so the mean of the weights and ends is the
+mean of the movements at equal phases, and the deviations from it span movements that people would regard as the
+same movement (a probabilistic movement primitive in the DMP's own weights; Li et al., 2023).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class AveragedDMP:
-    """The mean of several movements.
+    """The mean of several movements, together with these movements.
 
     Attributes
     ----------
-    mean : the mean movement, which lasts as long as they do on average
+    mean : the mean movement; its duration is the mean of their durations
     members : the movements, as they were fitted
     """
 
@@ -35,7 +35,12 @@ class AveragedDMP:
     members: tuple[DMP, ...]
 
     def spread(self, n_steps: int = 201) -> Array:
-        """Standard deviation of the members about the mean at even phases; array, shape (n_steps, n_dims), [m]."""
+        """Return the standard deviation of the members about the mean at even phases.
+
+        Returns
+        -------
+        array, shape (n_steps, n_dims), [m]
+        """
         s = np.linspace(0.0, 1.0, n_steps)
         positions = np.stack([member.at(s * member.duration).position for member in self.members])
         return positions.std(axis=0, ddof=1)
@@ -61,7 +66,7 @@ def average(
     Parameters
     ----------
     demonstrations
-        Two or more, of one number of coordinates.
+        Two or more, all with the same number of coordinates.
     n_basis, variant, phase
         As for `DMP.fit`.
 
@@ -96,7 +101,7 @@ def average(
 
 
 def _mixed(like: DMP, members: Sequence[DMP], shares: Array) -> DMP:
-    """The combination of movements at equal phases with shares that sum to 1."""
+    """Return the combination of movements at equal phases, with shares that sum to 1."""
     duration = float(shares @ [member.duration for member in members])
 
     def mix(values: Sequence[Array]) -> Array:

@@ -9,11 +9,11 @@ and in the weights. The forcing basis psi of equation (2) is held first order (l
 `N_INTERVALS` + 1 knots; on such an interval the solution is known in closed form (`flow`), so every matrix
 here is exact and so is every value between the knots.
 
-Both ends are met by every weight vector: the weights are ``w = W_b b + Z z`` where ``b`` holds the boundary values
-(start, start velocity, goal, goal velocity), Z spans the null space of the end conditions and W_b is the
-least-acceleration solution of them (with a fading goal, that of the least forcing). Hence ``y = B(s) b + Phi(s)
-z``. In the metric of jerk the forcing functions are splines, motions have no acceleration at either end, W_b is the
-solution of least jerk, and the squared jerk of ``z`` is proportional to ``|z|^2``.
+Every weight vector meets both ends: the weights are ``w = W_b b + Z z`` where ``b`` holds the boundary values
+(start, start velocity, goal, goal velocity), Z spans the null space of the end conditions and W_b solves them with
+the least acceleration (with a fading goal, with the least forcing). Hence ``y = B(s) b + Phi(s) z``. In the metric
+of jerk the forcing functions are splines, motions have no acceleration at either end, W_b is the solution of least
+jerk, and the squared jerk of ``z`` is proportional to ``|z|^2``.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class MotionBasis:
     ----------
     boundary : array, shape (3, n_knots, 4): position, velocity and acceleration caused by a unit
         start, start velocity, goal and goal velocity
-    shape : array, shape (3, n_knots, n_basis): likewise by a unit shape weight
-    boundary_force : array, shape (n_knots, 4), the forcing term f of a unit boundary value, psi W_b
-    shape_force : array, shape (n_knots, n_basis), that of a unit shape weight, psi Z whitened
-    metric, phase : what `motion_basis` was asked for
+    shape : array, shape (3, n_knots, n_basis): position, velocity and acceleration caused by a unit shape weight
+    boundary_force : array, shape (n_knots, 4), the forcing term f caused by a unit boundary value, psi W_b
+    shape_force : array, shape (n_knots, n_basis), the forcing term caused by a unit shape weight, psi Z whitened
+    metric, phase : the arguments of `motion_basis`
     """
 
     boundary: Array
@@ -59,11 +59,11 @@ class MotionBasis:
 
     @property
     def n_basis(self) -> int:
-        """Number of free shape weights a dimension."""
+        """Return the number of free shape weights per dimension."""
         return self.shape.shape[2]
 
     def sampled(self, n_steps: int) -> Array:
-        """Positions at even samples caused by unit shape weights and then by unit boundary values.
+        """Return the positions at even samples caused by unit shape weights, then by unit boundary values.
 
         Returns
         -------
@@ -72,12 +72,12 @@ class MotionBasis:
         return _sampled(self, n_steps)
 
     def at(self, s: ArrayLike) -> tuple[Array, Array]:
-        """Boundary and shape matrices at normalised times, exact between the knots as well.
+        """Return the boundary and shape matrices at normalised times; they are exact between the knots as well.
 
         Parameters
         ----------
-        s : array, shape (n_steps,), time over duration; before 0 is held at 0, after 1 the system is
-            left to itself with the forcing silent
+        s : array, shape (n_steps,), time over duration; times before 0 count as 0, and after 1 the system moves
+            without forcing
 
         Returns
         -------
@@ -99,23 +99,24 @@ def motion_basis(
     kernels: Kernels = gaussians,
     fading_goal: bool = False,
 ) -> MotionBasis:
-    """Build (once) the basis with `n_basis` free shape weights a dimension.
+    """Build the basis with `n_basis` free shape weights per dimension; results are cached.
 
     Parameters
     ----------
     n_basis
-        Free shape weights; two more functions hold the ends.
+        Number of free shape weights; two further forcing functions serve the end conditions.
     metric
-        In which the shape weights are orthonormal: a unit step in weight space then changes the
-        velocity (good for polishing), the acceleration (good for a search from nothing) or the jerk (smooth
-        motions) equally much in every direction. Without this the weight space has a condition number of 1e6 to 1e9.
+        Metric in which the shape weights are orthonormal: a unit step in weight space then changes the velocity
+        (good for refining a solution), the acceleration (good for a search from scratch) or the jerk (smooth
+        motions) by the same amount in every direction. Otherwise the weight space has a condition number of 1e6
+        to 1e9.
     phase
-        Canonical system; linear unless given. The metric of jerk has no other.
+        Canonical system; linear by default, and always linear in the metric of jerk.
     kernels
-        The forcing functions; not of the metric of jerk, whose functions are splines.
+        The forcing functions; in the metric of jerk they are splines and cannot be chosen.
     fading_goal
-        Add ``-alpha_y beta_y (g - y0) x`` to the system: the goal's pull then begins at nothing and grows as the
-        phase decays (Hoffmann et al., 2009).
+        Add ``-alpha_y beta_y (g - y0) x`` to the system: the attraction of the goal then starts at zero and grows
+        as the phase decays (Hoffmann et al., 2009).
 
     Raises
     ------
@@ -175,7 +176,7 @@ def motion_basis(
 
 
 def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
-    """Positions of many rollouts as one matrix product of weights and boundary values with the basis.
+    """Compute the positions of many rollouts as one matrix product of weights and boundary values with the basis.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def _sampled(basis: MotionBasis, n_steps: int) -> Array:
 
 
 def _jerk(knots: Array, force: Array) -> Array:
-    """Third derivatives in the middle of every interval, ``f' - 2 omega y'' - omega^2 y'``.
+    """Compute the third derivatives in the middle of every interval, ``f' - 2 omega y'' - omega^2 y'``.
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ def _jerk(knots: Array, force: Array) -> Array:
 
 
 def released(s: Array) -> Array:
-    """Motions left to themselves from a unit start and from a unit start velocity, towards nothing.
+    """Return the unforced motions to the goal 0 from a unit start and from a unit start velocity.
 
     Returns
     -------

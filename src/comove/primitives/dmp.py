@@ -1,4 +1,4 @@
-"""One dynamic movement primitive: equations (1) and (2) of the paper with both ends exact."""
+"""A single dynamic movement primitive: equations (1) and (2) of the paper, with both ends exact."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BLOCK = 4000  # samples that are fitted at a time
 
 
 class Recording(Protocol):
-    """What a primitive is fitted to: time (n_steps,) [s], position (n_steps, n_dims) [m]."""
+    """A recording to which a primitive can be fitted: time (n_steps,) [s] and position (n_steps, n_dims) [m]."""
 
     time: Array
     position: Array
@@ -40,14 +40,14 @@ class DMP:
 
     Attributes
     ----------
-    weights : array, shape (n_dims, n_basis), the free shape weights; any value meets both ends
+    weights : array, shape (n_dims, n_basis), the free shape weights; both ends are met whatever their values
     start, goal : arrays, shape (n_dims,), [m]; the goal of a rhythmic movement is its centre
     start_velocity, goal_velocity : arrays, shape (n_dims,), [m/s]
     duration : [s]; the period of a rhythmic movement
     phase : canonical system
-    variant : of the transformed system
-    learned : array, shape (n_dims,), displacement from start to goal for which the weights hold [m]; the present
-        one unless given
+    variant : variant of the transformed system
+    learned : array, shape (n_dims,), displacement from start to goal for which the weights were learned [m]; by
+        default the present displacement
     """
 
     weights: Array
@@ -100,16 +100,16 @@ class DMP:
         Parameters
         ----------
         demonstration
-            Its time may be sampled unevenly. The primitive starts with the demonstration's velocity
+            The recording; its time may be sampled unevenly. The primitive starts with the demonstration's velocity
             and ends at rest at its last position.
         n_basis
-            Free shape weights a dimension; what holds the ends is extra.
+            Number of free shape weights per dimension; the functions for the end conditions are not counted.
         variant
-            Of the transformed system, or its name.
+            Variant of the transformed system, or its name.
         phase
-            Canonical system; the variant's usual one unless given.
+            Canonical system; by default the variant's usual one.
         period
-            Of a rhythmic movement [s]; found in the recording, which may hold many, unless given.
+            Period of a rhythmic movement [s]; by default estimated from the recording, which may hold many periods.
 
         Raises
         ------
@@ -204,21 +204,21 @@ class DMP:
 
     @cached_property
     def basis(self) -> MotionBasis | RhythmicBasis:
-        """The matrices behind the rollout."""
+        """Return the basis matrices of the rollout."""
         return self.variant.basis(self.weights.shape[1], self.phase)
 
     @property
     def n_dims(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return len(self.start)
 
     @cached_property
     def shape_weights(self) -> Array:
-        """The weights as the variant scales and turns them for these ends, A(d) w; array, shape (n_dims, n_basis)."""
+        """Return the weights as the variant scales and turns them, A(d) w; array, shape (n_dims, n_basis)."""
         return self.scaling() @ self.weights
 
     def boundary_values(self) -> Array:
-        """Start, start velocity, goal and goal velocity in unit duration; array, shape (4, n_dims)."""
+        """Return start, start velocity, goal and goal velocity in unit duration; array, shape (4, n_dims)."""
         return np.stack(
             [self.start, self.start_velocity * self.duration, self.goal, self.goal_velocity * self.duration]
         )
@@ -232,10 +232,10 @@ class DMP:
         start_velocity: ArrayLike | None = None,
         goal_velocity: ArrayLike | None = None,
     ) -> DMP:
-        """The same shape weights between other ends; what is not given stays.
+        """Return the movement with the same shape weights between other ends; arguments not given keep their values.
 
-        Velocities at the ends are kept in units of duration, so that slowing down slows them too; where the variant
-        turns and scales the movement, it turns and scales them.
+        Velocities at the ends are kept in units of duration, so a slower movement has slower ends. Where the variant
+        turns and scales the movement, the end velocities turn and scale with it.
 
         Raises
         ------
@@ -296,11 +296,11 @@ class DMP:
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def rollouts(self, weights: ArrayLike, n_steps: int = 201) -> Array:
-        """Positions of a whole population between the same ends, as one matrix product.
+        """Compute the positions of many rollouts with different weights and the same ends, as one matrix product.
 
         Parameters
         ----------
-        weights : array, shape (n_rollouts, n_dims, n_basis), in place of the own ones
+        weights : array, shape (n_rollouts, n_dims, n_basis), used instead of the movement's own weights
 
         Returns
         -------
@@ -324,7 +324,7 @@ class DMP:
         return rollouts(self.basis, self.boundary_values(), weights, n_steps)
 
     def at(self, time: ArrayLike) -> Trajectory:
-        """Positions and velocities at any times [s], array of shape (n_steps,).
+        """Return positions and velocities at the times `time` [s], array of shape (n_steps,).
 
         A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
         """
@@ -341,7 +341,7 @@ class DMP:
 
     @cached_property
     def curve(self) -> Curve:
-        """What an execution follows: the movement itself, of a rhythmic one the limit cycle."""
+        """Return the curve that an execution follows: the movement itself or, if it is rhythmic, its limit cycle."""
         basis, weights = self.basis, self.shape_weights
         if isinstance(basis, RhythmicBasis):
             knots = basis.cycle @ weights.T
@@ -352,24 +352,24 @@ class DMP:
         return Curve(knots, basis.boundary_force @ values + basis.shape_force @ weights.T, self.goal)
 
     def initial_state(self) -> DMPState:
-        """The state at time 0, from which `step` goes on."""
+        """Return the state at time 0, from which `step` continues."""
         return begin(self.curve, self.start, self.start_velocity * self.duration, self.duration)
 
     def step(
         self, state: DMPState, dt: float, *, rate: float = 1.0, coupling: ArrayLike | None = None
     ) -> DMPState:
-        """Advance by `dt` [s] online: exactly as `rollout`, whatever the steps.
+        """Advance the state by `dt` [s] online; the result equals that of `rollout`, whatever the step lengths.
 
         Parameters
         ----------
         state
-            Where the execution stands. Replace its `position` by what was measured after a push, its `goal` by where
-            the goal has moved, its `duration` to go on at another pace.
+            The present state. Replace its `position` by the measured one after a push, its `goal` by the place to
+            which the goal has moved, its `duration` to continue at another pace.
         rate
-            Pace of the phase: 1 as recorded, 2 twice as fast, 0 paused, negative backwards. Slow down by
-            `rate_for_lag` while a robot lags behind.
+            Pace of the phase: 1 as recorded, 2 twice as fast, 0 paused, negative backwards. Use `rate_for_lag` to
+            slow down while a robot lags behind.
         coupling
-            An acceleration [m/s^2] that acts during the step, shape (n_dims,); none in a pause.
+            An acceleration [m/s^2] that acts during the step, shape (n_dims,); it has no effect in a pause.
 
         Raises
         ------
@@ -384,7 +384,7 @@ class DMP:
         return advance(state, dt, rate, coupling)
 
     def scaling(self) -> Array:
-        """A(d): what the variant multiplies the learned forcing term by for these ends.
+        """Return A(d), the matrix by which the variant multiplies the learned forcing term for these ends.
 
         Returns
         -------
@@ -398,13 +398,14 @@ class DMP:
 
 
 def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int) -> Array:
-    """Least squares; of long recordings by normal equations, block by block, so that they take no more memory.
+    """Solve a least-squares problem; for long recordings by normal equations, block by block, to limit the memory.
 
-    The weights are so well scaled (condition numbers of a few hundred) that squaring them costs nothing that matters.
+    The weights are scaled well (condition numbers of a few hundred), so squaring the condition number does no harm.
 
     Parameters
     ----------
-    design : gives the matrix (n_block, n) and the target (n_block, n_dims) of some of the samples
+    design : function from a slice of the samples to their matrix (n_block, n) and target (n_block, n_dims)
+    n_steps : number of samples
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""A learned primitive as one file: JSON that says what it is, where it comes from, and notices when it was changed.
+"""Files of learned primitives: JSON that holds the movement, its origin, and a checksum that reveals changes.
 
-Numbers are written in full precision: what is read is bit for bit what was written, and equal primitives make equal
-files. `sha256` covers everything else in the file. `trace` is where the movement passes, so that weights meant for
-another basis are noticed, and other programs can draw the movement without knowing any.
+Numbers are written in full precision: reading returns bit for bit the numbers written, and equal primitives make
+equal files. `sha256` covers everything else in the file. `trace` holds points of the movement, so that weights meant
+for another basis are noticed, and other programs can draw the movement without any knowledge of primitives.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a primitive was learned from, and how well.
+    """Holds the origin of a learned primitive and how well the primitive fits its recording.
 
     Attributes
     ----------
     source : the recording's file name, or `lasa:SHAPE:DEMO`
-    recording : what the recording calls itself
-    notes : what was done to the recording, in words
-    sha256 : of the recording's numbers
-    n_samples : of the recording
-    n_basis : shape weights a dimension
-    error_rms, error_max : distance between primitive and recording, root of the mean square and largest, in its unit
-    turn_rms, turn_max : likewise between orientations [rad], None where none were learned
-    version : of comove
+    recording : name of the recording
+    notes : how the recording was processed, in words
+    sha256 : checksum of the recording's numbers
+    n_samples : number of samples of the recording
+    n_basis : number of shape weights per dimension
+    error_rms, error_max : root-mean-square and largest distance between primitive and recording, in its unit
+    turn_rms, turn_max : root-mean-square and largest angle between the orientations [rad]; None if none were learned
+    version : version of comove
     """
 
     source: str
@@ -72,14 +72,14 @@ class Provenance:
 
 @dataclass(frozen=True, eq=False)
 class Primitive:
-    """A movement with its name and its history: what a file holds.
+    """A movement that has a name and a history: the content of one file.
 
     Attributes
     ----------
-    name : what to call it
+    name : name of the primitive
     dmp : the movement
-    unit : of its positions
-    provenance : what it was learned from, None where it was made otherwise
+    unit : unit of its positions
+    provenance : origin of a learned primitive; None if it was made in another way
     notes : how it was made otherwise, in words
     """
 
@@ -91,12 +91,12 @@ class Primitive:
 
     @property
     def kind(self) -> str:
-        """What moves: "position" or "pose"."""
+        """Return the kind of the movement: "position" or "pose"."""
         return "pose" if isinstance(self.dmp, PoseDMP) else "position"
 
     @property
     def positions(self) -> DMP:
-        """The movement of the position."""
+        """Return the movement of the position."""
         return self.dmp.translation if isinstance(self.dmp, PoseDMP) else self.dmp
 
 
@@ -111,13 +111,13 @@ def learn(
     period: float | None = None,
     poses: bool = False,
 ) -> Primitive:
-    """Fit a primitive to a recording, and note where it comes from and how well it fits.
+    """Fit a primitive to a recording, and note its origin and how well it fits.
 
     Parameters
     ----------
     demonstration : the recording
-    name : of the primitive; the recording's unless given
-    source : the recording's file name, noted
+    name : name of the primitive; by default the recording's
+    source : the recording's file name, which is stored in the provenance
     n_basis, variant, phase, period : as for `DMP.fit`
     poses : learn orientations as well
 
@@ -146,7 +146,7 @@ def learn(
 
 
 def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration) -> dict[str, Array]:
-    """Distances from the recording at its samples and, of poses, angles; arrays, shape (n_steps,)."""
+    """Compute the distances from the recording at its samples, and angles for poses; arrays, shape (n_steps,)."""
     error, turn = np.zeros((2, demonstration.n_steps))
     for first in range(0, demonstration.n_steps, BLOCK):
         block = slice(first, first + BLOCK)
@@ -159,7 +159,7 @@ def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration) -> dict[str, Array
 
 
 def checksum(demonstration: Demonstration) -> str:
-    """SHA-256 of a recording's numbers: shapes and bytes of time, position and, where there is one, orientation."""
+    """Return the SHA-256 of a recording: shapes and bytes of time, position and, if present, orientation."""
     digest = hashlib.sha256()
     for array in (demonstration.time, demonstration.position, demonstration.orientation):
         if array is not None:
@@ -168,17 +168,18 @@ def checksum(demonstration: Demonstration) -> str:
 
 
 def write_primitive(path: str | os.PathLike[str], primitive: Primitive, *, replace: bool = True) -> None:
-    """Write a primitive: the whole file or none.
+    """Write a primitive to a file; if that fails, no partial file is left.
 
     Parameters
     ----------
-    path : of the file, usually ending in .json
-    replace : replace a file that is there already; otherwise it is refused, whoever made it meanwhile
+    path : path of the file, usually ending in .json
+    replace : whether to replace an existing file; otherwise an existing file is an error, even one made during the
+        call by another process
 
     Raises
     ------
     LibraryError
-        If the file cannot be written, is there already, or the primitive holds what cannot be read again.
+        If the file cannot be written or exists already, or the primitive holds values that could not be read again.
     """
     data = dumps(primitive, path)
     with whole_file(path, LibraryError, replace=replace) as file:
@@ -186,12 +187,12 @@ def write_primitive(path: str | os.PathLike[str], primitive: Primitive, *, repla
 
 
 def read_primitive(path: str | os.PathLike[str]) -> Primitive:
-    """Read a primitive.
+    """Read a primitive from a file.
 
     Raises
     ------
     LibraryError
-        If the file is missing, no primitive, incomplete or changed; names the key and the way out.
+        If the file is missing, not a primitive, incomplete or changed; names the key and the way out.
     """
     path = existing_file(path, MAX_BYTES, "name the file of a primitive", LibraryError)
     with telling(path, error=LibraryError):
@@ -200,7 +201,7 @@ def read_primitive(path: str | os.PathLike[str]) -> Primitive:
 
 
 def is_primitive(path: str | os.PathLike[str]) -> bool:
-    """Whether a file calls itself a primitive, sound or not."""
+    """Return whether a file declares itself a primitive, valid or not."""
     try:
         with open(path, "rb") as file:
             return f'"format": "{FORMAT}"'.encode() in file.read(200)
@@ -209,7 +210,7 @@ def is_primitive(path: str | os.PathLike[str]) -> bool:
 
 
 def dumps(primitive: Primitive, file: object = None) -> bytes:
-    """The contents of a primitive's file."""
+    """Return the contents of a primitive's file."""
     write, _ = _KINDS[primitive.kind]
     content = {
         "format": FORMAT,
@@ -234,7 +235,7 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
 
 
 def loads(data: bytes, file: object = None) -> Primitive:
-    """The primitive in the contents of a file; errors name `file`."""
+    """Read the primitive in the contents of a file; errors name `file`."""
     try:
         content = json.loads(data.decode(), parse_constant=_no_constant, object_pairs_hook=_no_repetition)
     except RecursionError:
@@ -260,7 +261,7 @@ def loads(data: bytes, file: object = None) -> Primitive:
 
 
 def require_name(name: str, file: object = None) -> str:
-    """Return `name` if it can name a file everywhere.
+    """Return `name` if it is a valid file name on every system.
 
     Raises
     ------
@@ -286,7 +287,7 @@ def require_name(name: str, file: object = None) -> str:
 
 
 def _read(content: dict[str, Any], file: object) -> Primitive:
-    """Check everything but format and version."""
+    """Check everything except format and version, and return the primitive."""
     known = (
         "format",
         "version",
@@ -324,7 +325,7 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
 
 
 def _trace(primitive: Primitive) -> Array:
-    """Coordinates at even shares of the duration, those of the position first; array, shape (TRACED, n_columns)."""
+    """Return the coordinates at even shares of the duration, position first; array, shape (TRACED, n_columns)."""
     parts = [primitive.positions]
     if isinstance(primitive.dmp, PoseDMP):
         parts.append(primitive.dmp.turning)
@@ -427,7 +428,7 @@ def _provenance(value: object, file: object) -> Provenance | None:
 
 @dataclass(frozen=True)
 class _Part:
-    """A mapping in the file, and how to ask it; errors name file and key."""
+    """A mapping in the file, with methods that check and return its values; errors name file and key."""
 
     content: Any
     key: str
@@ -443,7 +444,7 @@ class _Part:
             )
 
     def with_keys(self, known: Sequence[str]) -> _Part:
-        """Demand these keys and no others."""
+        """Raise unless the mapping has exactly these keys; return the part itself."""
         for key in self.content:
             if key not in known:
                 raise self.wrong(key, "the key is not known", near_name(key, known))
@@ -483,7 +484,7 @@ class _Part:
         return float(self.array(key, ()))
 
     def array(self, key: str, shape: tuple[int | None, ...]) -> Array:
-        """Finite numbers in nested lists; None in `shape` stands for any length from 1 on."""
+        """Return finite numbers from nested lists as an array; None in `shape` stands for any length from 1 on."""
         value = self.value(key)
         found: tuple[int, ...] = ()
         level = [value]
@@ -516,13 +517,13 @@ _KINDS = {"position": (_write_position, _read_position), "pose": (_write_pose, _
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
-    """Of the canonical content: keys in order, no blanks, numbers as Python's `repr`."""
+    """Return the checksum of the canonical content: sorted keys, no blanks, numbers as Python's `repr`."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _laid_out(value: Any, indent: str = "") -> str:
-    """JSON for people: mappings and lists of lists a line each entry, numbers of one list in one line."""
+    """Format JSON readably: one line per entry of a mapping or list of lists, one line per list of numbers."""
     inner = indent + "  "
     if isinstance(value, dict) and value:
         lines = [f"{inner}{json.dumps(key)}: {_laid_out(entry, inner)}" for key, entry in value.items()]
@@ -551,5 +552,5 @@ def _no_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def renamed(primitive: Primitive, name: str) -> Primitive:
-    """The same primitive by another name."""
+    """Return the same primitive under another name."""
     return replace(primitive, name=require_name(name))

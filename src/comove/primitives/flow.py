@@ -1,4 +1,4 @@
-"""The flow of the transformed system in closed form: the one formula behind every rollout and every step.
+"""The solution of the transformed system in closed form, used by every rollout and every step.
 
 With ``omega = alpha_y / 2``, ``e = y - g`` and a forcing ``f0 + f1 t``,
 
@@ -23,7 +23,7 @@ LONG_AFTER = 1e6  # durations, after which nothing is left of any deviation
 
 @numba.njit(cache=True)
 def responses(t):
-    """exp(-omega t), c0(t) and c1(t), by series where the closed forms cancel."""
+    """Compute exp(-omega t), c0(t) and c1(t), by series where the closed forms lose digits by cancellation."""
     x = OMEGA * t
     decay = exp(-x)
     if x >= 1.0:
@@ -38,7 +38,7 @@ def responses(t):
 
 @numba.njit(cache=True)
 def flow(t, response, error, velocity, force, slope):
-    """Error and velocity after the time `t`, whose `responses` are given, under the forcing ``force + slope t``."""
+    """Compute error and velocity after the time `t`, with its `responses`, under the forcing ``force + slope t``."""
     decay, c0, c1 = response
     rate = velocity + OMEGA * error
     return (
@@ -49,7 +49,7 @@ def flow(t, response, error, velocity, force, slope):
 
 @numba.njit(cache=True)
 def from_rest(psi):
-    """Motions from rest towards nothing under every forcing function.
+    """Compute the motions that start at rest at the goal 0, one for every forcing function.
 
     Parameters
     ----------
@@ -75,14 +75,14 @@ def from_rest(psi):
 
 @numba.njit(cache=True)
 def values_at(knots, force, goal, s):
-    """Position and two derivatives anywhere on motions that are known at the knots.
+    """Compute position, velocity and acceleration at any time on motions that are known at the knots.
 
     Parameters
     ----------
     knots : array, shape (3, n_knots, n_columns)
-    force : array, shape (n_knots, n_columns), linear between the knots, nothing after the last
+    force : array, shape (n_knots, n_columns), linear between the knots, zero after the last one
     goal : array, shape (n_columns,)
-    s : array, shape (n_steps,), from 0 on
+    s : array, shape (n_steps,), times from 0 on
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Forcing functions: the psi of equation (2), at the knots."""
+"""Forcing functions: the psi of equation (2), evaluated at the knots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Kernels = Callable[[int, Phase], Array]
 
 
 def gaussians(n_functions: int, phase: Phase) -> Array:
-    """Normalised Gaussians of the phase times the phase (Ijspeert et al., 2013); the paper's equation (2).
+    """Compute normalised Gaussians of the phase times the phase (Ijspeert et al., 2013); the paper's equation (2).
 
     Centres lie evenly in time, from a little before the start to a little after the end.
 
@@ -36,9 +36,10 @@ def gaussians(n_functions: int, phase: Phase) -> Array:
 
 
 def mollifiers(n_functions: int, phase: Phase) -> Array:
-    """Normalised mollifiers ``exp(-1 / (1 - r^2))`` of the phase times the phase (Ginesi et al., 2021).
+    """Compute normalised mollifiers ``exp(-1 / (1 - r^2))`` of the phase times the phase (Ginesi et al., 2021).
 
-    Smooth, and zero outside of a neighbourhood of their centres: a weight changes its own part of the movement only.
+    They are smooth, and zero outside a neighbourhood of their centres, so a weight changes only its own part of the
+    movement.
 
     Returns
     -------
@@ -52,7 +53,7 @@ def mollifiers(n_functions: int, phase: Phase) -> Array:
 
 
 def von_mises(n_functions: int) -> Array:
-    """Normalised periodic bells ``exp(h (cos(2 pi s - c) - 1))`` (Ijspeert et al., 2013).
+    """Compute normalised periodic bell functions ``exp(h (cos(2 pi s - c) - 1))`` (Ijspeert et al., 2013).
 
     Returns
     -------
@@ -66,7 +67,7 @@ def von_mises(n_functions: int) -> Array:
 
 
 def _from_centres(n_functions: int, phase: Phase) -> tuple[Array, Array, Array]:
-    """Phase at the knots, how far it is from every centre, and the distances between centres."""
+    """Return the phase at the knots, its distances from the centres, and the distances between centres."""
     x = phase(np.linspace(0.0, 1.0, N_INTERVALS + 1))
     overhang = min(OVERHANG, 1.0 / n_functions)
     centres = phase(np.linspace(-overhang, 1.0 + overhang, n_functions))

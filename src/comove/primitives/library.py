@@ -1,15 +1,16 @@
-"""A folder of primitives, and which of them come nearest to what is wanted.
+"""A folder of primitives, and a search in it for the primitives nearest to given properties.
 
-The folder holds one file `NAME.dmp.json` a primitive; the file's name is the primitive's. Other files are left alone.
+The folder holds one file `NAME.dmp.json` per primitive; the file's name is the primitive's. Other files are ignored.
 
-The distance between a movement and a wish is the root of the sum of the squares of
+The distance between a movement and the wanted properties is the root of the sum of the squares of
 
-- the shape distance to a given movement: both as curves of `N_SHAPE` even shares of the duration, moved to the
-  origin and scaled to unit root mean square, the root mean square distance after the best rotation (partial
-  Procrustes distance: a metric on shapes, zero for similar movements, not for mirrored ones; at most sqrt(2) from two
-  dimensions on);
-- the distances of start and goal from the wanted ones, in units of the way between these, or of the median way of the
-  movements compared where only one is given (or both coincide);
+- the shape distance to a given movement: both movements are sampled at `N_SHAPE` even shares of the duration, centred
+  at the origin and scaled to unit root mean square; the distance is the root mean square after the best rotation
+  (partial Procrustes distance: a metric on shapes, zero for similar movements, not for mirrored ones; at most sqrt(2)
+  from two dimensions on);
+- the distances of start and goal from the wanted ones, divided by the distance between the wanted start and goal;
+  where only one is given (or both coincide), divided by the median distance between start and goal of the movements
+  compared;
 - ln(duration / wanted duration).
 """
 
@@ -42,15 +43,15 @@ Movement = Primitive | DMP | PoseDMP | Demonstration
 
 @dataclass(frozen=True)
 class Match:
-    """A movement of a library and how far it is from what is wanted.
+    """A movement of a library, with its distance from the wanted properties.
 
     Attributes
     ----------
-    name : of the primitive
-    distance : all terms together
-    shape : Procrustes distance to the wanted shape; None, as below, where nothing was asked for
-    start, goal : distances from the wanted ones, in the movement's unit
-    duration : over the wanted one
+    name : name of the primitive
+    distance : distance with all terms
+    shape : Procrustes distance to the wanted shape; this and the following terms are None if they were not asked for
+    start, goal : distances from the wanted start and goal, in the movement's unit
+    duration : ratio of the duration to the wanted one
     """
 
     name: str
@@ -62,11 +63,11 @@ class Match:
 
 
 class Library:
-    """The primitives in a folder; every question is answered by what lies there now.
+    """A folder that holds primitives; every method looks at the present content of the folder.
 
     Parameters
     ----------
-    folder : made by the first `add` if it is not there
+    folder : path of the folder; the first `add` makes it if it does not exist
     """
 
     def __init__(self, folder: str | os.PathLike[str]):
@@ -77,18 +78,18 @@ class Library:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the primitives, damaged ones too, sorted."""
+        """Return the names of the primitives, damaged ones included, sorted."""
         return tuple(sorted(name.removesuffix(SUFFIX) for name in self._entries() if _is_ours(name)))
 
     @property
     def foreign(self) -> tuple[str, ...]:
-        """Names of the files in the folder that are no primitives, sorted; they are left alone."""
+        """Return the names of the files in the folder that are not primitives, sorted; hidden files are left out."""
         ours = _is_ours
         return tuple(sorted(name for name in self._entries() if not ours(name) and not name.startswith(".")))
 
     @property
     def damaged(self) -> dict[str, LibraryError]:
-        """What is wrong with the primitives that cannot be read, by name."""
+        """Return the errors of the primitives that cannot be read, by name."""
         return self.read_all()[1]
 
     def __len__(self) -> int:
@@ -98,14 +99,14 @@ class Library:
         return name in self.names
 
     def __iter__(self) -> Iterator[Primitive]:
-        """The primitives that can be read, by name; `damaged` says what the others lack."""
+        """Iterate over the primitives that can be read, by name; `damaged` has the errors of the others."""
         return iter(self.read_all()[0])
 
     def __getitem__(self, name: str) -> Primitive:
         return self.get(name)
 
     def read_all(self) -> tuple[list[Primitive], dict[str, LibraryError]]:
-        """The primitives that can be read, and what is wrong with the others, by name."""
+        """Return the primitives that can be read, and the errors of the others, by name."""
         primitives, damaged = [], {}
         for name in self.names:
             try:
@@ -115,12 +116,12 @@ class Library:
         return primitives, damaged
 
     def path(self, name: str) -> Path:
-        """Where the primitive of a name lies, or would lie.
+        """Return the path of the file of a primitive, whether it exists or not.
 
         Raises
         ------
         LibraryError
-            If it cannot name a file.
+            If the name is not a valid file name.
         """
         return self.folder / f"{require_name(name, self.folder)}{SUFFIX}"
 
@@ -130,7 +131,7 @@ class Library:
         Raises
         ------
         LibraryError
-            If there is none (proposes the near name), or its file is damaged.
+            If there is no such primitive (the error proposes a similar name), or its file is damaged.
         """
         path = self.path(name)
         with telling(path, error=LibraryError):
@@ -139,22 +140,22 @@ class Library:
         return renamed(read_primitive(path), name)
 
     def add(self, primitive: Primitive, name: str | None = None, *, replace: bool = False) -> Path:
-        """Put a primitive into the folder, whole or not at all, whoever else does the same meanwhile.
+        """Add a primitive to the folder, completely or not at all, even if other processes add it at the same time.
 
         Parameters
         ----------
-        name : its name in the library; its own unless given
-        replace : replace the one of this name
+        name : its name in the library; by default its own
+        replace : whether to replace the primitive of this name
 
         Returns
         -------
         Path
-            of its file.
+            Path of its file.
 
         Raises
         ------
         LibraryError
-            If there is one of this name, or of the same name in other capitals, or it cannot be written.
+            If the name exists already, also in other capitals, or the file cannot be written.
         """
         name = primitive.name if name is None else name
         path = self.path(name)
@@ -172,7 +173,7 @@ class Library:
         return path
 
     def require_room(self) -> None:
-        """Make sure, before anything takes time, that primitives may be added.
+        """Check, before a long computation, that primitives can be added.
 
         Raises
         ------
@@ -190,7 +191,7 @@ class Library:
         Raises
         ------
         LibraryError
-            If there is none, or it cannot be deleted.
+            If there is no such primitive, or it cannot be deleted.
         """
         path = self.path(name)
         try:
@@ -211,16 +212,16 @@ class Library:
         shape: Movement | None = None,
         limit: int | None = None,
     ) -> list[Match]:
-        """Rank the primitives by their distance from what is wanted, nearest first.
+        """Rank the primitives by their distance from the wanted properties, nearest first.
 
-        Primitives of another dimension than what is wanted are left out, damaged ones too.
+        Primitives that have another dimension, and damaged ones, are left out.
 
         Parameters
         ----------
         start, goal : wanted ends, arrays, shape (n_dims,), in the movements' unit
-        duration : wanted [s]
-        shape : a movement that they shall resemble
-        limit : how many to return; all unless given
+        duration : wanted duration [s]
+        shape : a movement with the wanted shape
+        limit : largest number of matches; by default all
 
         Raises
         ------
@@ -311,7 +312,7 @@ def rank(
 
 
 def shape_distance(a: Movement, b: Movement) -> float:
-    """Distance between the shapes of two movements, whatever their place, size, turn and duration."""
+    """Compute the distance between the shapes of two movements, whatever their position, size, rotation and duration."""
     curves = _curve(a), _curve(b)
     if curves[0].shape != curves[1].shape:
         raise OptionError(
@@ -321,7 +322,7 @@ def shape_distance(a: Movement, b: Movement) -> float:
 
 
 def shape_distances(a: ArrayLike, b: ArrayLike) -> Array:
-    """Partial Procrustes distances between all curves of two sets.
+    """Compute the partial Procrustes distances between all curves of two sets.
 
     Parameters
     ----------
@@ -353,7 +354,7 @@ def _normalised(curves: Array) -> Array:
 
 
 def _curve(movement: Movement) -> Array:
-    """Positions at even shares of the duration; array, shape (N_SHAPE, n_dims)."""
+    """Return the positions at even shares of the duration; array, shape (N_SHAPE, n_dims)."""
     if isinstance(movement, Demonstration):
         even = np.linspace(0.0, movement.duration, N_SHAPE)
         return np.stack([np.interp(even, movement.time, column) for column in movement.position.T], axis=1)
@@ -377,7 +378,7 @@ def _point(name: str, value: ArrayLike | None) -> Array | None:
 
 
 def _way(wanted: dict[str, Array], primitives: Sequence[Primitive]) -> float:
-    """The length in which misses of the ends count."""
+    """Return the length by which the distances of the ends are divided."""
     if len(wanted) == 2:
         way = float(np.linalg.norm(wanted["goal"] - wanted["start"]))
         if way > 0:

@@ -1,10 +1,11 @@
-"""Via-points and limits on a primitive, by small quadratic programmes in its weights.
+"""Via-points and limits of a primitive, imposed by small quadratic programmes in its weights.
 
 Position, velocity and acceleration are linear in the shape weights, so via-points are linear equations and limits
-of every coordinate are linear inequalities. Of all movements that keep them, the one nearest to the given movement
-is taken, in the metric in which the weights are orthonormal (the velocity's). Between two knots the acceleration is
-``(P + Q t) exp(-omega t)``, so the largest velocity and acceleration over continuous time are known exactly; where
-they exceed a limit between the knots, the limit at the knots is lowered and the programme solved again.
+of every coordinate are linear inequalities. Of all movements that satisfy them, the programme selects the one nearest
+to the given movement, in the metric in which the weights are orthonormal (the velocity's). Between two knots the
+acceleration is ``(P + Q t) exp(-omega t)``, so the largest velocity and acceleration over continuous time are known
+exactly; where they exceed a limit between the knots, the limit at the knots is lowered and the programme solved
+again.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ MET = 1e-9  # of the movement's size, by which via-points may be missed: roundin
 
 @dataclass(frozen=True)
 class ViaPoint:
-    """Where a movement passes.
+    """A point that a movement passes at a given time.
 
     Attributes
     ----------
     time : [s], between start and end
     position : array, shape (n_dims,), [m]
-    velocity : array, shape (n_dims,), [m/s]; any where not given
+    velocity : array, shape (n_dims,), [m/s]; free if not given
     """
 
     time: float
@@ -48,7 +49,7 @@ class ViaPoint:
 
 
 def largest(dmp: DMP) -> tuple[Array, Array]:
-    """Largest velocity and acceleration of every coordinate over continuous time.
+    """Compute the largest velocity and acceleration of every coordinate over continuous time.
 
     Returns
     -------
@@ -65,11 +66,11 @@ def largest(dmp: DMP) -> tuple[Array, Array]:
 
 
 def slowed(dmp: DMP, *, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None) -> DMP:
-    """The same path in the shortest time, its own or longer, that keeps limits of every coordinate.
+    """Return the movement on the same path with the shortest duration, not below its own, that satisfies the limits.
 
     Parameters
     ----------
-    velocity, acceleration : a number or an array of shape (n_dims,), [m/s] and [m/s^2]
+    velocity, acceleration : limits per coordinate; a number or an array of shape (n_dims,), [m/s] and [m/s^2]
     """
     fastest, hardest = largest(dmp)
     by_velocity = (fastest / _limit("velocity", velocity, dmp)).max()
@@ -84,19 +85,19 @@ def constrained(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
 ) -> DMP:
-    """The movement nearest to `dmp`, with its ends and its duration, that passes via-points and keeps limits.
+    """Return the movement nearest to `dmp`, with the same ends and duration, that passes via-points and keeps limits.
 
     Parameters
     ----------
     via
-        Where it passes, exactly.
+        Points that the movement passes exactly.
     velocity, acceleration
         Limits of every coordinate at every instant; a number or an array of shape (n_dims,), [m/s], [m/s^2].
 
     Raises
     ------
     OptionError
-        If no weights do all of it, or an argument is out of range.
+        If no weights satisfy all conditions, or an argument is out of range.
     """
     _require_an_end(dmp)
     of_velocity = _limit("velocity", velocity, dmp) * dmp.duration
@@ -128,9 +129,9 @@ def _solved(
     limits: Array,
     dimension: int,
 ) -> Array:
-    """Shape weights of one coordinate, nearest to `weights`; arrays, shape (n_basis,).
+    """Compute the shape weights of one coordinate that are nearest to `weights`; arrays, shape (n_basis,).
 
-    `limits` are those of velocity and acceleration in unit duration, infinite where there is none.
+    `limits` holds the limits of velocity and acceleration in unit duration, infinite where there is none.
     """
     equalities, targets = via[0][:, 4:], via[1] - via[0][:, :4] @ boundary
     lowered = limits
@@ -163,7 +164,7 @@ def _solved(
 
 
 def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: int) -> Array | None:
-    """``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, the first `n_equal` rows with equality."""
+    """Solve ``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, the first `n_equal` rows with equality."""
     import daqp
 
     # Equations are met by elimination, exactly; the programme is left with the inequalities.
@@ -196,7 +197,7 @@ def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: i
 
 
 def _largest(knots: Array) -> tuple[Array, Array]:
-    """Largest |y'| and |y''| in unit duration; knots (3, n_knots, n_dims)."""
+    """Compute the largest |y'| and |y''| in unit duration; knots (3, n_knots, n_dims)."""
     _, velocity, acceleration = knots
     p = acceleration[:-1]
     q = (acceleration[1:] * np.exp(OMEGA * INTERVAL) - p) / INTERVAL
@@ -216,7 +217,7 @@ def _largest(knots: Array) -> tuple[Array, Array]:
 
 
 def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
-    """Rows of [B Phi] and what they must give; arrays, shapes (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
+    """Return rows of [B Phi] and their target values; arrays, shapes (n_rows, 4 + n_basis) and (n_rows, n_dims)."""
     rows, targets = [np.zeros((0, 4 + dmp.weights.shape[1]))], [np.zeros((0, dmp.n_dims))]
     if not isinstance(via, (list, tuple)) or not all(isinstance(point, ViaPoint) for point in via):
         raise OptionError(f"via = {via!r}", way_out="give a list of ViaPoint(time, position)")
@@ -237,7 +238,7 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
 
 
 def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
-    """Limit of every coordinate, infinite where none is given; array, shape (n_dims,)."""
+    """Return the limit of every coordinate, infinite if none is given; array, shape (n_dims,)."""
     limit = numbers(np.inf if value is None else value)
     if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
         raise OptionError(f"{name} = {value!r}", way_out=f"give a positive number, or {dmp.n_dims} of them")

@@ -1,15 +1,15 @@
-"""Execution step by step: a curve that is followed, and a deviation from it that dies out.
+"""Execution step by step: a curve to follow, and a decaying deviation from it.
 
-The transformed system is linear, so its state is that of the undisturbed movement, known in closed form at every
-phase, plus a deviation e that obeys the same equation without goal and forcing,
+The transformed system is linear, so its state is the sum of the undisturbed movement, known in closed form at every
+phase, and a deviation e that obeys the same equation without goal and forcing,
 
     e'' = -alpha_y e' - alpha_y beta_y e + coupling,
 
-in units of duration. Both are advanced exactly, whatever the step. Because the curve hangs on the phase alone, a
-movement can be slowed down and run backwards without leaving its path, while the deviation dies out; in a pause all
-of it stands still. A goal that moves changes the curve: a bridge of fifth degree leads over to the new one without
-a jump in position, velocity or acceleration, and arrives when the movement does, or a fifth of a duration later if
-it began too late. Backwards another one leads to the start.
+in units of duration. Both are advanced exactly, whatever the step. Because the curve depends on the phase alone, a
+movement can be slowed down and run backwards without leaving its path, while the deviation decays; in a pause both
+stand still. A goal that moves changes the curve: a bridge, a polynomial of fifth degree, leads to the new curve
+without a jump in position, velocity or acceleration. It ends when the movement ends, or a fifth of a duration after
+its own beginning if that is later. Run backwards, another bridge leads to the start.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ HELD_BRIDGE = 1.0  # periods, in which a cycle takes to its new centre
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
-    """What is left of former curves: zero, with two derivatives, outside of `first` to `last`.
+    """The remaining difference from the former curve: zero, with two derivatives, outside `first` to `last`.
 
     Attributes
     ----------
-    gap : array, shape (3, n_dims): position and two derivatives of what is left at `begin`
-    first, begin, last : in durations
+    gap : array, shape (3, n_dims): difference at the phase `begin`, in position and two derivatives
+    first, begin, last : phases in durations
     """
 
     gap: Array
@@ -46,7 +46,7 @@ class Bridge:
     last: float
 
     def at(self, s: float) -> Array:
-        """Position and two derivatives; array, shape (3, n_dims)."""
+        """Return the difference and two derivatives at the phase `s`; array, shape (3, n_dims)."""
         end = self.last if s >= self.begin else self.first
         width = end - self.begin
         u = (s - self.begin) / width if width else 1.0
@@ -75,15 +75,15 @@ class Bridge:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A movement in unit duration, exact at every phase.
+    """A movement in unit duration that can be evaluated exactly at every phase.
 
     Attributes
     ----------
     knots : array, shape (3, n_knots, n_dims): position and two derivatives
     force : array, shape (n_knots, n_dims), the forcing term, linear between the knots
     goal : array, shape (n_dims,)
-    periodic : goes on from the beginning after its end, instead of resting there
-    bridge : leads over from the curve that was followed before
+    periodic : whether the movement repeats after its end, instead of resting there
+    bridge : transition from the curve that was followed before
     """
 
     knots: Array
@@ -93,17 +93,17 @@ class Curve:
     bridge: Bridge | None = None
 
     def at(self, s: float) -> Array:
-        """Position and two derivatives by the phase `s` in durations; array, shape (3, n_dims)."""
+        """Return position and two derivatives by the phase, at the phase `s` in durations; array, shape (3, n_dims)."""
         inside = s - floor(s) if self.periodic else max(s, 0.0)
         values = values_at(self.knots, self.force, self.goal, np.array([inside]))[:, 0]
         return values if self.bridge is None else values + self.bridge.at(s)
 
     def after(self, former: Curve, s: float) -> Curve:
-        """This curve, reached from the `former` one, which is left at the phase `s`."""
+        """Return this curve with a bridge from the `former` one, which is left at the phase `s`."""
         return self.bridged(former.at(s) - replace(self, bridge=None).at(s), s)
 
     def bridged(self, gap: Array, s: float) -> Curve:
-        """This curve, reached from a `gap` (3, n_dims) away at the phase `s`."""
+        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`."""
         if self.periodic:
             return replace(self, bridge=Bridge(gap, s - HELD_BRIDGE, s, s + HELD_BRIDGE))
         return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + SHORTEST_BRIDGE)))
@@ -111,18 +111,18 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class DMPState:
-    """Where an execution stands. Change it by `dataclasses.replace`, and go on.
+    """Holds the state of an execution. Change it by `dataclasses.replace`, and continue.
 
     Attributes
     ----------
-    time : since the start [s]
+    time : time since the start [s]
     progress : phase s in durations: 1 at the end, beyond it while the movement rests at its goal
-    position : array, shape (n_dims,), [m]; replace it by what was measured after a disturbance
-    slope : array, shape (n_dims,), change of the position by `progress`
-    rate : of the last step
+    position : array, shape (n_dims,), [m]; replace it by the measured position after a disturbance
+    slope : array, shape (n_dims,), derivative of the position with respect to `progress`
+    rate : pace of the phase in the last step
     goal : array, shape (n_dims,), [m]; may be moved while the movement runs
     duration : [s]; may be changed while the movement runs
-    curve : what is followed
+    curve : the curve that the execution follows
     """
 
     time: float
@@ -142,17 +142,17 @@ class DMPState:
 
     @property
     def velocity(self) -> Array:
-        """Velocity, array of shape (n_dims,), [m/s]: none while the movement is paused."""
+        """Return the velocity, array of shape (n_dims,), [m/s]; it is zero while the movement is paused."""
         return self.slope * (self.rate / self.duration)
 
 
 def begin(curve: Curve, start: Array, slope: Array, duration: float) -> DMPState:
-    """The state at time 0, from which `advance` goes on."""
+    """Return the state at time 0, from which `advance` continues."""
     return DMPState(0.0, 0.0, start, slope, 1.0, curve.goal, duration, curve)
 
 
 def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | None = None) -> DMPState:
-    """Go on by `dt` [s], exactly.
+    """Advance the state by `dt` [s], exactly.
 
     Parameters
     ----------
@@ -193,11 +193,11 @@ def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | Non
 
 
 def rate_for_lag(lag: float, tolerance: float) -> float:
-    """Pace of the phase while the robot lags behind: phase stopping (Ijspeert et al., 2013).
+    """Return the pace of the phase for a robot that lags behind: phase stopping (Ijspeert et al., 2013).
 
     Parameters
     ----------
-    lag : distance between where the robot is and where it should be [m]
+    lag : distance of the robot from its desired position [m]
     tolerance : lag at which the pace is halved [m]
 
     Returns

@@ -1,8 +1,9 @@
-"""Movements made of movements: blended, in sequence, mirrored, turned, scaled, retimed and reversed.
+"""Operations on movements: blend, put in sequence, mirror, rotate, scale, retime and reverse.
 
-All are pure functions and exact, to rounding, unless they say otherwise. Mirrored, turned and scaled movements go to
-mirrored, turned and scaled goals as the rollouts of the movement itself do. Only the classic variant, which scales
-along the axes, cannot be turned; it comes out in closed form, the same movement as long as the ends stay.
+All are pure functions and exact up to rounding, unless they say otherwise. Rollouts to mirrored, rotated and scaled
+goals equal the mirrored, rotated and scaled rollouts of the original movement. Only the classic variant, which scales
+along the axes, cannot be rotated; the result has the closed-form variant and is the same movement as long as the ends
+stay.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ MAX_BASIS = 200
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
-    """The movement mirrored in a line (in the plane) or a plane (in space).
+    """Mirror the movement in a line (in the plane) or a plane (in space).
 
     Parameters
     ----------
-    normal : what the mirror is perpendicular to: "x", "y" or "z" or a coordinate's number, whose sign is changed,
-        or a vector, shape (n_dims,)
-    about : a point of the mirror, shape (n_dims,); the start, or the centre of a rhythmic movement, unless given
+    normal : direction perpendicular to the mirror: "x", "y" or "z", or the number of a coordinate, whose sign is
+        changed, or a vector, shape (n_dims,)
+    about : a point of the mirror, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
     if isinstance(normal, str) and normal in tuple(AXES[: dmp.n_dims]):
         normal = AXES.index(normal)
@@ -56,13 +57,13 @@ def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None =
 
 
 def rotate(dmp: DMP, rotation: float | Rotation | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
-    """The movement turned about a point.
+    """Rotate the movement about a point.
 
     Parameters
     ----------
-    rotation : of a planar movement an angle [rad], counter-clockwise; of a spatial one scipy's `Rotation`; of any a
-        matrix, shape (n_dims, n_dims)
-    about : shape (n_dims,); the start, or the centre of a rhythmic movement, unless given
+    rotation : an angle [rad], counter-clockwise, for a planar movement; scipy's `Rotation` for a spatial one; or a
+        rotation matrix, shape (n_dims, n_dims)
+    about : fixed point, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
     way_out = "give an angle [rad] in the plane, scipy's Rotation in space, or a rotation matrix"
     if hasattr(rotation, "as_matrix"):
@@ -81,12 +82,12 @@ def rotate(dmp: DMP, rotation: float | Rotation | ArrayLike, *, about: ArrayLike
 
 
 def scale(dmp: DMP, factor: float, *, about: ArrayLike | None = None) -> DMP:
-    """The movement made larger or smaller, in the same time.
+    """Scale the movement in size; its duration stays.
 
     Parameters
     ----------
-    factor : positive; mirror a movement to turn it round
-    about : the point that stays, shape (n_dims,); the start, or the centre of a rhythmic movement, unless given
+    factor : positive number
+    about : fixed point, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
     if not is_number(factor) or not 0 < factor < np.inf:
         raise OptionError(f"factor = {factor!r}", way_out="give a positive number")
@@ -94,20 +95,20 @@ def scale(dmp: DMP, factor: float, *, about: ArrayLike | None = None) -> DMP:
 
 
 def retime(dmp: DMP, duration: float) -> DMP:
-    """The movement in another duration [s], on the same path; of a rhythmic one, with another period."""
+    """Return the movement on the same path with another duration [s] (the period, if it is rhythmic)."""
     return dmp.towards(duration=duration)
 
 
 def reversed(dmp: DMP, *, n_basis: int | None = None) -> DMP:
-    """The movement backwards, from its goal to its start.
+    """Reverse the movement, so that it runs from its goal to its start.
 
-    The ends and their velocities are exact. Between them the system that brakes cannot be run backwards, so the shape
-    is refitted: with twice as many weights, as unless given, the handwriting of the LASA set is met within 2e-4 of
-    its extent, by dmp++ within 2e-3.
+    The ends and their velocities are exact. Between them the damped system cannot be run backwards, so the shape is
+    fitted again. With twice as many weights, the default, the handwriting of the LASA set is reproduced within 2e-4
+    of its extent, with the variant dmp++ within 2e-3.
 
     Parameters
     ----------
-    n_basis : shape weights a dimension, at most 200
+    n_basis : number of shape weights per dimension, at most 200
     """
     _require_ending(dmp, "reversed")
     backwards = DMP(
@@ -124,15 +125,15 @@ def reversed(dmp: DMP, *, n_basis: int | None = None) -> DMP:
 
 
 def blend(a: DMP, b: DMP, share: float) -> DMP:
-    """The movement between two: at equal shares of the durations it is ``(1 - share) a + share b``.
+    """Blend two movements: at equal shares of the durations the result is ``(1 - share) a + share b``.
 
-    Ends, end velocities in units of duration, weights and durations are interpolated. Movements of different
-    variants, phases or numbers of weights are first brought to common ones, b to those of a and both to the larger
-    number of weights; that alone is not exact, but a fit.
+    Ends, end velocities in units of duration, weights and durations are interpolated. Movements with different
+    variants, phases or numbers of weights are first converted: b takes the variant and phase of a, and both take the
+    larger number of weights; this conversion is a fit and not exact.
 
     Parameters
     ----------
-    share : of b; 0 is a, 1 is b, and beyond them the difference is exaggerated
+    share : share of b; 0 gives a, 1 gives b, and values outside this range exaggerate the difference
     """
     _require_positions(a), _require_positions(b)
     if a.n_dims != b.n_dims:
@@ -164,12 +165,12 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Movements one after the other, or overlapping; position and velocity are continuous.
+    """Movements that follow one another, or overlap; position and velocity are continuous.
 
     Attributes
     ----------
-    parts : the movements, each carried to where the one before it ends
-    begins : when each begins [s]
+    parts : the movements, each shifted to start at the end of the one before
+    begins : starting time of each movement [s]
     """
 
     parts: tuple[DMP, ...]
@@ -177,31 +178,31 @@ class Sequence:
 
     @property
     def n_dims(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return self.parts[0].n_dims
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Return the duration [s]."""
         return self.begins[-1] + self.parts[-1].duration
 
     @property
     def start(self) -> Array:
-        """Where the first movement begins, shape (n_dims,), [m]."""
+        """Return the start of the first movement, shape (n_dims,), [m]."""
         return self.parts[0].start
 
     @property
     def goal(self) -> Array:
-        """Where the last movement ends, shape (n_dims,), [m]."""
+        """Return the end of the last movement, shape (n_dims,), [m]."""
         return self.parts[-1].goal
 
     @property
     def joints(self) -> Array:
-        """Where each movement hands over to the next, array, shape (n_parts - 1, n_dims), [m]."""
+        """Return the points between consecutive movements, array, shape (n_parts - 1, n_dims), [m]."""
         return np.array([part.goal for part in self.parts[:-1]]).reshape(-1, self.n_dims)
 
     def at(self, time: ArrayLike) -> Trajectory:
-        """Positions and velocities at any times [s], array of shape (n_steps,)."""
+        """Return positions and velocities at the times `time` [s], array of shape (n_steps,)."""
         time = np.asarray(time, dtype=float)
         position, velocity = np.zeros((2, len(time), self.n_dims))
         for part, begin in zip(self.parts, self.begins, strict=True):
@@ -209,7 +210,7 @@ class Sequence:
             played = part.at(time - begin if last else np.minimum(time - begin, part.duration))
             begun = first | (time >= begin)
             moving = begun & (last | (time < begin + part.duration))
-            # Each adds the way that it has gone; the first one begins at its start, the others at nothing.
+            # Each adds its displacement so far; the first one counts from the origin, the others from their start.
             position += np.where(begun[:, None], played.position - (0.0 if first else part.start), 0.0)
             velocity += np.where(moving[:, None], played.velocity, 0.0)
         return Trajectory(time, position, velocity)
@@ -220,12 +221,12 @@ class Sequence:
         return self.at(np.linspace(0.0, self.duration, n_steps))
 
     def fitted(self, *, n_basis: int | None = None, phase: Phase | None = None) -> DMP:
-        """One primitive that comes near to the whole sequence; both ends and their velocities are exact.
+        """Fit one primitive to the whole sequence; both ends and their velocities are exact.
 
         Parameters
         ----------
-        n_basis : shape weights a dimension; as many as all movements have together, at most 200, unless given
-        phase : canonical system; the first movement's unless given
+        n_basis : number of shape weights per dimension; by default the sum over all movements, at most 200
+        phase : canonical system; by default the first movement's
         """
         first, last = self.parts[0], self.parts[-1]
         count = n_basis or min(MAX_BASIS, sum(part.weights.shape[1] for part in self.parts))
@@ -242,21 +243,21 @@ class Sequence:
 
 
 def sequence(*movements: DMP, overlap: float = 0.0) -> Sequence:
-    """Play movements one after the other.
+    """Put movements one after the other.
 
-    Each is carried, without turning, to where the one before it ends, and starts with the velocity with which that
-    ends: give the former a `towards(goal_velocity=...)` to pass without stopping. With an overlap each begins before
-    the one before it has ended, and both add up: the joints are rounded off.
+    Each movement is shifted, without rotation, to start at the end of the one before, with its end velocity: give
+    that one a `towards(goal_velocity=...)` to pass the joint without stopping. With an overlap, each begins before
+    the one before has ended, and both add up, which rounds the joints.
 
     Parameters
     ----------
-    movements : two or more, of one dimension
-    overlap : by which each movement begins earlier [s]; less than half of any movement
+    movements : one or more, all of the same dimension
+    overlap : time by which each movement begins earlier [s]; at most half of the shortest movement
 
     Raises
     ------
     OptionError
-        If the movements do not fit together, or one with an overlap ends in motion.
+        If the movements do not fit together, or an overlap is asked for and one of them ends in motion.
     """
     if not movements:
         raise OptionError("there is no movement", way_out="give two or more")
@@ -285,7 +286,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> Sequence:
 
 
 def settled(dmp: DMP) -> DMP:
-    """The same movement with weights that hold for its present ends: what the variant made of them is worked in."""
+    """Return the same movement with weights for its present ends, with the scaling by the variant applied to them."""
     displacement = dmp.goal - dmp.start
     if dmp.variant is Variant.CLASSIC:
         return replace(dmp, weights=dmp.shape_weights, learned=displacement, variant=Variant.CLOSED_FORM)
@@ -297,11 +298,11 @@ def settled(dmp: DMP) -> DMP:
 def refitted(
     dmp: DMP, *, n_basis: int | None = None, phase: Phase | None = None, variant: Variant | str | None = None
 ) -> DMP:
-    """The movement in another basis: both ends and their velocities exact, the shape by least squares.
+    """Fit the movement in another basis: both ends and their velocities exact, the shape by least squares.
 
     Parameters
     ----------
-    n_basis, phase, variant : of the new basis; as they are unless given
+    n_basis, phase, variant : properties of the new basis; by default the movement's own
     """
     wanted = replace(
         dmp,
@@ -318,7 +319,7 @@ def refitted(
 
 
 def in_space(dmp: DMP, plane: str) -> DMP:
-    """A planar movement laid into a plane of space: "xy", "xz" or "yz"."""
+    """Place a planar movement in a coordinate plane of space: "xy", "xz" or "yz"."""
     if plane not in PLANES or dmp.n_dims != 2:
         raise OptionError(
             f"plane = {plane!r} for a movement in {dmp.n_dims} dimensions",
@@ -335,7 +336,7 @@ _LINEAR = ("weights", "start", "goal", "learned", "duration")
 
 
 def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
-    """The movement under ``y -> about + M (y - about)`` with M a rotation or reflection times a scale."""
+    """Map the movement by ``y -> about + M (y - about)``, M a rotation or reflection times a scale."""
     _require_positions(dmp)
     along_axes = (np.abs(matrix) > 1e-15).sum(axis=1).max() == 1
     if dmp.variant is Variant.CLASSIC and not along_axes:
@@ -357,14 +358,14 @@ def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
 
 
 def _fitted(dmp: DMP, position: Array) -> DMP:
-    """The weights with which the movement passes nearest to positions at `N_FIT` even times."""
+    """Return the movement with the weights that fit the positions at `N_FIT` even times best."""
     of_boundary, of_position = _solver(dmp.basis)
     return replace(dmp, weights=(of_position @ (position - of_boundary @ dmp.boundary_values())).T)
 
 
 @lru_cache(maxsize=16)
 def _solver(basis: MotionBasis | RhythmicBasis) -> tuple[Array, Array]:
-    """What the boundary values cause, and the pseudo-inverse of what the weights do, at `N_FIT` even times."""
+    """Return the boundary matrix and the pseudo-inverse of the shape matrix at `N_FIT` even times."""
     boundary, shape = basis.at(np.linspace(0.0, 1.0, N_FIT))
     return boundary[0], np.linalg.pinv(shape[0])
 

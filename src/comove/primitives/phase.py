@@ -19,11 +19,11 @@ FASTEST = 20.0  # decay rate: the phase falls to 2e-9
 class LinearPhase:
     """``duration * dx/dt = -1``: the phase reaches 0 exactly when the movement ends.
 
-    The forcing term fades out with it, so the acceleration vanishes at the end too: robots stop smoothly.
+    The forcing term fades out with the phase, so the acceleration vanishes at the end too: robots stop smoothly.
     """
 
     def __call__(self, s: ArrayLike) -> NDArray[np.float64]:
-        """Phase x at the normalised times `s` (any shape)."""
+        """Return the phase x at the normalised times `s` (any shape)."""
         return 1.0 - np.asarray(s, dtype=float)
 
 
@@ -40,7 +40,7 @@ class ExponentialPhase:
     Raises
     ------
     OptionError
-        If alpha is not positive, or so large that nothing is left of the phase at the end.
+        If alpha is not positive, or exceeds `FASTEST`, so that the phase vanishes before the end.
     """
 
     alpha: float = 1.0
@@ -52,7 +52,7 @@ class ExponentialPhase:
             )
 
     def __call__(self, s: ArrayLike) -> NDArray[np.float64]:
-        """Phase x at the normalised times `s` (any shape)."""
+        """Return the phase x at the normalised times `s` (any shape)."""
         return np.exp(-self.alpha * np.asarray(s, dtype=float))
 
 

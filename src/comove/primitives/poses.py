@@ -1,17 +1,17 @@
 """Movements of position and orientation: two primitives on one phase.
 
 The orientation is written as a rotation vector r relative to a reference, ``R = exp(r) R_ref``: the logarithm form
-of the quaternion DMP (Ude et al., 2014), in Koutras and Doulgeri's (2020) version that makes r obey the linear
-system itself. Both ends are exact and a rollout is linear in the weights, as for positions. The reference is the
-goal's orientation, so that r ends at zero; of movements of about a turn and more it lies between the ends, because
-near whole turns r says little about small changes. r is continuous beyond half a turn, and signs of quaternions do
-not matter.
+of the quaternion DMP (Ude et al., 2014), in Koutras and Doulgeri's (2020) version, in which r obeys the linear system
+itself. Both ends are exact and a rollout is linear in the weights, as for positions. The reference is the goal's
+orientation, so that r ends at zero; for movements of about a whole turn or more it lies between the ends, because
+near whole turns small changes of orientation can be large changes of r. r is continuous beyond half a turn, and signs
+of quaternions do not matter.
 
-Online, pushes and goals that move are rotations of their own, ``R = exp(e) exp(r) R_ref``, the shortest ones, which
-die out or bridge over as deviations of positions do.
+Online, pushes and moved goals are separate rotations, ``R = exp(e) exp(r) R_ref``. e is the shortest such rotation;
+it decays or is bridged as deviations of positions are.
 
-A movement that turns about a fixed axis, as everything in the plane and a tray that stays level do, has the angle
-about that axis as its only coordinate of orientation: SE(2), or a level SE(3).
+A movement that turns about a fixed axis, such as any planar movement or that of a tray that stays level, has the
+angle about that axis as its only coordinate of orientation: SE(2), or a level SE(3).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ NUDGE = 1e-5  # durations
 
 
 class PoseRecording(Protocol):
-    """What a primitive of poses is fitted to.
+    """A recording with orientations, to which a primitive of poses can be fitted.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class PoseRecording(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A position and an orientation.
+    """A position with an orientation.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Pose:
 
     @classmethod
     def of(cls, position: ArrayLike, rotation: Rotation | float | None = None) -> Pose:
-        """A pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
+        """Build a pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
         if rotation is None:
             return cls(position)
         if isinstance(rotation, (int, float, np.integer, np.floating)):
@@ -108,7 +108,7 @@ class Pose:
 
     @property
     def rotation(self) -> Rotation:
-        """The orientation as scipy's `Rotation`."""
+        """Return the orientation as scipy's `Rotation`."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.orientation, scalar_first=True)
@@ -116,13 +116,13 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class PoseState:
-    """Where the execution of a movement of poses stands.
+    """Holds the state of the execution of a movement of poses.
 
     Attributes
     ----------
-    translation : of the position
-    turning : of the rotation vector, or of the angle, undisturbed
-    aside : of the rotation vector e by which the body is turned away from that
+    translation : state of the position
+    turning : state of the undisturbed rotation vector, or of the angle
+    aside : state of the rotation vector e that turns the undisturbed orientation to the body's
     """
 
     translation: DMPState
@@ -131,12 +131,12 @@ class PoseState:
 
     @property
     def time(self) -> float:
-        """Since the start [s]."""
+        """Return the time since the start [s]."""
         return self.translation.time
 
     @property
     def progress(self) -> float:
-        """Phase in durations."""
+        """Return the phase in durations."""
         return self.translation.progress
 
 
@@ -146,11 +146,11 @@ class PoseDMP:
 
     Attributes
     ----------
-    translation : the position's primitive, n_dims = 2 or 3
-    turning : that of the rotation vector relative to `reference` (3 coordinates), or of the angle about `axis` (1)
-        [rad]
+    translation : primitive of the position, n_dims = 2 or 3
+    turning : primitive of the rotation vector relative to `reference` (3 coordinates), or of the angle about `axis`
+        (1 coordinate) [rad]
     reference : array, shape (4,), the orientation at which `turning` is zero, w x y z
-    axis : array, shape (3,), unit vector that the movement turns about; None where it turns freely
+    axis : array, shape (3,), unit vector of the axis of rotation; None if the movement turns freely
     """
 
     translation: DMP
@@ -168,17 +168,17 @@ class PoseDMP:
         phase: Phase | None = None,
         axis: Sequence[float] | None = None,
     ) -> PoseDMP:
-        """Fit position and orientation of a recording.
+        """Fit a primitive to the positions and orientations of a recording.
 
         Parameters
         ----------
         demonstration
             A recording with orientations. Signs of its quaternions do not matter.
         n_basis, variant, phase
-            As for `DMP.fit`; no rhythmic movements.
+            As for `DMP.fit`; rhythmic movements are not possible.
         axis
-            Turn about this axis only, `VERTICAL` for a tray that stays level; the rest of the recorded turn is left
-            out, and said. In the plane it is always the vertical.
+            The only axis of rotation, `VERTICAL` for a tray that stays level; the rest of the recorded rotation is
+            left out, with a warning. In the plane the axis is always the vertical.
 
         Raises
         ------
@@ -236,33 +236,33 @@ class PoseDMP:
 
     @property
     def n_dims(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Return the dimension of the position: 2 in the plane, 3 in space."""
         return self.translation.n_dims
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Return the duration [s]."""
         return self.translation.duration
 
     @property
     def weights(self) -> Array:
-        """Free shape weights, those of the position first; array, shape (n_dims + 3 or 1, n_basis)."""
+        """Return the free shape weights, position first; array, shape (n_dims + 3 or 1, n_basis)."""
         return np.concatenate([self.translation.weights, self.turning.weights])
 
     @property
     def start(self) -> Pose:
-        """Where the movement begins."""
+        """Return the pose at the start of the movement."""
         return Pose(self.translation.start, self._orientation(self.turning.start))
 
     @property
     def goal(self) -> Pose:
-        """Where it ends."""
+        """Return the pose at the end of the movement."""
         return Pose(self.translation.goal, self._orientation(self.turning.goal))
 
     def towards(
         self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
     ) -> PoseDMP:
-        """The same shape weights between other poses; what is not given stays.
+        """Return the movement with the same shape weights between other poses; arguments not given keep their values.
 
         Raises
         ------
@@ -296,7 +296,7 @@ class PoseDMP:
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
-        """Poses and velocities at any times [s], array of shape (n_steps,); at rest after the end."""
+        """Return poses and velocities at the times `time` [s], array of shape (n_steps,); at rest after the end."""
         moved, turned = self.translation.at(time), self.turning.at(time)
         vectors, rates = self._vectors(turned.position), self._vectors(turned.velocity)
         return PoseTrajectory(
@@ -308,13 +308,13 @@ class PoseDMP:
         )
 
     def initial_state(self) -> PoseState:
-        """The state at time 0, from which `step` goes on."""
+        """Return the state at time 0, from which `step` continues."""
         nothing = Curve(np.zeros((3, N_INTERVALS + 1, 3)), np.zeros((N_INTERVALS + 1, 3)), np.zeros(3))
         aside = begin(nothing, np.zeros(3), np.zeros(3), self.duration)
         return PoseState(self.translation.initial_state(), self.turning.initial_state(), aside)
 
     def step(self, state: PoseState, dt: float, *, rate: float = 1.0) -> PoseState:
-        """Advance by `dt` [s] online, exactly, as `DMP.step` does."""
+        """Advance the state by `dt` [s] online, exactly, as `DMP.step` does."""
         return PoseState(
             self.translation.step(state.translation, dt, rate=rate),
             self.turning.step(state.turning, dt, rate=rate),
@@ -322,17 +322,17 @@ class PoseDMP:
         )
 
     def pose(self, state: PoseState) -> Pose:
-        """The pose of a state."""
+        """Return the pose of a state."""
         aside = rotations.exponential(state.aside.position)
         orientation = rotations.quaternion_product(aside, self._orientation(state.turning.position))
         return Pose(state.translation.position, orientation)
 
     def twist(self, state: PoseState) -> tuple[Array, Array]:
-        """Velocity [m/s] and angular velocity [rad/s] of a state; arrays, shapes (n_dims,) and (3,)."""
+        """Return velocity [m/s] and angular velocity [rad/s] of a state; arrays, shapes (n_dims,) and (3,)."""
         return state.translation.velocity, self._spin(state) * (state.turning.rate / state.turning.duration)
 
     def redirected(self, state: PoseState, goal: Pose) -> PoseState:
-        """The state with a goal that has moved: the shortest turn leads over to the movement that ends there."""
+        """Return the state for a goal that has moved: the shortest rotation leads to the movement that ends there."""
         goal = self._checked("goal", goal)
         turn = self._turn(goal, state.turning.goal)
         curve = self.turning.towards(goal=turn).curve
@@ -352,7 +352,7 @@ class PoseDMP:
         return PoseState(replace(state.translation, goal=goal.position), turning, aside)
 
     def displaced(self, state: PoseState, pose: Pose) -> PoseState:
-        """The state of a body that was pushed to `pose`; what turns about an axis takes the nearest turn about it."""
+        """Return the state of a body that was pushed to `pose`; a fixed axis allows only the nearest rotation about it."""
         pose = self._checked("pose", pose, tilted=True)
         undisturbed = self._orientation(state.turning.position)
         aside = rotations.turn_between(pose.orientation, undisturbed, state.aside.position)
@@ -365,14 +365,17 @@ class PoseDMP:
         )
 
     def _spin(self, state: PoseState) -> Array:
-        """Angular velocity of a state by its progress; array, shape (3,)."""
+        """Compute the angular velocity of a state with respect to progress instead of time; array, shape (3,)."""
         aside, turning = state.aside, state.turning
         own = rotations.angular_velocity(self._vectors(turning.position), self._vectors(turning.slope))
         carried = rotations.matrices(rotations.exponential(aside.position)) @ own
         return rotations.angular_velocity(aside.position, aside.slope) + carried
 
     def _slope(self, aside: Array, spin: Array, values: Array) -> Array:
-        """Change of the rotation vector `aside` with which exp(aside) exp(r) turns at `spin`; values (3, n) of r."""
+        """Compute the derivative of the rotation vector `aside` if exp(aside) exp(r) turns at the velocity `spin`.
+
+        `values` holds r and its derivatives, shape (3, n).
+        """
         own = rotations.angular_velocity(self._vectors(values[0]), self._vectors(values[1]))
         return rotations.rates_of(aside, spin - rotations.matrices(rotations.exponential(aside)) @ own)
 
@@ -383,12 +386,12 @@ class PoseDMP:
         return rotations.quaternion_product(rotations.exponential(self._vectors(turning)), self.reference)
 
     def _turn(self, pose: Pose, near: Array) -> Array:
-        """The coordinates of a pose's orientation that are nearest to `near`."""
+        """Return the coordinates of a pose's orientation that are nearest to `near`."""
         vector = rotations.turn_between(pose.orientation, self.reference, self._vectors(near))
         return vector if self.axis is None else np.array([vector @ self.axis])
 
     def _require_no_leap(self, name: str, pose: Pose, near: Array, turn: Array) -> None:
-        """Refuse coordinates far from `near` for a body that hardly turned: so it is near whole turns."""
+        """Raise if the coordinates are far from `near` although the body hardly turned; this happens near whole turns."""
         turned = rotations.turn_between(pose.orientation, self._orientation(near))
         if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(turned):
             raise OptionError(
@@ -411,7 +414,7 @@ class PoseDMP:
 
 
 def _between(start: Array) -> Array:
-    """Rotation vector, relative to the goal, of the reference from which both ends are far from whole turns.
+    """Return the reference, a rotation vector relative to the goal, from which both ends are far from whole turns.
 
     Parameters
     ----------
@@ -435,7 +438,10 @@ def _unit(axis: Sequence[float]) -> Array:
 
 
 def _angles(relative: Array, axis: Array) -> tuple[Array, float]:
-    """Angles about the axis, (n_steps, 1), continuous and near zero at the end, and the largest tilt away from it."""
+    """Return the angles about the axis and the largest tilt away from it.
+
+    The angles, shape (n_steps, 1), are continuous and near zero at the end.
+    """
     along = relative[:, 1:] @ axis
     angles = np.unwrap(2 * np.arctan2(along, relative[:, 0])[::-1], period=2 * np.pi)[::-1]
     angles = angles - 2 * np.pi * np.round(angles[-1] / (2 * np.pi))

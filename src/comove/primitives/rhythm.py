@@ -1,8 +1,9 @@
 """Rhythmic movements: the limit cycle of the transformed system under a periodic forcing term.
 
 With ``f(s) = psi(s) w`` of period 1 the system of equation (1a) has exactly one periodic solution, and every other
-solution runs into it: the difference is a free critically damped motion, gone like ``exp(-alpha_y s / 2)``. Both are
-known in closed form. The goal is the centre of the cycle: the free weights leave its mean alone.
+solution converges to it: the difference is a free critically damped motion, which decays like
+``exp(-alpha_y s / 2)``. Both are known in closed form. The goal is the centre of the cycle: the free weights do not
+change its mean.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class RhythmicBasis:
     ----------
     cycle : array, shape (3, n_knots, n_basis): position, velocity and acceleration on the limit cycle caused by a
         unit shape weight; the last knot is the first one, a period later
-    shape_force : array, shape (n_knots, n_basis), the forcing term that belongs to it
+    shape_force : array, shape (n_knots, n_basis), the forcing term of this cycle
     """
 
     cycle: Array
@@ -41,18 +42,18 @@ class RhythmicBasis:
 
     @property
     def n_basis(self) -> int:
-        """Number of free shape weights a dimension."""
+        """Return the number of free shape weights per dimension."""
         return self.cycle.shape[2]
 
     def sampled(self, n_steps: int) -> Array:
-        """Positions at even samples of the first period; array, shape (n_basis + 4, n_steps)."""
+        """Return the positions at even samples of the first period; array, shape (n_basis + 4, n_steps)."""
         boundary, shape = self.at(np.linspace(0.0, 1.0, n_steps))
         return np.concatenate([shape[0], boundary[0]], axis=1).T
 
     def at(self, s: ArrayLike) -> tuple[Array, Array]:
-        """Boundary and shape matrices at times in periods, from 0 on, exact between the knots as well.
+        """Return the boundary and shape matrices at times in periods, from 0 on, exact between the knots as well.
 
-        The boundary values are start, start velocity, centre, and one that means nothing here.
+        The boundary values are start, start velocity, centre, and a fourth one that has no effect here.
 
         Returns
         -------
@@ -68,15 +69,16 @@ class RhythmicBasis:
         return boundary, self.on_cycle(s) - free @ self.cycle[:2, 0]
 
     def on_cycle(self, s: Array) -> Array:
-        """The limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""
+        """Return the limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""
         return values_at(self.cycle, self.shape_force, np.zeros(self.n_basis), s - np.floor(s))
 
 
 @lru_cache(maxsize=32)
 def rhythmic_basis(n_basis: int) -> RhythmicBasis:
-    """Build (once) the basis with `n_basis` free shape weights a dimension: harmonics, of unit velocity each.
+    """Build the basis with `n_basis` free shape weights per dimension; results are cached.
 
-    The functions are shifts of one another, so the harmonics of their weights lie across each other in every metric.
+    The shape weights are those of harmonics, each scaled to unit velocity. The forcing functions are shifted copies
+    of one another, so the harmonics of their weights are orthogonal in every metric.
     """
     psi = von_mises(n_basis + 1)
     weights = from_rest(psi)
@@ -96,7 +98,10 @@ def rhythmic_basis(n_basis: int) -> RhythmicBasis:
 
 
 def estimated_period(time: Array, position: Array) -> float:
-    """Period of a recorded movement: the first high peak of its autocorrelation, refined by how well it repeats.
+    """Estimate the period of a recorded movement from its autocorrelation.
+
+    The first high peak of the autocorrelation is refined: the period is the one after which the movement repeats
+    best.
 
     Parameters
     ----------
@@ -106,7 +111,7 @@ def estimated_period(time: Array, position: Array) -> float:
     Returns
     -------
     float
-        [s]; the whole duration where nothing repeats.
+        Period [s]; the whole duration if nothing repeats.
     """
     even = np.linspace(0.0, time[-1], min(N_EVEN, 8 * len(time)))
     x = np.stack([np.interp(even, time, column) for column in position.T], axis=1)

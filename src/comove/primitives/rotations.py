@@ -1,4 +1,4 @@
-"""Rotations: quaternions, rotation vectors that stay continuous, and similarities.
+"""Rotations: quaternions, continuous rotation vectors, and similarity transforms.
 
 Quaternions are w x y z; rotation vectors point along the axis and are as long as the angle [rad]. A body that turns
 with ``R(t) = exp(r(t))`` has the angular velocity ``J(r) r'`` in the world's frame, J the left Jacobian of SO(3).
@@ -18,19 +18,19 @@ SMALL = 1e-3  # rad, below which the limit replaces what would cancel
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
+    """Compute the Hamilton product of quaternions (w, x, y, z); arrays, shape (..., 4)."""
     w = a[..., 0] * b[..., 0] - (a[..., 1:] * b[..., 1:]).sum(axis=-1)
     v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
     return np.concatenate([w[..., None], v], axis=-1)
 
 
 def conjugate(quaternion: Array) -> Array:
-    """The inverse of unit quaternions; arrays, shape (..., 4)."""
+    """Return the inverse of unit quaternions; arrays, shape (..., 4)."""
     return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def same_hemisphere(quaternions: Array) -> Array:
-    """The same orientations without sign flips between neighbours; array, shape (n_steps, 4).
+    """Return the same orientations without sign changes between neighbours; array, shape (n_steps, 4).
 
     The last one keeps its sign.
     """
@@ -38,15 +38,15 @@ def same_hemisphere(quaternions: Array) -> Array:
 
 
 def exponential(vectors: Array) -> Array:
-    """Quaternions of rotation vectors of any length; (..., 3) -> (..., 4)."""
+    """Compute the quaternions of rotation vectors of any length; (..., 3) -> (..., 4)."""
     angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * vectors], axis=-1)
 
 
 def logarithm(quaternion: Array, near: Array | None = None) -> Array:
-    """The rotation vector of one orientation, shape (4,), that is nearest to the vector `near`, shape (3,).
+    """Compute the rotation vector of one orientation, shape (4,), that is nearest to the vector `near`, shape (3,).
 
-    The shortest one where `near` is not given.
+    If `near` is not given, it is the shortest one.
     """
     near = np.zeros(3) if near is None else near
     if quaternion[0] < 0.0:
@@ -63,7 +63,7 @@ def logarithm(quaternion: Array, near: Array | None = None) -> Array:
 
 
 def turn_between(a: Array, b: Array, near: Array | None = None) -> Array:
-    """The rotation vector r with ``exp(r) b = a`` that is nearest to `near`, the shortest unless given.
+    """Compute the rotation vector r with ``exp(r) b = a`` that is nearest to `near` (by default the shortest).
 
     Parameters
     ----------
@@ -78,18 +78,18 @@ def turn_between(a: Array, b: Array, near: Array | None = None) -> Array:
 
 
 def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array:
-    """Rotation vectors of a movement, without jumps; the last one is the shortest, or the one nearest to `last`.
+    """Compute the rotation vectors of a movement without jumps; the last is the shortest, or nearest to `last`.
 
     Parameters
     ----------
-    quaternions : array, shape (n_steps, 4), whatever their signs
+    quaternions : array, shape (n_steps, 4), with any signs
     last : array, shape (3,)
 
     Returns
     -------
     array, shape (n_steps, 3)
-        Where the angle passes a whole turn, it goes on about the same axis; about a wandering axis there is no such
-        continuation, and the vectors jump.
+        Where the angle passes a whole turn, it continues about the same axis; if the axis changes there, no
+        continuous continuation exists, and the vectors jump.
     """
     q = same_hemisphere(np.where(quaternions[-1:, :1] < 0.0, -1.0, 1.0) * quaternions)
     sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
@@ -106,12 +106,12 @@ def continuous_logarithm(quaternions: Array, last: Array | None = None) -> Array
 
 
 def _signs_from_the_end(dots: Array) -> Array:
-    """Signs that make neighbours agree; the last is 1; (n_steps - 1,) -> (n_steps, 1)."""
+    """Return signs that make neighbours agree; the last is 1; (n_steps - 1,) -> (n_steps, 1)."""
     return np.append(np.cumprod(np.where(dots[::-1] < 0.0, -1.0, 1.0))[::-1], 1.0)[:, None]
 
 
 def angular_velocity(vectors: Array, rates: Array) -> Array:
-    """J(r) r' for rotation vectors r and their rates r'; arrays, shape (..., 3)."""
+    """Compute J(r) r' for rotation vectors r and their derivatives r'; arrays, shape (..., 3)."""
     angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
     first = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     second = np.where(angle < SMALL, 1 / 6, (1 - np.sinc(angle / np.pi)) / np.maximum(angle, SMALL) ** 2)
@@ -120,13 +120,13 @@ def angular_velocity(vectors: Array, rates: Array) -> Array:
 
 
 def rates_of(vector: Array, angular: Array) -> Array:
-    """r' from one rotation vector r and its angular velocity, shape (3,): the inverse of `angular_velocity`."""
+    """Compute r' from a rotation vector r and its angular velocity, shape (3,): the inverse of `angular_velocity`."""
     jacobian = np.stack([angular_velocity(vector, unit) for unit in np.eye(3)], axis=1)
     return np.linalg.solve(jacobian, angular)
 
 
 def matrices(quaternions: Array) -> Array:
-    """Rotation matrices of unit quaternions; (..., 4) -> (..., 3, 3)."""
+    """Return the rotation matrices of unit quaternions; (..., 4) -> (..., 3, 3)."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -137,9 +137,10 @@ def matrices(quaternions: Array) -> Array:
 
 
 def similarity(a: Array, b: Array) -> Array:
-    """The least rotation times scale that carries the vector `a` to `b`; array, shape (n, n).
+    """Return the smallest rotation times scale that maps the vector `a` to `b`; array, shape (n, n).
 
-    In one dimension, where nothing turns, it is b/a. Opposite vectors leave the axis open: a fixed one is taken.
+    In one dimension, where rotation is impossible, it is b/a. For opposite vectors the axis is not determined: a
+    fixed one is taken.
     """
     if len(a) == 1:
         return (b / a)[:, None]

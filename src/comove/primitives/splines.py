@@ -1,4 +1,4 @@
-"""Forcing functions that make a primitive a spline: smooth, local, and still at both ends."""
+"""Forcing functions whose motions are splines: smooth, local, and at rest at both ends."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ DEGREE = 5
 
 
 def splines(n_inner: int) -> Array:
-    """Return the forcing of quintic B-splines that rest at both ends, and of the six quintics that carry the ends.
+    """Return the forcing of quintic B-splines that rest at both ends, and of six quintics for the boundary values.
 
-    A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega b' + omega^2 b``. Each of the
-    quintics has a unit position, velocity or acceleration at one end, the start's first, and none of the others.
+    A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega b' + omega^2 b``. Each of the six
+    quintics has a unit position, velocity or acceleration at one end (first those of the start) and zero for the
+    others.
 
     Parameters
     ----------
-    n_inner : how many B-splines
+    n_inner : number of B-splines
 
     Returns
     -------

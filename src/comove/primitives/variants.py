@@ -1,4 +1,4 @@
-"""The variants of the dynamic movement primitive on one notation.
+"""The variants of the dynamic movement primitive in one notation.
 
 In unit duration, with goal g, start y0, displacement d = g - y0 and that of the demonstration d*:
 
@@ -12,8 +12,9 @@ dmp++         A f - alpha_y beta_y d x                                       mol
 rhythmic      f, periodic                                                    von Mises       1
 ============= ============================================================== =============== ===================
 
-with ``f(s) = psi(s) w`` and the phase x. All of them meet both ends exactly: two more forcing functions than free
-weights hold them (one for the mean of a rhythmic cycle). R is the least rotation that turns d* into d.
+with ``f(s) = psi(s) w`` and the phase x. All of them meet both ends exactly: there are two more forcing functions
+than free weights for this purpose (one more, for the mean, in a rhythmic cycle). R is the smallest rotation that
+turns the direction of d* into that of d.
 """
 
 from __future__ import annotations
@@ -40,19 +41,19 @@ class Variant(StrEnum):
     """A variant of the dynamic movement primitive.
 
     CLOSED_FORM
-        The shape is added to the way to the goal whatever that is: moving the goal bends the movement smoothly
-        (Li et al., 2023, have the same boundary conditions in closed form). The default.
+        The shape is added to the motion to the goal and does not depend on it: moving the goal bends the movement
+        smoothly (Li et al., 2023, have the same boundary conditions in closed form). The default.
     CLASSIC
         The shape scales with the displacement, dimension by dimension (Ijspeert et al., 2013): it is mirrored where
         the displacement changes sign, vanishes where the goal is the start, and grows without bound where the
         demonstration's ends nearly coincide. A dimension whose recorded ends coincide is not learned.
     PASTOR
-        As the closed form, and the goal's pull fades in (Hoffmann et al., 2009; Pastor et al., 2009): starts gently
-        for far goals.
+        As the closed form, but the attraction of the goal fades in (Hoffmann et al., 2009; Pastor et al., 2009), so
+        the start is gentle for far goals.
     DMP_PLUS_PLUS
         The whole movement turns and scales with the displacement (Ginesi et al., 2021): the path is similar to
         the taught one, and shrinks to a point where the goal is the start. Where the recorded ends coincide there is
-        nothing to turn by, and the shape stays as it is.
+        no displacement to compare with, and the shape stays as it is.
     RHYTHMIC
         A limit cycle about the goal (Ijspeert et al., 2013); `duration` is the period.
     """
@@ -65,12 +66,12 @@ class Variant(StrEnum):
 
     @classmethod
     def named(cls, name: str) -> Variant:
-        """The variant of a name.
+        """Return the variant with the given name.
 
         Raises
         ------
         OptionError
-            If there is none.
+            If there is no such variant.
         """
         try:
             return cls(name)
@@ -81,20 +82,20 @@ class Variant(StrEnum):
 
     @property
     def usual_phase(self) -> Phase:
-        """What `DMP.fit` takes: for the forms of the literature a phase that falls to a hundredth."""
+        """Return the default phase of `DMP.fit`: for the forms of the literature, one that falls to a hundredth."""
         return ExponentialPhase() if self is Variant.CLOSED_FORM else ExponentialPhase(alpha=4.6)
 
     def basis(self, n_basis: int, phase: Phase) -> MotionBasis | RhythmicBasis:
-        """The matrices behind the rollouts of this variant."""
+        """Return the matrices from which rollouts of this variant are computed."""
         return _BASES[self](n_basis, phase=phase)
 
     def scaling(self, learned: Array, displacement: Array, extent: float) -> Array:
-        """A(d): what the learned forcing term is multiplied by; array, shape (n_dims, n_dims).
+        """Return A(d), the matrix that multiplies the learned forcing term; array, shape (n_dims, n_dims).
 
         Parameters
         ----------
         learned, displacement : arrays, shape (n_dims,), d* and d
-        extent : of the learned movement, against which a displacement counts as none
+        extent : size of the learned movement; displacements far below it count as zero
         """
         n_dims, none = len(learned), NO_WAY * extent
         if self is Variant.CLASSIC:

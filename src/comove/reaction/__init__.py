@@ -1,4 +1,4 @@
-"""Reaction to obstacles that move: from the velocity that is wanted to the one that is allowed."""
+"""Reaction to moving obstacles: modulation of the desired velocities to collision-free ones."""
 
 from comove.reaction.modulation import Directions, Field, Modulation, Sharing, field, modulated
 from comove.reaction.obstacles import MovingObstacle, level, level_obstacle

@@ -1,4 +1,4 @@
-"""What the kernels of the twist programme work on: arrays, as named tuples."""
+"""Arrays and parameters on which the kernels of the twist programme work, as named tuples."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ BORDER, HANDS, LIMIT = -1, -2, -3
 
 
 class Freedom(NamedTuple):
-    """How the groups of a scene may move.
+    """The degrees of freedom of a scene's rigid groups, and the distances that they must keep.
 
     Attributes
     ----------
-    basis : array, shape (n_groups, 6, n_variables), twists of the variables; columns of an axis that turns are
-        rewritten with its direction
+    basis : array, shape (n_groups, 6, n_variables), twists per unit of the variables; the columns of an axis that
+        turns are rewritten with its direction
     axis : array of int, shape (n_groups,), the first of the two variables that turn an axis in space; -1 for others
     scale : array, shape (n_groups,), length by which a variable that turns is divided [m]
-    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: what turning costs that moves no hand
+    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: cost of rotation that hardly moves the hands
     spread : array, shape (n_groups,), largest distance of a hand from the middle of its group's hands [m]
-    lever : array, shape (n_groups,), how many times faster than the hands a point of the body may be
-    pairs : array of int, shape (n_pairs, 2), hands that stay apart
-    apart : array, shape (n_pairs,), by how much [m]
+    lever : array, shape (n_groups,), upper bound of the ratio of a point's speed to that of the hands
+    pairs : array of int, shape (n_pairs, 2), pairs of hands that must stay apart
+    apart : array, shape (n_pairs,), least distances of these pairs [m]
     lower, upper : arrays, shape (3,), the workspace [m]
     """
 
@@ -46,16 +46,16 @@ class Freedom(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Limits and rates, infinite where there are none.
+    """Limits and rates of the programme, infinite where there are none.
 
     Attributes
     ----------
-    period : of a control step [s]
-    gain : approach speed a distance [1/s]
-    braking : deceleration that approaching bodies count on [m/s^2]
+    period : length of a control step [s]
+    gain : approach speed per distance [1/s]
+    braking : deceleration that is assumed for approaching bodies [m/s^2]
     retreat : largest speed with which a lost clearance is restored [m/s]
     speed, acceleration : limits of every hand [m/s], [m/s^2]
-    clearance : that the scene asks for [m]
+    clearance : required clearance: the scene's and what is kept on top of it [m]
     """
 
     period: float
@@ -68,20 +68,22 @@ class Rates(NamedTuple):
 
 
 class Desk(NamedTuple):
-    """Arrays that are written anew in every step.
+    """Work arrays that are rewritten in every step.
 
     Attributes
     ----------
     quadratic, linear : arrays, shapes (n, n), (n,), the objective ``x' quadratic x / 2 + linear x``
-    rows, low : arrays, shapes (n_rows, n), (n_rows,)
-    owner, body : arrays of int, shape (n_rows,): an obstacle, `BORDER`, `HANDS` or `LIMIT`; the group
-    hands : array, shape (n_hands, 3, n), velocities of the hands of the variables
-    rotation, nodes, points : of now; shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3)
-    center_after, quaternion_after, rotation_after, nodes_after, table_after : after the step
-    left : array, shape (n_edges + n_solids, n_obstacles), clearances h of now [m]
-    gain : array, shape (n_groups,), approach speed a clearance left [1/s]
-    slack : array, shape (n_groups, n_obstacles + 2), by how much rows of an owner were relaxed [m/s]
-    balls : array, shape (2 n_hands + n_groups, 4), centres and radii of what is bound in length
+    rows, low : arrays, shapes (n_rows, n), (n_rows,), the constraints ``rows x >= low``
+    owner, body : arrays of int, shape (n_rows,): the obstacle, `BORDER`, `HANDS` or `LIMIT` that requires a row; the
+        group that it constrains
+    hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
+    rotation, nodes, points : arrays, shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3), at the start of the step
+    center_after, quaternion_after, rotation_after, nodes_after, table_after : arrays, the state after the step
+    left : array, shape (n_edges + n_solids, n_obstacles), clearances h at the start of the step [m]
+    gain : array, shape (n_groups,), approach speed per clearance left [1/s]
+    slack : array, shape (n_groups, n_obstacles + 2), by how much the rows of an owner were relaxed [m/s]
+    balls : array, shape (2 n_hands + n_groups, 4), centres and radii of the balls that limit velocities,
+        accelerations and rotations
     """
 
     quadratic: Array
@@ -108,7 +110,7 @@ class Desk(NamedTuple):
 def empty_desk(
     points: LoadPoints, freedom: Freedom, n_hands: int, shape: tuple[int, int], n_rounds: int
 ) -> Desk:
-    """An empty desk for a table of that shape, large enough for `n_rounds` rounds of missing rows."""
+    """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows."""
     n_obstacles, n_columns = shape
     n_groups, _, n = freedom.basis.shape
     n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)

@@ -1,19 +1,20 @@
-"""Level functions of obstacles, in numba kernels: what distance is to a modulated velocity.
+"""Level functions of obstacles, in numba kernels: the measure of distance in a modulated velocity.
 
-A level function Gamma is 1 on the surface of an obstacle, with its safety margin, greater outside, smaller inside,
-and grows on every ray from a point inside (Khansari-Zadeh & Billard, 2012, eq. 5). All of ours are convex and have
-dimension 1. With u the point in the obstacle's axes and d its signed distance from the bare obstacle [m],
+A level function Gamma is 1 on the surface of an obstacle with its safety margin, greater outside, smaller inside,
+and grows on every ray from a point inside (Khansari-Zadeh & Billard, 2012, eq. 5). All those used here are convex
+functions of the position. With u the point in the obstacle's axes and d its signed distance from the bare obstacle
+[m],
 
-    ellipsoid     sum (u_i / a_i)^2           a_i: semi-axes of an ellipsoid that holds the obstacle and its margin
-    superquadric  sum |u_i / a_i|^(2 p_i)     a_i: semi-axes, stretched alike so that the margin is held
+    ellipsoid     sum (u_i / a_i)^2           a_i: semi-axes of an ellipsoid that contains obstacle and margin
+    superquadric  sum |u_i / a_i|^(2 p_i)     a_i: semi-axes, stretched by one factor to contain the margin
     all others    ((l + d) / (l + margin))^2  l: least half width of the obstacle
 
 which for a sphere is (|u| / (radius + margin))^2. Where d has a kink outside, at an edge, its gradient still is
 continuous off the surface; with a margin also on it.
 
-Obstacles are rows of one table that begins as those of `comove.scenes.distances` do. It goes on with `LEVEL` (3:
+Obstacles are rows of one table that begins as those of `comove.scenes.distances` do. Further columns are `LEVEL` (3:
 a_i; or l and l + margin), `EXPONENT` (3: p_i), `REFERENCE` (3: a point inside, in the world), `VELOCITY` (3: of the
-centre), `TURN` (3: angular velocity) and `GROUP`; `REACH` is the radius about the centre that holds the obstacle
+centre), `TURN` (3: angular velocity) and `GROUP`; `REACH` is the radius about the centre that contains the obstacle
 with its margin. Everything is spatial: a planar obstacle is the slice z = 0 of one that is endless along z.
 """
 
@@ -34,9 +35,9 @@ HUGE = 1e150  # beyond it a level says no more than "far", and its square still 
 
 @numba.njit(cache=True, error_model="numpy")
 def level_at(table, j, x, y, z):
-    """Level of obstacle `j` at (x, y, z), the length of its gradient [1/m], and the gradient's direction (3).
+    """Return the level of obstacle `j` at (x, y, z), its gradient's length [1/m], and the gradient's direction (3).
 
-    In the very middle, where there is no gradient, its length is 0 and its direction along x.
+    At the very centre, where there is no gradient, the length is 0 and the direction along x.
     """
     if table[j, KIND] >= ELLIPSOID:
         level, slope, nx, ny, nz = _algebraic(table, j, x, y, z)
@@ -56,7 +57,7 @@ def level_at(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _algebraic(table, j, x, y, z):
-    """The same for ellipsoids and superquadrics, of whatever size."""
+    """Return the results of `level_at` for ellipsoids and superquadrics; a level far outside may overflow."""
     x, y, z = x - table[j, CENTER], y - table[j, CENTER + 1], z - table[j, CENTER + 2]
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
@@ -94,14 +95,14 @@ def _algebraic(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _log_slope(u, a, p):
-    """log |d/du |u / a|^(2p)|; minus infinity at 0 and along an endless axis."""
+    """Return log |d/du |u / a|^(2p)|; minus infinity at 0 and along an endless axis."""
     share = abs(u) / a
     return log(2.0 * p / a) + (2.0 * p - 1.0) * log(share) if share > 0.0 else -np.inf
 
 
 @numba.njit(cache=True, error_model="numpy")
 def levels_at(table, points):
-    """Levels and gradients [1/m] of every obstacle at every point.
+    """Return levels and gradients [1/m] of every obstacle at every point.
 
     Parameters
     ----------
@@ -127,9 +128,9 @@ def levels_at(table, points):
 def common_point(table, members, x):
     """Write in `x` (3) a point deep inside all obstacles `members`, and return the greatest of their levels there.
 
-    The greatest of convex functions is convex. The ellipsoid method (Yudin & Nemirovski, 1976) closes in on its
-    least value from a ball that holds the smallest obstacle, and ends with 1 or more as soon as it is sure that the
-    obstacles have no point in common.
+    The greatest of convex functions is convex. The ellipsoid method (Yudin & Nemirovski, 1976) converges to its
+    least value from a ball that contains the smallest obstacle, and ends with 1 or more as soon as it is certain that
+    the obstacles have no point in common.
     """
     smallest = members[0]
     for j in members:

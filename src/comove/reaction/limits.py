@@ -1,6 +1,6 @@
-"""Limits of the hands in the twist programme: velocities, accelerations and turns, which are bound in length.
+"""Limits of the hands in the twist programme: bounds of the length of velocities, accelerations and rotations.
 
-Each is a ball |M x - c| <= radius in the variables x, bounded by tangent planes where a solution leaves it.
+Each is a ball |M x - c| <= radius in the variables x, approximated by tangent planes where a solution leaves it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: what is still within, and what is far 
 
 @numba.njit(cache=True, error_model="numpy")
 def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
-    """Set up the balls of speeds, accelerations and turns; tangents where what is wanted is outside.
+    """Set up the balls of speeds, accelerations and rotations; write tangents where the desired velocity is outside.
 
-    A hand that goes round needs an acceleration w^2 r that braking cannot have, so turns are bounded: where something
-    is `near`, so that half of the acceleration is left, otherwise so that the turn can be kept up at all.
+    Returns the number of rows. A hand that moves on an arc needs a centripetal acceleration w^2 r, which is then not
+    available for braking, so rotations are bounded: where something is `near`, such that half of the acceleration is
+    left; otherwise such that the rotation can be kept up at all.
     """
     n_hands, balls = before.shape[0], desk.balls
     reach = rates.acceleration * rates.period
@@ -64,7 +65,9 @@ def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def broken_limits(points, freedom, desk, m, x):
-    """Tangents to the balls that x is outside of; whether it is far outside of one."""
+    """Write tangents to the balls that x is outside of; return the number of rows and whether x is far outside of a
+    ball.
+    """
     n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
     y, far_out = np.empty(3), False
     for b in range(n_balls):
@@ -84,10 +87,12 @@ def broken_limits(points, freedom, desk, m, x):
 
 @numba.njit(cache=True, error_model="numpy")
 def bent_limits(points, freedom, desk, m, x, dt):
-    """Tangents to the balls that the way of a hand to `desk.nodes_after`, by the time of the step, is outside of.
+    """Write tangents to the balls that the hands' average velocities over the step are outside of; return the row
+    count.
 
-    A hand goes round within a step, so its way differs from its first velocity to second order: by what is taken for
-    constant until the next round.
+    The average velocity of a hand is its displacement to `desk.nodes_after`, divided by `dt`. A hand turns within a
+    step, so this differs from its first velocity to second order, by an amount that is treated as constant until the
+    next round.
     """
     n, n_hands = x.shape[0], desk.hands.shape[0]
     way, bend = np.empty(3), np.empty(3)
@@ -104,7 +109,10 @@ def bent_limits(points, freedom, desk, m, x, dt):
 
 @numba.njit(cache=True, error_model="numpy")
 def _bound(freedom, desk, b, n_hands, axis, c):
-    """What variable c adds along an axis to the vector that ball `b` bounds: a hand's velocity, or a turn [m/s]."""
+    """Return the coefficient of variable c, along an axis, in the vector that ball `b` bounds.
+
+    The vector is the velocity of a hand, or the rotation of a group times its `spread` [m/s].
+    """
     if b < 2 * n_hands:
         return desk.hands[b % n_hands, axis, c]
     return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
@@ -112,7 +120,10 @@ def _bound(freedom, desk, b, n_hands, axis, c):
 
 @numba.njit(cache=True, error_model="numpy")
 def _tangent(points, freedom, desk, m, b, y, bend):
-    """A row along the tangent plane of ball `b` towards y [m/s], if that is outside; `bend` is not linear in y."""
+    """Write row m along the tangent plane of ball `b` towards y [m/s], if y is outside; return the number of rows.
+
+    `bend` is the part of y that is not linear in the variables.
+    """
     ball, n_hands = desk.balls[b], desk.hands.shape[0]
     x, y, z = y[0] - ball[0], y[1] - ball[1], y[2] - ball[2]
     length = sqrt(x * x + y * y + z * z)

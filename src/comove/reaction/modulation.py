@@ -1,6 +1,6 @@
-"""Velocities turned around obstacles that move, by dynamic modulation (Khansari-Zadeh & Billard, 2012).
+"""Velocities turned around moving obstacles, by dynamic modulation (Khansari-Zadeh & Billard, 2012).
 
-A wanted velocity f at a point becomes
+A desired velocity f at a point becomes
 
     xdot = M (f - xdot_o) + xdot_o,    M = E D E^-1,    E = [r, e_1, ...],    D = diag(lambda_1, lambda_i, ...),
 
@@ -9,28 +9,29 @@ direction from a reference point inside (Huber, Slotine & Billard, 2019), and
 
     lambda_1 = 1 - w / Gamma^(1/rho),    lambda_i = 1 + w / Gamma^(1/rho).
 
-On the surface nothing is left of the velocity into the obstacle; far away M is the identity. All lambda_i are alike:
+On the surface the velocity into the obstacle vanishes; far away M is the identity. All lambda_i are equal, so
 
     M = lambda_i I + (lambda_1 - lambda_i) r n^T / (n^T r)
 
-needs no basis of tangents. Several obstacles k: M is the product of theirs, the weight of each being
+needs no basis of tangents. For several obstacles k, M is the product of their matrices, with weights
 
     w_k = prod_(i != k) (Gamma_i - 1) / ((Gamma_k - 1) + (Gamma_i - 1)),
 
-and xdot_o the mean of theirs by these weights. Obstacles of a group (`united`) count as one there, with the least
-of their levels; within it their matrices are averaged with weights 1 / (Gamma_k - 1).
+and xdot_o is the mean of their velocities with these weights. Obstacles of a group (`united`) count as one there,
+with the least of their levels; within the group their matrices are averaged with weights 1 / (Gamma_k - 1).
 
-What it cannot do:
+Limitations:
 
 - **Saddle points.** Where f points from the outside straight at the reference (or, with `Directions.NORMAL`, against
   the normal: everywhere before a flat face), there is nothing to turn: the point stalls before the obstacle.
-- **Overlapping obstacles.** In the notch between them the product lets through; `united` mends it.
-- **Inside an obstacle**, where Gamma < 1, the formula would turn velocities round without bound. There lambda_1 is 0
-  for what leads further in and 1 for what leads out, and `escape` pushes outwards.
+- **Overlapping obstacles.** In the notch between them a point can pass through; `united` prevents it.
+- **Inside an obstacle**, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0
+  for velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards.
 - **Several points of one body** get one matrix at best: see `Sharing`.
-- **Speeds.** Tangential velocities grow up to twice; along long faces, seen at a grazing angle from the reference,
+- **Speeds.** Tangential velocities can double; along long faces, seen at a grazing angle from the reference,
   r adds up to 1 / (n^T r) times the velocity against the face. No limit of a robot is kept.
-- **Steps.** The field is impenetrable in continuous time; steps of dt enter by the order of (speed dt)^2 / radius.
+- **Steps.** The field is impenetrable in continuous time; steps of dt may penetrate an obstacle by a depth of the
+  order of (speed dt)^2 / radius.
 """
 
 from __future__ import annotations
@@ -58,12 +59,14 @@ GRAZING = 1e-3  # least n^T r at which the reference direction is used; else the
 
 
 class Directions(StrEnum):
-    """Along which direction the velocity into an obstacle is taken out.
+    """The direction along which the velocity into an obstacle is removed.
 
     REFERENCE
-        Away from the obstacle's reference point (Huber, Slotine & Billard, 2019): flat faces and unions lead around.
+        Away from the obstacle's reference point (Huber, Slotine & Billard, 2019): motions pass around flat faces and
+        unions.
     NORMAL
-        Along the normal of the level (Khansari-Zadeh & Billard, 2012). The same for spheres about their centre.
+        Along the normal of the level (Khansari-Zadeh & Billard, 2012). For a sphere with its reference at the centre,
+        both directions are equal.
     """
 
     REFERENCE = "reference"
@@ -71,16 +74,16 @@ class Directions(StrEnum):
 
 
 class Sharing(StrEnum):
-    """Which matrix modulates which of several points.
+    """The assignment of modulation matrices to several points.
 
     SAME
-        That of the point with the least level, the one that is modulated most, for all (the paper's III-B and its
-        Fig. 2). Then d/dt(y1 - y2) = M (f1 - f2): distances stay where all points want the same velocity, and
-        change where the load turns. The other points may be led into the obstacle.
+        All points use the matrix of the point with the least level, which is modulated most (the paper's III-B and
+        Fig. 2). Then d/dt(y1 - y2) = M (f1 - f2): distances are kept where all points have the same desired velocity,
+        and change where the load turns. The other points may be led into the obstacle.
     OWN
-        Each point its own. None enters the obstacle; distances change even in a pure translation.
+        Each point uses its own matrix. None enters the obstacle; distances change even in a pure translation.
     NONE
-        Velocities stay as wanted.
+        Velocities stay as desired.
     """
 
     SAME = "same"
@@ -97,14 +100,14 @@ def _member(kind: type[E], name: str, value: object) -> E:
 
 @dataclass(frozen=True)
 class Modulation:
-    """How velocities are modulated.
+    """Settings of the modulation of velocities.
 
     Attributes
     ----------
     reactivity : rho, positive; the greater, the farther away obstacles act
-    tail : whether they act on what moves away from them, too; without it lambda_1 = 1 there
+    tail : whether obstacles also act on motions away from them; if not, lambda_1 = 1 for these
     directions : see `Directions`
-    escape : velocity out of an obstacle in its very middle [m/s]; it fades as 1 - Gamma towards the surface
+    escape : velocity out of an obstacle at its very centre [m/s]; it fades as 1 - Gamma towards the surface
     """
 
     reactivity: float = 1.0
@@ -126,12 +129,12 @@ class Modulation:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """What obstacles make of velocities: ``xdot = matrix f + drift``.
+    """The affine map by which obstacles modulate velocities: ``xdot = matrix f + drift``.
 
     Attributes
     ----------
     matrix : array, shape (..., n_dims, n_dims), M
-    drift : array, shape (..., n_dims), (I - M) xdot_o and the escape [m/s]
+    drift : array, shape (..., n_dims), (I - M) xdot_o plus the escape velocity [m/s]
     level : array, shape (...), least Gamma of all obstacles; infinite without any
     """
 
@@ -140,7 +143,7 @@ class Field:
     level: Array
 
     def __call__(self, velocity: Array) -> Array:
-        """Modulated velocities; (..., n_dims) -> (..., n_dims), [m/s]."""
+        """Return the modulated velocities; (..., n_dims) -> (..., n_dims), [m/s]."""
         return (self.matrix @ velocity[..., None])[..., 0] + self.drift
 
 
@@ -153,14 +156,15 @@ def field(
     obstacles: Sequence[MovingObstacle],
     modulation: Modulation = DEFAULT,
 ) -> Field:
-    """Matrix and drift at each of some points.
+    """Return the matrix and drift of the modulation at each of some points.
 
     Parameters
     ----------
     position : array, shape (..., n_dims), [m]
-    velocity : array, shape (..., n_dims), [m/s], as wanted: it tells what moves towards an obstacle
-    obstacles : at this instant
-    modulation : its options
+    velocity : array, shape (..., n_dims), desired velocities, which tell whether a point moves towards an obstacle
+        [m/s]
+    obstacles : the obstacles at this instant
+    modulation : settings of the modulation
 
     Raises
     ------
@@ -189,15 +193,15 @@ def modulated(
     sharing: Sharing = Sharing.SAME,
     modulation: Modulation = DEFAULT,
 ) -> Array:
-    """Velocities of all points of one body, turned around the obstacles.
+    """Return the velocities of all points of one body, turned around the obstacles.
 
     Parameters
     ----------
-    position : array, shape (..., n_points, n_dims), hands and, if they are to count, points of the load [m]
-    velocity : array of the same shape, as wanted [m/s]
-    obstacles : at this instant
-    sharing : which matrix is whose
-    modulation : its options
+    position : array, shape (..., n_points, n_dims), hands and, if they are to be considered, points of the load [m]
+    velocity : array, shape (..., n_points, n_dims), desired velocities [m/s]
+    obstacles : the obstacles at this instant
+    sharing : assignment of matrices to points
+    modulation : settings of the modulation
 
     Returns
     -------
@@ -237,7 +241,7 @@ def _points_and_velocities(position: ArrayLike, velocity: ArrayLike) -> tuple[Ar
 
 @numba.njit(cache=True, error_model="numpy")
 def _fields(table, points, velocities, reactivity, tail, by_reference, escape):
-    """Matrix (n_points, 3, 3), drift (n_points, 3) and least level (n_points,) at every point."""
+    """Return matrix (n_points, 3, 3), drift (n_points, 3) and least level (n_points,) at every point."""
     n_points, n_obstacles = points.shape[0], table.shape[0]
     matrix, drift, least = np.empty((n_points, 3, 3)), np.zeros((n_points, 3)), np.full(n_points, np.inf)
     head = _heads(table)
@@ -291,7 +295,7 @@ def _fields(table, points, velocities, reactivity, tail, by_reference, escape):
 
 @numba.njit(cache=True, error_model="numpy")
 def _heads(table):
-    """For each obstacle the first one of its group, its head, which stands for the group."""
+    """Return, for each obstacle, the first one of its group, its head, which represents the group."""
     head = np.empty(table.shape[0], dtype=np.int64)
     for j in range(table.shape[0]):
         head[j] = j
@@ -304,7 +308,7 @@ def _heads(table):
 
 @numba.njit(cache=True, error_model="numpy")
 def _directions(table, j, point, by_reference, normal, away, carried):
-    """Level of obstacle `j`; its normal n, r / (n^T r) and its velocity there are written in the last three."""
+    """Return the level of obstacle `j`, and write its normal n, r / (n^T r) and its velocity there in the last three."""
     level, _, nx, ny, nz = level_at(table, j, point[0], point[1], point[2])
     normal[0], normal[1], normal[2] = nx, ny, nz
     away[:] = normal
@@ -329,9 +333,10 @@ def _directions(table, j, point, by_reference, normal, away, carried):
 
 @numba.njit(cache=True, error_model="numpy")
 def _weigh(level, head, excess, share, weight):
-    """Weights of obstacles within their groups, which sum to 1, in `share`; those of groups, at heads, in `weight`.
+    """Write the weights of obstacles within their groups, which sum to 1, in `share`, and those of groups in
+    `weight`.
 
-    `excess` is the least Gamma - 1 of a group, 0 inside.
+    The weight of a group stands at its head. `excess` is the least Gamma - 1 of a group, 0 inside.
     """
     n = level.shape[0]
     excess[:], weight[:] = np.inf, 0.0  # the latter at first the sums of shares
@@ -353,7 +358,7 @@ def _weigh(level, head, excess, share, weight):
 
 @numba.njit(cache=True, error_model="numpy")
 def _mean_velocity(carried, head, share, weight):
-    """Mean of the obstacles' velocities by their weights (3)."""
+    """Return the mean (3) of the obstacles' velocities by their weights."""
     vx, vy, vz, total = 0.0, 0.0, 0.0, 0.0
     for j in range(head.shape[0]):
         part = weight[head[j]] * share[j]

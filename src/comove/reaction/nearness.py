@@ -1,7 +1,7 @@
-"""Points of loads and hands that must not touch anything.
+"""Points of loads and hands that must not touch obstacles.
 
-Sampled points see most of what matters and those that are nearest now (`comove.scenes.closest_points`) see more;
-which will be nearest after a step, the step tells.
+Sampled points detect most contacts, and the points that are nearest now (`comove.scenes.closest_points`) detect more;
+the points that are nearest after a step are found from the step itself.
 """
 
 from __future__ import annotations
@@ -24,16 +24,18 @@ FEW_CORNERS = 16  # of a hull that is looked at between its corners as well
 
 
 class LoadPoints(NamedTuple):
-    """What must not touch anything, in the frames of the rigid groups.
+    """The geometry that must not touch anything, in the frames of the rigid groups.
 
     Attributes
     ----------
     group, point, radius : arrays, shapes (n_points,), (n_points, 3), (n_points,): points along the edges of the load,
-        its corners and the hands that are no end of an edge; lengths in metres
-    node_group, node_point, node_radius : the same of the nodes, hands first
-    edges, edge_radius : arrays, shapes (n_edges, 2), (n_edges,), between nodes; an edge with equal ends is a point
-    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls
-    reach : array, shape (n_groups,), from a group's centre to the farthest of its points, radius included [m]
+        its corners and the hands that are not the end of an edge, with the radius around each; lengths in metres
+    node_group, node_point, node_radius : arrays, group, position and radius of each node, hands first
+    edges, edge_radius : arrays, shapes (n_edges, 2), (n_edges,), nodes of the edges, whose ends are equal for a
+        point, and radii
+    solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes of the solids
+    reach : array, shape (n_groups,), distance of a group's centre from the farthest of its points, radius included
+        [m]
     """
 
     group: NDArray[np.int64]
@@ -49,10 +51,11 @@ class LoadPoints(NamedTuple):
 
 
 def load_points(scene: Scene, n_points: int) -> LoadPoints:
-    """Points along every edge, `n_points` on the longest of a body and as close on the others, ends included.
+    """Sample points along every edge, `n_points` on the longest of a body and equally dense on the others, ends
+    included.
 
-    Solids have a grid on their faces, twice as wide. Between points the velocity of a face that an obstacle's corner
-    is about to touch is read off from the neighbours.
+    Solids have a grid on their faces, coarser than the points on edges. The velocity of a point between them, which
+    an obstacle's corner is about to touch, is approximated by those of its neighbours.
     """
     node_group, node_point = group_nodes(scene)
     edges, radii = scene.body.edges, scene.body.radii
@@ -94,7 +97,7 @@ def load_points(scene: Scene, n_points: int) -> LoadPoints:
 
 
 def _on_faces(corners: Array, n_points: int) -> Array:
-    """A grid (n, 3) on the faces of a box, corners included, given by its corners, array of shape (8, 3) [m]."""
+    """Return a grid (n, 3) on the faces of a box, corners included, given by its corners, array of shape (8, 3) [m]."""
     halves = 0.5 * (corners[[1, 2, 4]] - corners[0])
     lengths = np.linalg.norm(halves, axis=1)
     spacing = lengths.max() / max(1, (n_points - 1) // 4)
@@ -105,7 +108,7 @@ def _on_faces(corners: Array, n_points: int) -> Array:
 
 
 def _on_hull(corners: Array, n_points: int) -> Array:
-    """Corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
+    """Return the corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
     hull = hull_of(np.unique(corners, axis=0))
     if len(hull.vertices) > FEW_CORNERS:
         return hull.vertices

@@ -1,4 +1,4 @@
-"""Obstacles that move: shape, pose, velocities and margin; and those of a scene as such."""
+"""Moving obstacles: shape, pose, velocities and margin; also built from those of a scene."""
 
 from __future__ import annotations
 
@@ -29,19 +29,20 @@ APART = -1.0  # the group of what has none
 
 @dataclass(frozen=True, eq=False)
 class MovingObstacle:
-    """A convex obstacle at one instant, with its velocities. Change it by `dataclasses.replace`, or `moved`.
+    """A convex obstacle at one instant, which has velocities; change it by `dataclasses.replace`, or `moved`.
 
     Attributes
     ----------
-    shape : what it looks like
+    shape : geometric shape
     center : array, shape (n_dims,), [m]
-    rotation : array, shape (n_dims, n_dims), its axes in the world as columns; not turned unless given
-    velocity : array, shape (n_dims,), of the centre [m/s]; still unless given
-    angular_velocity : array, shape (3,) in space; one number, counter-clockwise, in the plane [rad/s]
-    margin : that is kept from it [m], for instance the radius of a load
-    reference : array, shape (n_dims,), a point inside, in the obstacle's own frame [m]: away from it velocities are
-        turned (Huber, Slotine & Billard, 2019); the centre unless given
-    group : obstacles of the same number are one star-shaped body about a common reference, see `united`
+    rotation : array, shape (n_dims, n_dims), the obstacle's axes in the world as columns; the identity by default
+    velocity : array, shape (n_dims,), velocity of the centre [m/s]; 0 by default
+    angular_velocity : array, shape (3,) in space; one number, counter-clockwise, in the plane [rad/s]; 0 by default
+    margin : distance that is kept from the obstacle, for instance the radius of a load [m]
+    reference : array, shape (n_dims,), a point inside, in the obstacle's own frame, away from which velocities are
+        turned (Huber, Slotine & Billard, 2019) [m]; the centre by default
+    group : number of the group; the obstacles of a group are one star-shaped body about a common reference, see
+        `united`
     """
 
     shape: Shape
@@ -91,12 +92,12 @@ class MovingObstacle:
 
     @property
     def n_dims(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Return 2 in the plane, 3 in space."""
         return len(self.center)
 
     @cached_property
     def row(self) -> Array:
-        """One row of the table that kernels take; array, shape (levels.N_LEVEL_COLUMNS,)."""
+        """Return the obstacle's row of the table that kernels take; array, shape (levels.N_LEVEL_COLUMNS,)."""
         n, row = self.n_dims, np.zeros(lv.N_LEVEL_COLUMNS)
         shape = self.shape.in_table(n, self.margin)
         row[sd.KIND], row[sd.REACH] = shape.kind, shape.reach
@@ -112,7 +113,7 @@ class MovingObstacle:
         return self._posed(row)
 
     def _posed(self, row: Array) -> Array:
-        """The row, written in place, with where the obstacle stands."""
+        """Return the row with the obstacle's pose written into it, in place."""
         n = self.n_dims
         rotation = np.eye(3)
         rotation[:n, :n] = self.rotation
@@ -125,7 +126,7 @@ class MovingObstacle:
         return row
 
     def moved(self, dt: float) -> MovingObstacle:
-        """The obstacle `dt` [s] later, its velocities being constant.
+        """Return the obstacle `dt` [s] later, at constant velocities.
 
         Raises
         ------
@@ -147,7 +148,7 @@ class MovingObstacle:
 
 
 def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
-    """Level function of an obstacle: 1 on its surface with the margin, greater outside (see `levels`).
+    """Return the level function of an obstacle: 1 on its surface with the margin, greater outside (see `levels`).
 
     Parameters
     ----------
@@ -161,7 +162,7 @@ def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     OptionError
-        If the points are not finite or of another dimension.
+        If the points are not finite or have another dimension.
     """
     points = points_of("points", points, obstacle.n_dims)
     levels, gradients = lv.levels_at(obstacle.row[None], spatial(points))
@@ -177,17 +178,18 @@ def level_obstacle(
     velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
 ) -> MovingObstacle:
-    """The `j`-th obstacle of a scene, where the scene file puts it; `dataclasses.replace` moves it elsewhere.
+    """Return the `j`-th obstacle of a scene at its position in the scene file; `dataclasses.replace` moves it
+    elsewhere.
 
     Parameters
     ----------
-    margin : that is kept from it [m]
+    margin : distance that is kept from the obstacle [m]
     velocity, angular_velocity : as in `MovingObstacle`
 
     Raises
     ------
     OptionError
-        If the scene has no such obstacle, if it is a mesh, or if the velocities or the margin are none.
+        If the scene has no such obstacle, if it is a mesh, or if the velocities or the margin are not valid.
     """
     if isinstance(j, bool) or not isinstance(j, (int, np.integer)) or not 0 <= j < len(scene.motions):
         raise OptionError(
@@ -228,12 +230,12 @@ def level_obstacle(
 
 
 def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
-    """The table that kernels take; array, shape (n_obstacles, levels.N_LEVEL_COLUMNS).
+    """Return the table of obstacles that kernels take; array, shape (n_obstacles, levels.N_LEVEL_COLUMNS).
 
     Raises
     ------
     OptionError
-        If an obstacle is of another dimension.
+        If an obstacle has another dimension.
     """
     for j, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, MovingObstacle):
@@ -248,12 +250,12 @@ def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
 
 
 def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
-    """A new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`.
+    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`.
 
     Raises
     ------
     OptionError
-        If `value` is none.
+        If `value` is not such an array.
     """
     array = numbers(value)
     allowed = (2, 3) if n_dims is None else (n_dims,)
@@ -267,7 +269,7 @@ def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
 
 
 def spatial(vectors: Array) -> Array:
-    """The same vectors as kernels take them; (..., n_dims) -> (n_vectors, 3)."""
+    """Return vectors in space, as kernels take them; (..., n_dims) -> (n_vectors, 3)."""
     flat = vectors.reshape(-1, vectors.shape[-1])
     if flat.shape[1] == 3:
         return flat
@@ -298,7 +300,7 @@ def _rotation(value: object, n_dims: int) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector [rad] (Rodrigues), (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
+    """Return the matrix of a rotation vector [rad] (Rodrigues), (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
     angle = sqrt(vector @ vector)
     c, s = cos(angle), sin(angle)
     if len(vector) == 1:

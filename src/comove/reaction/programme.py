@@ -1,24 +1,26 @@
-"""The twist programme: the velocities nearest to what is wanted that run into nothing.
+"""The twist programme: the velocities nearest to the desired ones that lead to no collision.
 
-Every control step, of all twists of the rigid groups those are taken that
+In every control step, of all twists of the rigid groups those are taken that
 
-    minimise    sum over the hands of |velocity - wanted|^2
+    minimise    sum over the hands of |velocity - desired velocity|^2
     such that   no point of a load or hand approaches an obstacle, the border or a hand of another body faster
                 than the clearance that is left allows (a control barrier function, Ames et al., 2017; see `rows`),
                 |velocity of a hand| <= speed limit,
                 |velocity of a hand - velocity before| <= acceleration limit x period,
 
 a quadratic programme in the free velocities alone: rigid constraints, loads that stay upright and hands at one height
-hold by construction. Distances are convex in the position, so that a row, linear as it is, is on the safe side. The
-balls of the limits are bounded by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and
-2 % for accelerations: whatever is inside passes unchanged, and one or two rows do what fixed facets would need
-dozens for in space. After every solution the exact step is tried, and what it breaks becomes a row.
+hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls of the
+limits are approximated by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and 2 % for
+accelerations: solutions inside are not changed, and one or two rows replace the dozens of fixed facets that a
+spatial problem would need. After every solution the exact step is computed, and every distance that it violates
+becomes a row.
 
-Where no twist is admissible the order is strict: limits of the hands before clearances, these before margins for what
-is not known, and what a load itself drives into before what comes upon it. First those rows alone give way that ask
-for a retreat; then margins, for which such an obstacle is there a second time, without; then, where the load cannot
-brake in time, all clearances; the limits only where they contradict each other. Rows give way by one slack for every
-body and obstacle, and the squares of these are the least possible.
+Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the hands come before
+clearances, these before margins for uncertainty, and obstacles towards which the load itself moves before those that
+move towards it. First only those rows are relaxed that ask for a retreat; then margins, for which an uncertain
+obstacle is entered a second time without its margin; then, where the load cannot brake in time, all clearances; the
+limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the sum
+of the squares of the slacks is minimised.
 """
 
 from __future__ import annotations
@@ -55,14 +57,14 @@ HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # what gives way
 
 
 class Sighting(NamedTuple):
-    """Obstacles at an instant, as seen.
+    """The obstacles at an instant, as they are seen.
 
     Attributes
     ----------
-    table : array, shape (n_rows, n_columns), that of the scene with centres and rotations of now
-    velocity : array, shape (n_rows, 3), of the centres [m/s]
+    table : array, shape (n_rows, n_columns), table of the scene's obstacles with their present centres and rotations
+    velocity : array, shape (n_rows, 3), velocities of the centres [m/s]
     spin : array, shape (n_rows, 3), angular velocities [rad/s]
-    margin : array, shape (n_rows,), kept on top of the scene's clearance for what is not known [m]
+    margin : array, shape (n_rows,), distance kept on top of the scene's clearance for uncertainty [m]
     """
 
     table: Array
@@ -72,20 +74,21 @@ class Sighting(NamedTuple):
 
     @classmethod
     def still(cls, scene: Scene) -> Sighting:
-        """The obstacles of a scene as its file puts them, at rest and known exactly."""
+        """Return the obstacles of a scene at their positions in its file, at rest and known exactly."""
         n = len(scene.obstacles)
         return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
 
 
 class Allowed(NamedTuple):
-    """What a control step may do.
+    """The result of a control step: the twists that are allowed.
 
     Attributes
     ----------
     twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s], in the world's frame
-    relaxed : by how much rows had to give way [m/s]; 0 where all was admissible
-    blocking : the row of the table with the largest multiplier; -1 for the border, -2 where nothing of these hinders
-    clearance : least distance of now to obstacles, less their margins, and to the border [m]; infinite without any
+    relaxed : by how much rows had to be relaxed [m/s]; 0 where all could be kept
+    blocking : the row of the table with the largest multiplier; -1 for the border, -2 where neither hinders the
+        motion
+    clearance : present least distance to obstacles, less their margins, and to the border [m]; infinite without any
     """
 
     twists: Array
@@ -96,17 +99,17 @@ class Allowed(NamedTuple):
 
 @dataclass(frozen=True)
 class ProgrammeSettings:
-    """What may be chosen of the programme.
+    """Settings of the twist programme.
 
     Attributes
     ----------
-    gain : approach speed a clearance left [1/s]; at most half a clearance is used up in a period
-    braking_share : of the acceleration limit that approaching bodies count on to brake; the rest is for turns and for
-        several obstacles at once
+    gain : approach speed per clearance left [1/s]; at most half a clearance is used up in a period
+    braking_share : fraction of the acceleration limit that is assumed for the braking of approaching bodies; the rest
+        is for rotations and for several obstacles at once
     retreat_speed : largest speed with which a lost clearance is restored [m/s]
-    n_points : points of a body's longest edge that are looked at from the start, and as close ones on the others
-    turning_weight : of turning that moves no hand, as a part of the load's extent squared
-    spare : kept on top of the scene's clearance [m]
+    n_points : points sampled on a body's longest edge, and equally dense ones on the others
+    turning_weight : weight of rotation that moves no hand, as a fraction of the load's extent squared
+    spare : distance kept on top of the scene's clearance [m]
     """
 
     gain: float = 10.0
@@ -137,18 +140,18 @@ class ProgrammeSettings:
 
 
 class TwistProgramme:
-    """The twist programme of one scene.
+    """A solver that computes the allowed twists of one scene, step by step.
 
     Parameters
     ----------
-    scene : whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
-    period : of the control step [s]
+    scene : the scene whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
+    period : length of a control step [s]
     settings : see `ProgrammeSettings`
 
     Raises
     ------
     OptionError
-        If the period is no positive number.
+        If the period is not a positive number.
     """
 
     def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
@@ -171,7 +174,7 @@ class TwistProgramme:
         self._prepare(len(scene.obstacles))
 
     def _prepare(self, n_obstacles: int) -> None:
-        """Lay out the arrays for so many obstacles."""
+        """Allocate the arrays for that many obstacles."""
         self._desk: Desk = empty_desk(
             self._points,
             self._freedom,
@@ -184,13 +187,13 @@ class TwistProgramme:
         self._sense = np.zeros(n_rows, dtype=np.int32)
 
     def allowed(self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
-        """The twists of one control step.
+        """Return the allowed twists of one control step.
 
         Parameters
         ----------
-        poses : of now
-        before : array, shape (n_hands, 3), velocities of the hands in the last step, their ways by its time [m/s]
-        wanted : array, shape (n_hands, 3), velocities of the hands that are wanted [m/s]
+        poses : present poses of the groups
+        before : array, shape (n_hands, 3), average velocities of the hands in the last step [m/s]
+        wanted : array, shape (n_hands, 3), desired velocities of the hands [m/s]
         sighting : the obstacles
 
         Raises
@@ -230,7 +233,7 @@ class TwistProgramme:
     def _checked(
         self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
     ) -> tuple[HandPoses, Array, Array, Sighting]:
-        """The arguments as the kernels take them."""
+        """Return the arguments as the kernels take them."""
         try:
             poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
             before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
@@ -257,7 +260,7 @@ class TwistProgramme:
         return poses, before, wanted, sighting
 
     def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
-        """The solution with the first m rows, its multipliers, and what had to give way."""
+        """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
         desk = self._desk
         if gives_way == HARD:
             x, _, flag, info = daqp.solve(
@@ -282,12 +285,15 @@ class TwistProgramme:
         return slower * self._going_on(before), np.zeros(m), LIMITS
 
     def _going_on(self, before: Array) -> Array:
-        """The variables that keep the hands' velocities best."""
+        """Return the variables that keep the hands' velocities `before` best."""
         flat = self._desk.hands.reshape(-1, len(self._desk.linear))
         return np.linalg.solve(self._desk.quadratic, flat.T @ before.ravel())
 
     def _within(self, x: Array, before: Array) -> Array:
-        """What is left of x within the limits, where rounds have run out: on the way from going on to x."""
+        """Return x reduced to the limits, for use where the rounds have run out.
+
+        It is a point between the variables that keep the present velocities and x.
+        """
         hands = self._desk.hands
         kept = self._going_on(before)
         change = np.linalg.norm(hands @ (x - kept), axis=1)
@@ -298,7 +304,9 @@ class TwistProgramme:
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
-        """The solution where rows give way, None where that is not enough; slacks go on the desk."""
+        """Return the solution and its multipliers with rows relaxed, None where that is not enough; write the slacks
+        on the desk.
+        """
         desk, n = self._desk, len(self._desk.linear)
         owner, body = desk.owner[:m], desk.body[:m]
         unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
@@ -328,7 +336,7 @@ class TwistProgramme:
         return np.ascontiguousarray(x[:n]), info["lam"]
 
     def _blocking(self, multipliers: Array) -> int:
-        """Who asks for the row with the largest multiplier."""
+        """Return the owner of the row with the largest multiplier, `NOTHING` where no obstacle and no border hinders."""
         owner = self._desk.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:
@@ -337,7 +345,7 @@ class TwistProgramme:
 
 
 def _freedom(scene: Scene, turning_weight: float) -> Freedom:
-    """How the groups of a scene may move."""
+    """Return the degrees of freedom of the groups of a scene."""
     n_dims, n_groups, up = scene.n_dims, len(scene.groups), scene.n_dims - 1
     node_group, node_point = group_nodes(scene)
     level, (pairs, apart) = _level_with(scene), scene.kept_apart
@@ -390,7 +398,7 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
 
 
 def _level_with(scene: Scene) -> list[int]:
-    """For every group the first one that is at the same height."""
+    """Return, for every group, the first group that must be at the same height."""
     group_of = {hand: g for g, group in enumerate(scene.groups) for hand in group.members}
     level = list(range(len(scene.groups)))
     for c in scene.constraints:

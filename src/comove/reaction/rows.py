@@ -1,20 +1,20 @@
 """Rows of the twist programme, in numba kernels.
 
 The variables x are the free velocities of all groups in m/s; the twist of group g is ``basis[g] x``. A row
-``A[i] x >= low[i]`` says of a point p of a body that it approaches an obstacle no faster than the distance h that
+``A[i] x >= low[i]`` requires that a point p of a body approaches an obstacle no faster than the distance h that
 is left allows:
 
     n . (v + w x r - velocity of the obstacle at p) >= -rate(h),     rate(h) = min(gain h, about sqrt(2 a h)).
 
-This is a control barrier function (Ames et al., 2017). The square root lets whatever approaches at this rate brake
+This is a control barrier function (Ames et al., 2017). The square root lets a body that approaches at this rate brake
 with the deceleration a. Where several obstacles are in the way, or one that is passed quickly, it must also be
 possible to brake along the path that is taken: a body of speed V stops in V/(2a) times its present approach, so the
-gain is at most 2a/V, and slowing down on the spot is admissible in every next step.
+gain is at most 2a/V, and slowing down along this path is admissible in every next step.
 
-`first_rows` writes the rows of what is near now. `missing_rows` takes the step that a solution makes, exactly, looks
-what is nearest after it, and writes the rows that are broken there: the programme has a row for every point of the
-load, and those alone that matter are ever written (cutting planes: Kelley, 1960). Velocities, accelerations and
-turns, which are bound in length, are treated alike.
+`first_rows` writes the rows of obstacles that are near now. `missing_rows` computes the exact step of a solution,
+finds the nearest points after it, and writes the rows that are violated there: the programme has a row for every
+point of the load, but only those that matter are ever written (cutting planes: Kelley, 1960). The limits of
+velocities, accelerations and rotations are treated in the same way.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ WRONG = {
 
 @numba.njit(cache=True, error_model="numpy")
 def rate(h, gain, rates):
-    """Largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is.
+    """Return the largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is negative.
 
-    ``gain h`` near by; farther away the parabola that meets it smoothly, below sqrt(2 a h). The approach then
+    It is ``gain h`` near by; farther away the parabola that meets it smoothly, below sqrt(2 a h). The approach then
     slows down by no more than a: d rate/dh rate = gain^2 h <= a near by, and = a farther away.
     """
     if h <= 0.0:
@@ -65,7 +65,7 @@ def rate(h, gain, rates):
 
 @numba.njit(cache=True, error_model="numpy")
 def horizon(speed, gain, rates):
-    """The clearance [m] beyond which nothing that approaches at `speed` [m/s] is slowed down."""
+    """Return the clearance [m] beyond which an approach at `speed` [m/s] is not slowed down."""
     corner = rates.braking / gain
     if speed <= corner:
         return speed / gain
@@ -74,12 +74,12 @@ def horizon(speed, gain, rates):
 
 @numba.njit(cache=True, error_model="numpy")
 def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
-    """Write objective and rows of what is near now.
+    """Write the objective and the rows of all that is near now.
 
     Returns
     -------
-    n_rows : int; what is wrong with the arguments where negative, see `WRONG`
-    clearance : float, least one, without what the scene asks for, less margins [m]
+    n_rows : int; where negative, the error in the arguments, see `WRONG`
+    clearance : float, least distance to obstacles, less their margins, and to the border [m]
     """
     table, velocity, spin, margin = sighting
     center, quaternion = poses
@@ -166,12 +166,12 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
 
 @numba.njit(cache=True, error_model="numpy")
 def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
-    """Write in `twists` what x means, and behind row m the rows that it breaks after the step.
+    """Write in `twists` the twists of the variables x, and from row m on the rows that they violate after the step.
 
     Returns
     -------
     n_rows : int
-    worst : float, largest speed by which a distance after the step is missed [m/s]
+    worst : float, largest violation of a distance after the step, divided by the period [m/s]
     """
     center, quaternion = poses
     table, velocity, spin, margin = sighting
@@ -253,13 +253,15 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
 
 @numba.njit(cache=True, error_model="numpy")
 def _promise(h, gain, rates):
-    """The clearance [m] that must be left after a step that begins at h."""
+    """Return the clearance [m] that must be left after a step that begins at the clearance h."""
     return (h - rate(h, gain, rates) * rates.period - BEND * h if h > 0.0 else h) - ROUNDING
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _objective(points, freedom, desk, center, wanted):
-    """Sum over the hands of |velocity - wanted|^2 / 2, and what turning costs that moves no hand."""
+    """Write the objective: sum over the hands of |velocity - wanted|^2 / 2, and the cost of rotation that moves no
+    hand.
+    """
     n_groups, _, n = freedom.basis.shape
     desk.quadratic[:] = 0.0
     desk.linear[:] = 0.0
@@ -300,7 +302,7 @@ def _objective(points, freedom, desk, center, wanted):
 
 @numba.njit(cache=True, error_model="numpy")
 def _row(freedom, desk, m, g, center, p, nx, ny, nz):
-    """Write as row m the velocity of the point p of group g along (nx, ny, nz)."""
+    """Write in row m the velocity of the point p of group g along (nx, ny, nz)."""
     x, y, z = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
     a, b, c = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
     basis = freedom.basis[g]
@@ -318,7 +320,7 @@ def _row(freedom, desk, m, g, center, p, nx, ny, nz):
 
 @numba.njit(cache=True, error_model="numpy")
 def _obstacle_row(freedom, rates, desk, m, g, center, p, normal, sighting, j, h):
-    """Row of the point p against obstacle `j`, h [m] away."""
+    """Write the row of the point p against obstacle `j`, h [m] away; return the number of rows."""
     nx, ny, nz = normal
     table, velocity, spin, _ = sighting
     _row(freedom, desk, m, g, center, p, nx, ny, nz)
@@ -335,7 +337,7 @@ def _obstacle_row(freedom, rates, desk, m, g, center, p, normal, sighting, j, h)
 
 @numba.njit(cache=True, error_model="numpy")
 def _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share):
-    """Row of the point of edge `e` at `share` of its length."""
+    """Write the row of the point at the fraction `share` of edge `e`; return the number of rows."""
     a, b = points.edges[e]
     p = np.empty(3)
     for axis in range(3):
@@ -349,7 +351,10 @@ def _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share):
 
 @numba.njit(cache=True, error_model="numpy")
 def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, need, then, of_solid):
-    """Row of the point that will be at `after` when the step is over, `then` [m] from obstacle `j`."""
+    """Write the row of the point that will be at `after` and `then` [m] from obstacle `j` after the step.
+
+    Returns the number of rows.
+    """
     x, p = np.empty(3), np.empty(3)
     for axis in range(3):
         x[axis] = after[axis] - desk.center_after[g, axis]
@@ -383,7 +388,7 @@ def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, n
 
 @numba.njit(cache=True, error_model="numpy")
 def _border(freedom, p, axis, side):
-    """Distance [m] of a point from one side of the workspace."""
+    """Return the distance [m] of a point from one side of the workspace."""
     return p[axis] - freedom.lower[axis] if side == 0 else freedom.upper[axis] - p[axis]
 
 
@@ -399,14 +404,14 @@ def _border_row(freedom, rates, desk, m, g, center, p, axis, side, h):
 
 @numba.njit(cache=True, error_model="numpy")
 def _pair_distance(freedom, nodes, k):
-    """By how much two hands are further apart than they must be [m]."""
+    """Return by how much two hands are farther apart than they must be [m]."""
     p, q = nodes[freedom.pairs[k, 0]], nodes[freedom.pairs[k, 1]]
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2) - freedom.apart[k]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _pair_gain(points, freedom, desk, k):
-    """The gain [1/s] of two hands: that of the quicker group."""
+    """Return the gain [1/s] of two hands: that of the faster group."""
     a, b = freedom.pairs[k]
     return min(desk.gain[points.node_group[a]], desk.gain[points.node_group[b]])
 
@@ -427,7 +432,7 @@ def _pair_row(points, freedom, rates, desk, m, k, h):
 
 @numba.njit(cache=True, error_model="numpy")
 def _value(desk, i, x):
-    """Row i at x."""
+    """Return the value of row i at x."""
     value = 0.0
     for c in range(x.shape[0]):
         value += desk.rows[i, c] * x[c]
@@ -436,7 +441,10 @@ def _value(desk, i, x):
 
 @numba.njit(cache=True, error_model="numpy")
 def _wrong(center, quaternion, before, wanted, table, velocity, spin, margin):
-    """A key of `WRONG`, or 0; sizes of obstacles that reach on along z may be infinite."""
+    """Return a key of `WRONG`, or 0 where the arguments are valid.
+
+    Obstacles that are endless along z may have infinite sizes.
+    """
     total = center.sum() + quaternion.sum() + before.sum() + wanted.sum()
     total += velocity.sum() + spin.sum() + margin.sum() + table[:, : CENTER + 12].sum()
     if not np.isfinite(total) or np.isnan(table).any():

@@ -1,4 +1,4 @@
-"""Shapes of obstacles, and what the kernels of `levels` need of them."""
+"""Shapes of obstacles, and the columns that the kernels of `levels` need of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from comove.scenes import distances as sd
 
 @dataclass(frozen=True)
 class TableShape:
-    """How the kernels take a shape: columns KIND, SIZE, LEVEL, EXPONENT and REACH of the table, lengths in metres."""
+    """A shape as kernels take it: columns KIND, SIZE, LEVEL, EXPONENT and REACH of the table, lengths in metres."""
 
     kind: int
     size: tuple[float, ...]
@@ -25,10 +25,10 @@ class TableShape:
 
 
 class Shape(Protocol):
-    """What an obstacle looks like, about its centre and along its own axes; lengths in metres."""
+    """A geometric shape of an obstacle, which is given about its centre and along its own axes; lengths in metres."""
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """The shape with a safety margin [m]; raises `OptionError` if it is none of `n_dims` dimensions."""
+        """Return the shape with a safety margin [m]; raise `OptionError` if it is not one of `n_dims` dimensions."""
         ...
 
 
@@ -42,7 +42,7 @@ class Sphere:
         require_positive("radius", self.radius)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         return TableShape(
             sd.SPHERE, (self.radius,), (self.radius, self.radius + margin), self.radius + margin
         )
@@ -52,8 +52,8 @@ class Sphere:
 class Ellipsoid:
     """An ellipse in the plane, an ellipsoid in space.
 
-    With a margin it becomes the ellipsoid of least trace among those of a family that hold the sum of the ellipsoid
-    and a ball (Kurzhanski & Valyi, 1997): nowhere is less than the margin kept, at some places more.
+    With a margin it becomes the ellipsoid of least trace in a family of ellipsoids that contain the sum of the
+    ellipsoid and a ball (Kurzhanski & Valyi, 1997): the margin is kept everywhere, and exceeded at some places.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Ellipsoid:
         object.__setattr__(self, "radii", _lengths("radii", self.radii))
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         radii = np.array(_counted("radii", self.radii, n_dims))
         share = margin * np.sqrt(n_dims / (radii @ radii))
         axes = np.sqrt((1 + share) * radii**2 + (margin**2 + margin**2 / share if share else 0.0))
@@ -75,15 +75,15 @@ class Ellipsoid:
 
 @dataclass(frozen=True)
 class Superquadric:
-    """Where sum |u_i / radii_i|^(2 exponents_i) <= 1: from an ellipsoid (exponents 1) towards a box.
+    """A body that contains the points with sum |u_i / radii_i|^(2 exponents_i) <= 1: an ellipsoid for exponents of 1.
 
-    With a margin all semi-axes grow by one factor, 1 + margin / least semi-axis, so that the margin is kept
-    everywhere; at the ends of long ones it is more.
+    Greater exponents bring it nearer to a box. With a margin all semi-axes grow by one factor, 1 + margin / least
+    semi-axis, so that the margin is kept everywhere; at the ends of long semi-axes it is exceeded.
 
     Attributes
     ----------
     radii : semi-axes, n_dims numbers [m]
-    exponents : as many numbers from 1 on
+    exponents : n_dims numbers, at least 1
     """
 
     radii: tuple[float, ...]
@@ -100,7 +100,7 @@ class Superquadric:
             )
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         radii = np.array(_counted("radii", self.radii, n_dims))
         exponents = _counted("exponents", self.exponents, n_dims)
         axes = radii * (1 + margin / radii.min())
@@ -122,14 +122,14 @@ class Box:
         object.__setattr__(self, "size", _lengths("size", self.size))
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         half = tuple(edge / 2 for edge in _counted("size", self.size, n_dims))
         return TableShape(sd.BOX, half, (min(half), min(half) + margin), float(np.linalg.norm(half)) + margin)
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """A segment of `length`, thickened by `radius` [m]; along its own x in the plane, its own z in space."""
+    """A segment of `length` that is thickened by `radius` [m]; along its own x in the plane, its own z in space."""
 
     radius: float
     length: float
@@ -139,14 +139,14 @@ class Capsule:
         require_positive("length", self.length)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         half, width = self.length / 2, self.radius + margin
         return TableShape(sd.CAPSULE, (self.radius, half), (self.radius, width), half + width)
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder of `radius` and `height` [m] along its own z; a margin rounds its edges. In space only."""
+    """A cylinder of `radius` and `height` [m] that lies along its own z, in space only; a margin rounds its edges."""
 
     radius: float
     height: float
@@ -156,7 +156,7 @@ class Cylinder:
         require_positive("height", self.height)
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """See `Shape`."""
+        """Return the shape with a safety margin [m], see `Shape`."""
         if n_dims != 3:
             raise OptionError(
                 "a cylinder in the plane", key="shape", way_out="give a Sphere (its slice) or a Box"

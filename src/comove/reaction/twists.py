@@ -1,9 +1,9 @@
-"""Poses and twists of a scene's rigid groups, and the exact step from one to the next.
+"""Poses and twists of a scene's rigid groups, and the exact step from one pose to the next.
 
 A twist is (v, w): velocity of the group's centre and angular velocity, both along the axes of the world. Held over
 a time t it moves a body exactly by ``c(t) = c + v t``, ``R(t) = exp([w] t) R`` (Lynch & Park, Modern Robotics, 2017,
 3.2.3): every point of the body is placed from one unit quaternion, so distances within the body are kept to rounding,
-however many steps are taken. In the plane this is SE(2), with v and w about z alone.
+however many steps are taken. In the plane this is SE(2), with w about z alone.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ STAYS, POINTS, TURNS = range(3)
 
 
 class HandPoses(NamedTuple):
-    """Where the rigid groups of a scene are, in their order.
+    """The poses of the rigid groups of a scene, in their order.
 
     Attributes
     ----------
@@ -43,12 +43,12 @@ class HandPoses(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Which group a node belongs to and where in its frame: hands in their order, then corners of the load.
+    """The nodes of a scene, hands in their order and then corners of the load, each with its group and place in it.
 
     Attributes
     ----------
     group : array of int, shape (n_nodes,)
-    point : array, shape (n_nodes, 3), in the group's frame [m]
+    point : array, shape (n_nodes, 3), positions in the group's frame [m]
     """
 
     group: NDArray[np.int64]
@@ -57,7 +57,7 @@ class Nodes(NamedTuple):
 
 @lru_cache(maxsize=16)
 def group_nodes(scene: Scene) -> Nodes:
-    """The nodes of a scene as parts of its groups."""
+    """Return the nodes of a scene as parts of its groups."""
     group, point = np.zeros(scene.body.n_nodes, dtype=np.int64), np.zeros((scene.body.n_nodes, 3))
     for g, own in enumerate(scene.nodes_of_groups):
         group[own], point[own] = g, scene.groups[g].points
@@ -67,17 +67,17 @@ def group_nodes(scene: Scene) -> Nodes:
 
 
 def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> HandPoses:
-    """Poses of the groups at an end of the scene, or those nearest to given hands.
+    """Return the poses of the groups at the start or goal of the scene, or those nearest to given hands.
 
     Parameters
     ----------
-    hands_or_end : "start", "goal", or array, shape (n_manipulators, n_dims), hands [m]. Where hands on one line leave
-        the roll about it open, it is that of the least turn from the start.
+    hands_or_end : "start", "goal", or array, shape (n_manipulators, n_dims), hands [m]. Where hands on one line do
+        not determine the roll about it, the roll is that of the smallest rotation from the start.
 
     Raises
     ------
     OptionError
-        If it is neither.
+        If `hands_or_end` is neither.
     """
     if isinstance(hands_or_end, str):
         if hands_or_end not in ("start", "goal"):
@@ -99,7 +99,7 @@ def poses_of(scene: Scene, hands_or_end: ArrayLike | str) -> HandPoses:
 
 
 def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
-    """Centre and rotation of a group, its hands, array of shape (n_members, 3), being given [m]."""
+    """Return centre and rotation of a group from its hands, array of shape (n_members, 3) [m]."""
     if group.orientation == "space" and orientation_of(group.grasps, 3) == "axis":
         before = group.start.place(group.grasps)
         lines = [points[-1] - points[0] for points in (before, hands)]
@@ -110,12 +110,12 @@ def _fitted(group: RigidGroup, hands: Array) -> tuple[Array, Array]:
 
 
 def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
-    """Poses of the groups in a configuration of the scene's coordinates, array of shape (n_columns,).
+    """Return the poses of the groups in a configuration of the scene's coordinates, array of shape (n_columns,).
 
     Raises
     ------
     OptionError
-        If `q` is none of these coordinates, or they are those of free hands.
+        If `q` is not a configuration in these coordinates, or they are those of free hands.
     """
     q = numbers(q)
     if q.shape != (coordinates.n_columns,) or not np.isfinite(q).all():
@@ -143,7 +143,7 @@ def poses_at(coordinates: Coordinates, q: ArrayLike) -> HandPoses:
 
 
 def nodes_of(scene: Scene, poses: HandPoses) -> Array:
-    """Nodes at given poses; array, shape (n_nodes, 3), hands first, then corners of the load [m]."""
+    """Return the nodes at given poses; array, shape (n_nodes, 3), hands first, then corners of the load [m]."""
     nodes = group_nodes(scene)
     placed = np.empty_like(nodes.point)
     place(nodes.group, nodes.point, poses.center, turns(poses.quaternion), placed)
@@ -151,7 +151,7 @@ def nodes_of(scene: Scene, poses: HandPoses) -> Array:
 
 
 def advanced(poses: HandPoses, twists: Array, dt: float) -> HandPoses:
-    """The poses after `dt` [s] of constant twists, exactly.
+    """Return the exact poses after `dt` [s] of constant twists.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def advanced(poses: HandPoses, twists: Array, dt: float) -> HandPoses:
 
 
 def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
-    """Velocities of the hands; array, shape (n_manipulators, 3), [m/s].
+    """Return the velocities of the hands; array, shape (n_manipulators, 3), [m/s].
 
     Parameters
     ----------
@@ -190,9 +190,9 @@ def hand_velocities(scene: Scene, poses: HandPoses, twists: Array) -> Array:
 
 
 def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: float) -> Array:
-    """Constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
+    """Return the constant twists that lead from some poses to others; array, shape (n_groups, 6) [m/s, rad/s].
 
-    A body whose roll nobody sees does not roll.
+    A body whose roll about the line of its hands is free does not roll.
 
     Parameters
     ----------
@@ -205,14 +205,14 @@ def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: fl
 
 @lru_cache(maxsize=16)
 def _turning(scene: Scene) -> NDArray[np.int64]:
-    """How groups turn: `STAYS`, `POINTS` or `TURNS`."""
+    """Return how groups turn, `STAYS`, `POINTS` or `TURNS`; array of int, shape (n_groups,)."""
     how = {"none": STAYS, "fixed": STAYS, "axis": POINTS}
     return np.array([how.get(group.orientation, TURNS) for group in scene.groups])
 
 
 @numba.njit(cache=True, error_model="numpy")
 def exponential_at(x, y, z):
-    """Unit quaternion (w, x, y, z) of one rotation vector [rad]."""
+    """Return the unit quaternion (w, x, y, z) of one rotation vector [rad]."""
     angle = 0.5 * sqrt(x * x + y * y + z * z)
     factor = 0.5 * (sin(angle) / angle if angle > 1e-4 else 1.0 - angle * angle / 6.0)
     return cos(angle), factor * x, factor * y, factor * z
@@ -220,7 +220,7 @@ def exponential_at(x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def step(center, quaternion, twists, dt, next_center, next_quaternion):
-    """Write the poses after `dt` [s] in the last two arrays; whether all of them are finite."""
+    """Write the poses after `dt` [s] in the last two arrays, and return whether all of them are finite."""
     finite = True
     for g in range(center.shape[0]):
         for axis in range(3):
@@ -259,7 +259,7 @@ def turn_into(w, x, y, z, rotation):
 
 @numba.njit(cache=True, error_model="numpy")
 def turns(quaternion):
-    """Matrices (n, 3, 3) of unit quaternions (n, 4)."""
+    """Return the matrices (n, 3, 3) of unit quaternions (n, 4)."""
     rotation = np.empty((quaternion.shape[0], 3, 3))
     for g in range(quaternion.shape[0]):
         turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], rotation[g])
@@ -268,7 +268,7 @@ def turns(quaternion):
 
 @numba.njit(cache=True, error_model="numpy")
 def place(group, point, center, rotation, placed):
-    """Write in `placed` where points (n, 3) of groups' frames are in the world [m]."""
+    """Write in `placed` the positions in the world of points (n, 3) in the groups' frames [m]."""
     for i in range(point.shape[0]):
         turn, x, y, z = rotation[group[i]], point[i, 0], point[i, 1], point[i, 2]
         for axis in range(3):
@@ -279,7 +279,7 @@ def place(group, point, center, rotation, placed):
 
 @numba.njit(cache=True, error_model="numpy")
 def velocities_into(group, point, rotation, twists, velocities):
-    """Write in `velocities` those of the first points (n, 3) of groups' frames [m/s]."""
+    """Write in `velocities` the velocities of the first points (n, 3) in the groups' frames [m/s]."""
     for i in range(velocities.shape[0]):
         turn, twist = rotation[group[i]], twists[group[i]]
         x = turn[0, 0] * point[i, 0] + turn[0, 1] * point[i, 1] + turn[0, 2] * point[i, 2]
@@ -292,7 +292,7 @@ def velocities_into(group, point, rotation, twists, velocities):
 
 @numba.njit(cache=True, error_model="numpy")
 def twists_into(turning, center, quaternion, next_center, next_quaternion, duration, twists):
-    """Write in `twists` those that lead from some poses to others."""
+    """Write in `twists` the constant twists that lead from some poses to others."""
     for g in range(center.shape[0]):
         for axis in range(3):
             twists[g, axis] = (next_center[g, axis] - center[g, axis]) / duration

@@ -1,8 +1,9 @@
-"""Obstacles that overlap, made one star-shaped body by a common reference point.
+"""Overlapping obstacles united to one star-shaped body by a common reference point.
 
-Where two obstacles overlap, the product of their matrices can let through: in the notch between them no obstacle's
-weight is whole. From a point in the overlap, though, both are star-shaped, and so is their union (Huber, Slotine &
-Billard, 2019, IV-C). Turned away from it, both lead around the union in the same sense.
+Where two obstacles overlap, a point can pass between them under the product of their matrices: in the notch between
+them no obstacle has its full weight. From a point in the overlap, though, both are star-shaped, and so is their union
+(Huber, Slotine & Billard, 2019, IV-C). Turned away from this point, velocities pass both in the same sense around the
+union.
 """
 
 from __future__ import annotations
@@ -23,16 +24,17 @@ Array = NDArray[np.float64]
 
 
 def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
-    """The same obstacles; those that overlap, margins included, in groups about a point common to all of a group.
+    """Return the obstacles with those that overlap, margins included, in groups about a point common to all of a
+    group.
 
     References and groups that were given before are replaced. Call it again when obstacles have moved against each
-    other. Overlapping obstacles that have no common point, as three in a row, share groups as far as they do; where
-    two of different groups overlap, there is a warning, for there the modulation can let through.
+    other. Overlapping obstacles that have no common point, such as three in a row, form groups as far as they have
+    one; where two of different groups overlap, there is a warning, as a point can pass between them.
 
     Raises
     ------
     OptionError
-        If the obstacles are not all of one dimension.
+        If the obstacles do not all have one dimension.
     """
     obstacles = tuple(obstacles)
     if not obstacles:
@@ -69,7 +71,7 @@ def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
 
 
 def _common(table: Array, members: list[int]) -> Array | None:
-    """A point inside all of these obstacles; array, shape (3,), [m]; None if there is none."""
+    """Return a point inside all of these obstacles; array, shape (3,), [m]; None if there is none."""
     rows = table[members]
     apart = np.linalg.norm(
         rows[:, None, sd.CENTER : sd.CENTER + 3] - rows[:, sd.CENTER : sd.CENTER + 3], axis=2

@@ -1,4 +1,4 @@
-"""Scenes: what moves, what it carries, what stands in the way; signed distances."""
+"""Scenes: the manipulators, their load, the obstacles and the constraints; signed distances between them."""
 
 from comove.scenes.constraints import (
     Constraint,

@@ -1,11 +1,12 @@
-"""A solid that triangles bound, cut into small pieces, in numba kernels.
+"""A solid bounded by triangles, cut into small convex pieces, in numba kernels.
 
-Boxes are halved until each of them, cut with the solid, is as good as convex. A piece is known by its extreme points:
-vertices of the triangles' parts inside the box, and corners of the box inside the solid. So whatever is convex and
-holds these points holds the piece, and whatever holds all pieces holds the solid.
+Boxes are halved until the part of the solid in each of them is nearly convex. A piece is described by its extreme
+points: the vertices of the triangles' parts inside the box, and the corners of the box that are inside the solid. So
+a convex set that contains these points contains the piece, and a set that contains all pieces contains the solid.
 
-Whether a point is inside is told by a ray in a direction that no edge of a mesh is likely to have: each triangle that
-it passes counts +1 or -1, by its side. Triangles must be closed and turned outwards (`comove.scenes.meshes`).
+Whether a point is inside is decided by a ray in a direction to which hardly any edge of a mesh is parallel: each
+triangle that the ray crosses counts +1 or -1, by the side on which it is crossed. Triangles must be closed and turned
+outwards (`comove.scenes.meshes`).
 """
 
 from __future__ import annotations
@@ -36,15 +37,17 @@ AXES = _axes()  # two across the ray and one along it, as rows
 
 
 class Solid(NamedTuple):
-    """What triangles bound, ready for questions whether points are inside.
+    """A solid bounded by triangles, prepared for point-in-solid tests.
 
     Attributes
     ----------
-    corners : array, shape (n_triangles, 3, 3) [m]
-    seen : array, shape (n_triangles, 3, 3), corners along two axes across the ray and along it
-    axes : array, shape (3, 3), these axes as rows
-    low, width : array, shape (2,), and number: where the bins begin, and how wide they are [m]
-    first, member : arrays of int, shapes (N_BINS^2 + 1,) and (n,): triangles by bin
+    corners : array, shape (n_triangles, 3, 3), corners of the triangles [m]
+    seen : array, shape (n_triangles, 3, 3), the corners' coordinates along the axes of the ray's frame [m]
+    axes : array, shape (3, 3), the axes of the ray's frame as rows: two across the ray, the third along it
+    low, width : array, shape (2,), and number: lower corner of the grid of bins across the ray, and width of a bin
+        [m]
+    first, member : arrays of int, shapes (N_BINS^2 + 1,) and (n,): the triangles of bin i are
+        ``member[first[i] : first[i + 1]]``
     """
 
     corners: Array
@@ -57,7 +60,7 @@ class Solid(NamedTuple):
 
 
 def solid_of(corners: Array) -> Solid:
-    """The solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
+    """Return the solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
     axes = AXES
     seen = np.ascontiguousarray(corners @ axes.T)
     low, high = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
@@ -67,14 +70,14 @@ def solid_of(corners: Array) -> Solid:
 
 
 def no_solid(corners: Array) -> Solid:
-    """Triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]: no point is inside."""
+    """Return a `Solid` without inside, of triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]."""
     none = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _bins(triangle, low, width):
-    """First and last bin that a triangle, seen along the ray, may be in, along both axes."""
+    """Return the first and last bin, along both axes across the ray, that a triangle may overlap."""
     u = min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
     v = min(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
     s = max(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
@@ -109,7 +112,7 @@ def _binned(seen, low, width):
 
 @numba.njit(cache=True, error_model="numpy")
 def is_inside(solid, x, y, z):
-    """Whether a point is inside; on the surface either may come back."""
+    """Return whether a point is inside a solid; for a point on the surface the answer may be either."""
     axes = solid.axes
     u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
     v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
@@ -134,7 +137,10 @@ def is_inside(solid, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def side_of(p, q, u, v):
-    """On which side of the edge p-q a ray passes; the same for both triangles of the edge, to the last digit."""
+    """Return on which side of the edge p-q a ray passes, as a signed number.
+
+    Both triangles that share the edge get the same number, to the last digit.
+    """
     if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
         return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
     return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
@@ -142,7 +148,7 @@ def side_of(p, q, u, v):
 
 @numba.njit(cache=True, error_model="numpy")
 def are_inside(solid, points):
-    """Which of the points (n, 3) are inside."""
+    """Return which of the points, array of shape (n, 3), are inside a solid; array of bool, shape (n,)."""
     inside = np.empty(points.shape[0], dtype=np.bool_)
     for k in range(points.shape[0]):
         inside[k] = is_inside(solid, points[k, 0], points[k, 1], points[k, 2])
@@ -151,21 +157,21 @@ def are_inside(solid, points):
 
 @numba.njit(cache=True, error_model="numpy")
 def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
-    """Cut a solid, or what bounds nothing, into pieces.
+    """Cut a solid, or a sheet that bounds nothing, into nearly convex pieces.
 
     Parameters
     ----------
     solid : in the frame of the planes
-    planes : array, where it is cut anyhow: along x, then y, then z, each in order [m]
-    first_plane : array of int, shape (4,), where the planes of each axis begin
-    low, high : arrays, shape (3,), a box around the solid [m]
-    bend : how far a piece may be from convex [m], unless its box is smaller than `smallest` [m]
-    most : pieces, beyond which it ends
+    planes : array, positions of the planes at which it is cut in any case: along x, then y, then z, each in order [m]
+    first_plane : array of int, shape (4,), index of each axis's first plane in `planes`
+    low, high : arrays, shape (3,), corners of a box around the solid [m]
+    bend : largest deviation of a piece from convexity [m], unless its box is smaller than `smallest` [m]
+    most : number of pieces beyond which the cutting stops
 
     Returns
     -------
     points : array, shape (n, 3), extreme points of the pieces [m]
-    first : array of int, shape (n_pieces + 1,), where each piece's points begin
+    first : array of int, shape (n_pieces + 1,), index of each piece's first point in `points`
     """
     n_triangles = solid.corners.shape[0]
     flat = FLAT * (high - low).max()
@@ -238,7 +244,10 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
 
 @numba.njit(cache=True, error_model="numpy")
 def _cut(planes, first_plane, a, b):
-    """The middle one of the planes that cut a box across its longest side; axis -1 where none does."""
+    """Return the axis and position of the middle plane among those that cut a box across its longest side.
+
+    The axis is -1 where no plane cuts the box.
+    """
     best, at, longest = -1, 0.0, 0.0
     for axis in range(3):
         low, high = first_plane[axis], first_plane[axis + 1]
@@ -251,7 +260,14 @@ def _cut(planes, first_plane, a, b):
 
 @numba.njit(cache=True, error_model="numpy")
 def _piece(solid, members, a, b, polygon, other, own, flat):
-    """Extreme points of the solid within a box, in `own`: how many, and how far from convex the piece is [m]."""
+    """Collect the extreme points of the part of a solid within a box.
+
+    Returns
+    -------
+    n_own : number of extreme points
+    off : how far the piece is from convex [m]
+    own : array whose first `n_own` rows are the extreme points [m]
+    """
     n_own, n_faces = 0, 0
     sheet = solid.member.shape[0] == 0
     faces = np.empty((members.shape[0], 4))
@@ -313,7 +329,7 @@ def _inward(a, b, corner, axis):
 
 @numba.njit(cache=True, error_model="numpy")
 def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
-    """Whether a polygon lies in a side of the box and bounds what is beyond it."""
+    """Return whether a polygon lies in a side of the box and bounds the part of the solid beyond that side."""
     for axis in range(3):
         normal = nx if axis == 0 else (ny if axis == 1 else nz)
         at_low, at_high = True, True
@@ -330,7 +346,7 @@ def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
 
 @numba.njit(cache=True, error_model="numpy")
 def _clipped(polygon, n, axis, sign, bound, out):
-    """Write in `out` the part of a polygon (n, 3) where ``sign * x[axis] <= bound``; how many corners it has."""
+    """Write in `out` the part of a polygon where ``sign * x[axis] <= bound``, and return its number of corners."""
     count = 0
     for i in range(n):
         p, q = polygon[i], polygon[(i + 1) % n]

@@ -1,4 +1,4 @@
-"""Checks of a scene file that need several of its keys; none of them needs geometry."""
+"""Checks of a scene file that compare several of its keys; none of them needs geometry."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers
 
 
 def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
-    """Find what contradicts itself; the later checks need vectors of equal length and known names."""
+    """Return the contradictions in a scene file.
+
+    The later checks need vectors of equal length and known names, so they run only where the first find nothing.
+    """
     flaws = [*_dimension_flaws(scene), *_name_flaws(scene)]
     if flaws:
         return flaws
@@ -40,7 +43,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
 
 
 def _vectors(scene: SceneFile) -> Iterator[tuple[KeyPath, tuple[float, ...]]]:
-    """List all vectors that have the scene's dimension, with their paths."""
+    """Yield all vectors that must have the scene's dimension, with their key paths."""
     yield ("workspace", "upper"), scene.workspace.upper
     for i, obstacle in enumerate(scene.obstacles):
         for key in ("center", "size", "radii"):
@@ -99,7 +102,7 @@ def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
-    """List all mentions of a manipulator, with their paths."""
+    """Yield all mentions of a manipulator's name, with their key paths."""
     for i, name in enumerate(getattr(scene.load, "held_by", None) or ()):
         yield ("load", "held_by", i), name
     for i, edge in enumerate(getattr(scene.load, "edges", ())):
@@ -173,7 +176,7 @@ def _grasp_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    """What is said twice, distances that are not the load's, and an upright load that is not there."""
+    """Yield repeated constraints, distances that contradict the load, and a constraint "upright" without a load."""
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, constraint in enumerate(scene.constraints):
         pair = getattr(constraint, "between", ())
@@ -192,7 +195,7 @@ def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _distance_flaws(scene: SceneFile, i: int) -> Iterator[Flaw]:
-    """Compare an explicit distance with the load's."""
+    """Compare an explicit distance with the distance at which the load keeps the same two hands."""
     constraint = scene.constraints[i]
     load = _load_distance(scene, constraint.between)
     tolerance = distance_tolerance(constraint.tolerance, constraint.distance)
@@ -203,12 +206,12 @@ def _distance_flaws(scene: SceneFile, i: int) -> Iterator[Flaw]:
 
 
 def _shape(scene: SceneFile) -> str | None:
-    """The load's shape, None without a load."""
+    """Return the load's shape, None without a load."""
     return None if scene.load is None else scene.load.shape
 
 
 def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
-    """Give the distance [m] at which the load keeps two hands; None where only the start can tell."""
+    """Return the distance [m] at which the load keeps two hands; None where only their start positions tell it."""
     grasps = getattr(scene.load, "grasps", None) or {}
     if _shape(scene) == "bar" and set(pair) == set(scene.holders):
         return scene.load.length
@@ -228,7 +231,7 @@ def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
 
 
 def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    """Find what asks for a demonstration where there is none."""
+    """Yield an objective that asks for resemblance to a demonstration where there is none."""
     if getattr(scene.objective, "resemblance", None) and scene.demonstration is None:
         yield Flaw(
             ("objective", "resemblance"),
@@ -238,7 +241,7 @@ def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
-    """Say why the file cannot be read: not in the scene's folder (links followed), or not there."""
+    """Say why a file cannot be read: it is outside the scene's folder (links followed), or it does not exist."""
     outside = f"{show(name)} lies outside the scene's folder", "move the file into it"
     if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
         return outside
@@ -260,7 +263,7 @@ def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
 
 
 def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
-    """Warn of lengths that look like millimetres, and of obstacles from which no hand gets away."""
+    """Warn of lengths that look like millimetres, and of obstacles that are faster than the hands may move."""
     place = f"{file}: " if file is not None else ""
     extent = max(high - low for low, high in zip(scene.workspace.lower, scene.workspace.upper, strict=True))
     if extent > LARGE_WORKSPACE:

@@ -1,7 +1,8 @@
-"""Closest points: where a rod or a solid is nearest to an obstacle, in numba kernels.
+"""Closest points of a rod or a solid to an obstacle, in numba kernels.
 
 A signed distance d to a convex obstacle is convex. So for a point p and the gradient n there, a displacement x of the
-point relative to the obstacle leaves at least ``d(p) + n x``: a bound to first order is a bound.
+point relative to the obstacle leaves a distance of at least ``d(p) + n x``: the first-order estimate is a lower
+bound.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ N_PARTS = 15  # of a box: edges and pairs of faces
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_edge(table, j, p, q, cutoff):
-    """Distance [m] of the segment p-q from obstacle `j` and the share of the segment where it is that.
+    """Return the distance [m] of the segment p-q from obstacle `j`, and its place on the segment, from 0 to 1.
 
-    Where it is sure to be above `cutoff`, any above it may come back.
+    Where the distance is certainly above `cutoff`, any value above `cutoff` may be returned.
     """
     distance, low, high, falls, rises = nearest_on_segment(
         table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff, PLACE_TOLERANCE
@@ -49,10 +50,11 @@ def near_on_edge(table, j, p, q, cutoff):
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_solid(table, j, nodes, corners, cutoff, near):
-    """Distance [m] from obstacle `j` of a solid, whose `corners` are these of `nodes`; its nearest point in `near`.
+    """Return the distance [m] of a solid from obstacle `j`, and write the solid's nearest point in `near`.
 
-    The nearest point is on an edge, or before the point of the obstacle that is farthest beyond a face (see
-    `comove.scenes.solids`). Where nothing is nearer than `cutoff`, this comes back and `near` is as it was.
+    `corners` are the indices in `nodes` of the solid's corners. The nearest point is on an edge, or on the face
+    opposite the point of the obstacle that is farthest beyond that face (see `comove.scenes.solids`). Where nothing
+    is nearer than `cutoff`, `cutoff` is returned and `near` is left unchanged.
     """
     least, point = cutoff, np.empty(3)
     for part in range(N_PARTS):
@@ -65,7 +67,11 @@ def near_on_solid(table, j, nodes, corners, cutoff, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_part(table, j, nodes, corners, part, cutoff, near):
-    """The same of one part of a box: 12 edges and 3 pairs of faces; a hull, or before a polytope, is one part."""
+    """Return the distance [m] of one part of a solid from obstacle `j`, and write its nearest point in `near`.
+
+    The parts of a box are its 12 edges and 3 pairs of faces. A hull is a single part, and so is a solid beside a
+    polytope; their other parts give an infinite distance.
+    """
     if corners.shape[0] != N_CORNERS or table[j, KIND] == POLYTOPE:
         return near_on_hull(table, j, nodes, corners, cutoff, near) if part == 0 else np.inf
     if part >= N_PARTS - 3:
@@ -82,7 +88,7 @@ def near_on_part(table, j, nodes, corners, part, cutoff, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_hull(table, j, nodes, corners, cutoff, near):
-    """The same of the hull of these corners."""
+    """Return the distance [m] of a hull of nodes from obstacle `j`, and write the hull's nearest point in `near`."""
     hull, normal = np.empty((corners.shape[0], 3)), np.array([1.0, 0.0, 0.0])
     for i in range(corners.shape[0]):
         for axis in range(3):
@@ -93,7 +99,10 @@ def near_on_hull(table, j, nodes, corners, cutoff, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _before_face(table, j, nodes, corners, k, near):
-    """Distance [m] of a point on the faces across edge `k`, or within, where the obstacle is; the point in `near`."""
+    """Return the distance [m] of one point of a box from obstacle `j`, and write this point in `near`.
+
+    The point is on a face across half edge `k`, or inside the box where the obstacle reaches into it.
+    """
     low, high = nodes[corners[0]], nodes[corners[7]]
     far = nodes[corners[1 << k]]
     along, square = 0.0, 0.0
@@ -124,7 +133,7 @@ def _before_face(table, j, nodes, corners, k, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def distance_and_gradient(table, j, x, y, z):
-    """Signed distance [m] of a point from obstacle `j` and its gradient."""
+    """Return the signed distance [m] of a point from obstacle `j` and the three components of its gradient."""
     distance, gx = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)
     return (
         distance,
@@ -136,7 +145,10 @@ def distance_and_gradient(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_gradient(table, j, x, y, z):
-    """The same of a solid's nearest point: of a polytope not its planes but the way to its nearest point tells."""
+    """Return the signed distance [m] of a solid's nearest point from obstacle `j` and the components of its gradient.
+
+    Outside a polytope both come from the polytope's nearest point, not from its planes.
+    """
     if table[j, KIND] == POLYTOPE:
         point, near, normal = np.empty((1, 3)), np.empty(3), np.array([1.0, 0.0, 0.0])
         point[0, 0], point[0, 1], point[0, 2] = x, y, z

@@ -1,7 +1,7 @@
-"""What must hold at every instant, as the scene's builder hands it out: hands by their number, SI units.
+"""Constraints that must hold at every instant, as the scene's builder returns them: hands by number, SI units.
 
 ============== =================================================================================
-constraint     what it demands
+constraint     requirement
 ============== =================================================================================
 distance       two hands stay a given distance apart
 relative pose  two hands move as one rigid body, also about the line through them
@@ -29,7 +29,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class DistanceConstraint:
-    """``| |y_first - y_second| - distance | <= tolerance`` at every instant, [m]."""
+    """A constraint that keeps ``| |y_first - y_second| - distance | <= tolerance`` at every instant, [m]."""
 
     first: int
     second: int
@@ -39,7 +39,8 @@ class DistanceConstraint:
 
 @dataclass(frozen=True)
 class RelativePoseConstraint:
-    """Two hands are parts of one rigid body; ends may miss their distance by `tolerance` [m].
+    """A constraint that makes two hands parts of one rigid body; start and goal may miss their distance by
+    `tolerance` [m].
 
     A `DistanceConstraint` of the same hands states how far they are apart.
     """
@@ -51,7 +52,7 @@ class RelativePoseConstraint:
 
 @dataclass(frozen=True)
 class SeparationConstraint:
-    """``|y_first - y_second| >= distance - tolerance`` at every instant, [m]."""
+    """A constraint that keeps ``|y_first - y_second| >= distance - tolerance`` at every instant, [m]."""
 
     first: int
     second: int
@@ -60,13 +61,15 @@ class SeparationConstraint:
 
     @property
     def least(self) -> float:
-        """The distance that must be kept [m]."""
+        """Return the distance that must be kept, the tolerance subtracted [m]."""
         return self.distance - self.tolerance
 
 
 @dataclass(frozen=True)
 class UprightConstraint:
-    """The lines between `members`, who hold the load, keep their inclination within `tolerance` [rad]."""
+    """A constraint that keeps the inclination of lines between `members`, the load's holders, within `tolerance`
+    [rad].
+    """
 
     members: tuple[int, ...]
     tolerance: float
@@ -74,7 +77,7 @@ class UprightConstraint:
 
 @dataclass(frozen=True)
 class SameHeightConstraint:
-    """``|h_first - h_second| <= tolerance`` at every instant, h the last coordinate, [m]."""
+    """A constraint that keeps ``|h_first - h_second| <= tolerance`` at every instant, h the last coordinate, [m]."""
 
     first: int
     second: int
@@ -91,5 +94,5 @@ Constraint = (
 
 
 def distance_tolerance(tolerance: float | None, distance: float) -> float:
-    """The tolerance of a distance [m], where None stands for the usual part of it."""
+    """Return the tolerance of a distance [m]; where it is None, the default fraction of the distance."""
     return DISTANCE_TOLERANCE * distance if tolerance is None else tolerance

@@ -1,17 +1,17 @@
-"""Convex polytopes that together hold a mesh, and reach little beyond it.
+"""Convex polytopes that together contain a mesh and reach little beyond it.
 
-What is convex is its own hull. Anything else is cut into small pieces (`comove.scenes.cells`). Two pieces see each
+A convex solid is its own hull. Anything else is cut into small pieces (`comove.scenes.cells`). Two pieces see each
 other if every straight line between them stays within the resolution of the mesh; pieces that all see each other
 have a hull that hardly leaves it (approximate convex decomposition by visibility, Liu et al., 2010). Such groups are
-grown from many pieces, the one that holds most of what is not yet held is kept, and so on until every piece is in a
-hull. As hulls are convex, a piece whose extreme points are held is held as a whole, and so is the mesh. Sheets, which
-have no inside, are taken as thin walls.
+grown from many pieces; the group that contains most of the pieces not yet contained is kept, and so on until every
+piece is in a hull. As hulls are convex, a hull that contains the extreme points of a piece contains the whole piece,
+and so the hulls contain the mesh. Sheets, which have no inside, are treated as thin walls.
 
-That every triangle is held is checked in the end, whatever the mesh is like: what the hulls leave out of a triangle
-is cut off by their planes, and becomes a thin polytope of its own.
+At the end every triangle is checked, whatever the mesh is like: what the hulls leave out of a triangle is cut off by
+their planes and becomes a thin polytope of its own.
 
 How far the hulls reach beyond the mesh is bounded by halving boxes: distances have Lipschitz constant 1, so the
-distance in the middle of a box and its half diagonal bound it in the box.
+distance at the middle of a box and the half diagonal of the box bound the distance everywhere in it.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ MOST_CORNERS, MOST_OPEN = 64, 192  # of what is left of a triangle, and pieces o
 
 @dataclass(frozen=True)
 class Cover:
-    """Polytopes that hold a mesh.
+    """A union of convex polytopes that contains a mesh.
 
     Attributes
     ----------
-    polytopes : their union holds every triangle and what the triangles close
-    overhang : upper bound of how far a point of theirs is from the mesh [m]
+    polytopes : their union contains every triangle and the solids that the triangles close
+    overhang : upper bound of the distance from the mesh of a point of the polytopes [m]
     """
 
     polytopes: tuple[Polytope, ...]
@@ -74,12 +74,12 @@ class Cover:
 
 
 def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True) -> Cover:
-    """Find convex polytopes that hold solids and sheets.
+    """Find convex polytopes that contain solids and sheets.
 
     Parameters
     ----------
-    resolution : about how far they may reach beyond the mesh [m]; 3 % of its longest side unless given
-    few : put small pieces together to few polytopes, whatever that takes; else only where it takes little
+    resolution : approximately how far the polytopes may reach beyond the mesh [m]; 3 % of its longest side by default
+    few : whether small pieces are combined to few polytopes at any cost; else only where this takes little work
     """
     size = float(np.ptp(parts.vertices, axis=0).max())
     resolution = SHARE * size if resolution is None else resolution
@@ -109,7 +109,9 @@ def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True)
 
 
 def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Polytope], float] | None:
-    """The hull of a part and its overhang [m], where it is convex or no larger than the resolution; else None."""
+    """Return the hull of a part and its overhang [m], where the part is convex or no larger than the resolution; else
+    None.
+    """
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = float(np.ptp(points, axis=0).max())
     if size <= resolution:
@@ -124,12 +126,14 @@ def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Pol
 def _singles(
     parts: list[tuple[Array, float]], resolution: float, thickness: float
 ) -> tuple[list[Polytope], float]:
-    """The hulls of all pieces of parts, coarser ones where there would be too many, and their overhang [m].
+    """Return the hulls of all pieces of some parts and their overhang [m].
+
+    Where the hulls would be too many, the parts are cut again with a coarser resolution.
 
     Parameters
     ----------
-    parts : triangles (n, 3, 3) [m] of each, and how thick a sheet it is [m]
-    thickness : of sheets [m]
+    parts : list of pairs: triangles, array of shape (n, 3, 3) [m], and the thickness of a sheet, 0 for a solid [m]
+    thickness : thickness of the sheet that all parts are merged to where they are too many [m]
     """
     if len(parts) > MOST_PARTS:  # as one sheet: what is inside is of no account where nothing gets in
         parts = [(np.concatenate([corners for corners, _ in parts]), thickness)]
@@ -147,12 +151,12 @@ def _singles(
 
 
 def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
-    """Polygons, arrays of shape (n, 3) [m]: all of the triangles that is in none of the polytopes.
+    """Return what is left of triangles outside all polytopes, as polygons, arrays of shape (n, 3) [m].
 
     Parameters
     ----------
     triangles : array, shape (n_triangles, 3, 3) [m]
-    tolerance : by which what is held may be outside [m]
+    tolerance : distance by which a contained point may be outside a polytope [m]
     """
     first = np.cumsum([0, *(len(p.planes) for p in polytopes)])
     planes = np.concatenate([p.planes for p in polytopes]) if polytopes else np.zeros((0, 4))
@@ -161,23 +165,23 @@ def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> l
 
 
 def _area(corners: Array) -> Array:
-    """Twice the areas of triangles (n, 3, 3); array, shape (n,) [m^2]."""
+    """Return twice the areas of triangles (n, 3, 3); array, shape (n,) [m^2]."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def _thin(points: Array, thickness: float) -> Polytope:
-    """The hull of what points (n, 3) [m] span, made `thickness` [m] thick."""
+    """Return the hull of points, array of shape (n, 3) [m], each thickened to `thickness` [m] along the axes."""
     return hull_of(_thickened(points, thickness))
 
 
 def _thickened(points: Array, thickness: float) -> Array:
-    """Every point and its neighbours along the axes; array, shape (6 n, 3) [m]."""
+    """Return, for every point, its neighbours half the thickness away along the axes; array, shape (6 n, 3) [m]."""
     steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
     return (points[:, None] + steps).reshape(-1, 3)
 
 
 def _is_convex(corners: Array, hull: Polytope) -> bool:
-    """Whether every triangle's plane has all vertices of the hull behind it."""
+    """Return whether all vertices of the hull lie behind the plane of every triangle."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     flat = area > 1e-12 * hull.size**2
@@ -192,7 +196,10 @@ def _is_convex(corners: Array, hull: Polytope) -> bool:
 
 
 class _Groups:
-    """Groups of pieces of one part, in a frame of its own; a sheet's are made `thickness` [m] thick."""
+    """Groups of pieces of one part that are combined to hulls, in a frame of the part's own.
+
+    A sheet's pieces are made `thickness` [m] thick.
+    """
 
     def __init__(self, corners: Array, resolution: float, thickness: float, n_planes: int = N_PLANES):
         self.frame = frame_of(corners)
@@ -220,7 +227,9 @@ class _Groups:
             self.points, self.first = _thickened(self.points, thickness), 6 * self.first
 
     def _planes(self, axis: int, n_planes: int) -> Array:
-        """Where the part is cut across an axis: at the largest flat sides, and evenly in between."""
+        """Return the positions at which the part is cut across an axis: at its largest flat sides, and evenly in
+        between.
+        """
         normals = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         area = np.linalg.norm(normals, axis=1)
         across = np.abs(normals[:, axis]) > (1 - 1e-9) * np.maximum(area, 1e-300)
@@ -243,7 +252,9 @@ class _Groups:
         return np.sort(np.concatenate([places, *even]))
 
     def cover(self) -> tuple[list[Polytope], float] | None:
-        """Hulls that hold all pieces, in the given frame, and their overhang [m]; None where they are too many."""
+        """Return hulls that contain all pieces, in the given frame, and their overhang [m]; None where the hulls are
+        too many.
+        """
         self.distance = Distance(self.corners, self.solid, self.resolution)
         apart = self._apart()
         rng = np.random.default_rng(0)
@@ -270,7 +281,7 @@ class _Groups:
         return found, overhang
 
     def singles(self) -> tuple[list[Polytope], float]:
-        """The hull of every piece, in the given frame, and their overhang [m]."""
+        """Return the hull of every piece, in the given frame, and an upper bound of their overhang [m]."""
         found, overhang = [], 0.0
         for k in range(self.n):
             points = self._points_of(k)
@@ -281,12 +292,15 @@ class _Groups:
         return found, overhang
 
     def _turned(self, polytope: Polytope) -> Polytope:
-        """A polytope in the frame that was given."""
+        """Return a polytope of the part's own frame in the frame that was given."""
         planes = np.column_stack([polytope.planes[:, :3] @ self.frame, polytope.planes[:, 3]])
         return Polytope(polytope.vertices @ self.frame, planes)
 
     def _apart(self) -> Array:
-        """How far lines between two pieces leave the solid at most, as far as points of theirs tell; (n, n) [m]."""
+        """Return how far lines between two pieces leave the solid at most; array, shape (n, n) [m].
+
+        Only lines between extreme points of the pieces and between their middles are looked at.
+        """
         seen, first = [], [0]
         for a, b in zip(self.first[:-1], self.first[1:], strict=True):
             own = self.points[a:b]
@@ -302,7 +316,7 @@ class _Groups:
     def _best(
         self, apart: Array, middle: Array, left: NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[Polytope, NDArray[np.bool_]]:
-        """The hull that holds most of the pieces that are left, and which pieces it holds."""
+        """Return the hull that contains most of the remaining pieces, and which pieces it contains."""
         open_ = np.flatnonzero(left)
         seeds = rng.choice(open_, size=min(N_SEEDS, len(open_)), replace=False)
         for strict in STRICTNESS:
@@ -333,7 +347,7 @@ class _Groups:
         return hull, self._held(hull) | (np.arange(self.n) == piece)
 
     def _is_near(self, hull: Polytope) -> bool:
-        """Whether no point of a hull is farther from the mesh than hulls of groups may be."""
+        """Return whether no point of a hull is farther from the mesh than a group's hull may be."""
         if self.thickness:  # no node of the grid need be in what is thin
             return self.distance.farthest(hull, FINEST * self.near) <= self.near
         return self.distance.is_near(hull, self.near)
@@ -342,11 +356,11 @@ class _Groups:
         return self.points[self.first[piece] : self.first[piece + 1]]
 
     def _held(self, hull: Polytope) -> NDArray[np.bool_]:
-        """Which pieces are in a hull."""
+        """Return which pieces are in a hull; array of bool, shape (n,)."""
         return np.logical_and.reduceat(_behind(self.points, hull.planes, CONVEX * self.size), self.first[:-1])
 
     def _is_filled(self, hull: Polytope, held: NDArray[np.bool_]) -> bool:
-        """Whether the pieces in a hull are all of it."""
+        """Return whether the pieces in a hull fill it completely."""
         if self.thickness or not self.distance.is_near(hull, 0.0):
             return False
         volume = ConvexHull(hull.vertices).volume
@@ -355,7 +369,13 @@ class _Groups:
 
 
 def frame_of(corners: Array) -> Array:
-    """Axes as rows, along the largest flat side and the largest one across it; array, shape (3, 3)."""
+    """Return the axes of a frame along the normals of the largest flat side and of the largest one across it, as
+    rows.
+
+    Returns
+    -------
+    array, shape (3, 3): z is the normal of the largest flat side, x that of the largest one across it
+    """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     kept = area > 1e-12 * area.max()
@@ -373,19 +393,19 @@ def frame_of(corners: Array) -> Array:
 
 
 def _main_direction(normals: Array, area: Array) -> Array:
-    """The normal, up to its sign, that most area has."""
+    """Return the normal, up to its sign, that belongs to the largest total area."""
     some = np.argsort(-area, kind="stable")[:200]
     total = (np.abs(normals[some] @ normals.T) > 1 - 1e-6) @ area
     return normals[some[total.argmax()]]
 
 
 class Distance:
-    """Distances from a solid, 0 inside, never below the true ones.
+    """Distances from a solid that are 0 inside and never less than the true ones.
 
     Parameters
     ----------
-    corners : array, shape (n_triangles, 3, 3), the triangles that bound it [m]
-    resolution : how far outside, and about how finely, distances are known on the grid [m]
+    corners : array, shape (n_triangles, 3, 3), the triangles that bound the solid [m]
+    resolution : distance up to which the grid holds accurate distances; about the spacing of the grid [m]
     """
 
     def __init__(self, corners: Array, solid: Solid, resolution: float):
@@ -412,7 +432,7 @@ class Distance:
         self._nodes, self._field = nodes, field
 
     def __call__(self, points: Array) -> Array:
-        """Of points, array of shape (n, 3); array, shape (n,) [m]."""
+        """Return the distances of points, array of shape (n, 3), from the solid; array, shape (n,) [m]."""
         result = np.zeros(len(points))
         outside = ~are_inside(self.solid, np.ascontiguousarray(points))
         result[outside] = self._outside(points[outside])
@@ -423,14 +443,16 @@ class Distance:
         return np.minimum(away, _from_triangles(points, self.corners[self._owner[nearest]]))
 
     def is_near(self, hull: Polytope, most: float) -> bool:
-        """Whether no node of the grid in a hull is farther than `most` [m] from the solid."""
+        """Return whether no grid node inside a hull is farther than `most` [m] from the solid."""
         far = self._nodes[self._field > most]
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         far = far[((far > low) & (far < high)).all(axis=1)]
         return not bool(_behind(far, hull.planes, -1e-6 * self.step).any())
 
     def farthest(self, hull: Polytope, enough: float) -> float:
-        """Upper bound of how far a point of a hull is from the solid [m], `enough` where it is less than that."""
+        """Return an upper bound of the distance of a hull's points from the solid [m]; `enough` where it is less than
+        that.
+        """
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         nodes = self._nodes[self._field > enough]
         inside = _behind(nodes, hull.planes, 0.0)
@@ -455,7 +477,10 @@ class Distance:
 
 
 def _samples(corners: Array, spacing: float) -> tuple[Array, NDArray[np.int64]]:
-    """Points on triangles, no point of which is farther than `spacing` [m] from one, and whose they are."""
+    """Return points that sample triangles, and the triangle of each point.
+
+    No point of a triangle is farther than `spacing` [m] from a sample.
+    """
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     count = np.maximum(1, np.ceil(longest / spacing).astype(int))
     points, owner = [], []
@@ -470,7 +495,7 @@ def _samples(corners: Array, spacing: float) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _from_triangles(points: Array, corners: Array) -> Array:
-    """Distance [m] of each point (n, 3) from the triangle (n, 3, 3) of its own."""
+    """Return the distance [m] of each point (n, 3) from the triangle of the same number (n, 3, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab, ac, ap = b - a, c - a, points - a
     aa, bb, mixed = (ab * ab).sum(axis=1), (ac * ac).sum(axis=1), (ab * ac).sum(axis=1)
@@ -489,17 +514,17 @@ def _from_triangles(points: Array, corners: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def _left_out(triangles, planes, first, tolerance):
-    """Polygons that remain when everything behind the planes of one polytope after the other is cut off.
+    """Return the polygons that remain of triangles when everything inside one polytope after the other is cut off.
 
     Parameters
     ----------
     planes : array, shape (n_planes, 4), of all polytopes [m]
-    first : array of int, shape (n_polytopes + 1,), where the planes of each begin
+    first : array of int, shape (n_polytopes + 1,), index of each polytope's first plane
 
     Returns
     -------
     corners : array, shape (n_polygons, MOST_CORNERS, 3) [m]
-    counts : array of int, shape (n_polygons,), how many corners each has
+    counts : array of int, shape (n_polygons,), number of corners of each polygon
     """
     found, counts, n_found = np.empty((16, MOST_CORNERS, 3)), np.empty(16, dtype=np.int64), 0
     stack = np.empty((256, MOST_CORNERS, 3))
@@ -544,7 +569,7 @@ def _left_out(triangles, planes, first, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _is_beyond(polygon, planes, tolerance):
-    """Whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), but for `tolerance` [m]."""
+    """Return whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), by `tolerance` [m] or more."""
     for plane in planes:
         least = np.inf
         for p in polygon:
@@ -556,9 +581,10 @@ def _is_beyond(polygon, planes, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _half(polygon, plane, tolerance, side, out):
-    """Write the part of a polygon beyond a plane (`side` 1) or behind it (-1) in `out`; how many corners it has.
+    """Write the part of a polygon beyond a plane (`side` 1) or behind it (-1) in `out`, and return its number of
+    corners.
 
-    Nothing is beyond where no corner is so by more than `tolerance` [m].
+    If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
     """
     n, count, most = polygon.shape[0], 0, -np.inf
     for p in polygon:
@@ -581,7 +607,7 @@ def _half(polygon, plane, tolerance, side, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _behind(points, planes, out):
-    """Which points (n, 3) are beyond none of the planes (m, 4) by more than `out` [m]."""
+    """Return which points (n, 3) are beyond none of the planes (m, 4) by more than `out` [m]."""
     inside = np.ones(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
         for k in range(planes.shape[0]):
@@ -594,7 +620,7 @@ def _behind(points, planes, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _lines(points, first, middle, field, origin, step, most):
-    """How far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`."""
+    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`."""
     n = first.shape[0] - 1
     apart = np.zeros((n, n))
     for p in range(n):
@@ -613,7 +639,7 @@ def _lines(points, first, middle, field, origin, step, most):
 
 @numba.njit(cache=True, error_model="numpy")
 def _line(a, b, field, origin, step, most):
-    """How far the line between two points leaves the solid [m]; somewhere, where it is more than `most`."""
+    """Return how far the line between two points leaves the solid [m]; any larger value where it is more than `most`."""
     dx, dy, dz = (b[0] - a[0]) / step, (b[1] - a[1]) / step, (b[2] - a[2]) / step
     x, y, z = (a[0] - origin[0]) / step, (a[1] - origin[1]) / step, (a[2] - origin[2]) / step
     n = min(MOST_SAMPLES, 2 + int(np.sqrt(dx * dx + dy * dy + dz * dz)))
@@ -639,7 +665,13 @@ def _interpolated(field, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _group(see, seed, order):
-    """Pieces that all see each other, from a seed, taken up in an order; array of bool, shape (n,)."""
+    """Return which pieces form a group that all see each other, grown from a seed; array of bool, shape (n,).
+
+    Parameters
+    ----------
+    see : array of bool, shape (n, n), whether two pieces see each other
+    order : array of int, the order in which pieces are tried
+    """
     n = see.shape[0]
     group, may = np.zeros(n, dtype=np.bool_), see[seed].copy()
     group[seed] = True

@@ -1,19 +1,21 @@
 """Signed distances from points and segments to obstacles, in numba kernels.
 
-Obstacles are rows of one table, which kernels take at no cost: `KIND`, `CENTER` (3), `ROTATION` (9, a row-major
-matrix whose columns are the obstacle's axes in the world), `SIZE` (3: half edges; radius; radius and half length
-along the obstacle's z; likewise; radii; a polytope's rounding) and `REACH` (radius about the centre that holds the
-obstacle), in metres. A polytope's row goes on: `N_PLANES`, `N_VERTICES`, `MIDDLE` (3) and `BALL` (the radius about it
-that holds the vertices), then `PLANES` n x <= d as (n, d) and vertices, in the obstacle's frame; rows are as long as
-the longest.
+Obstacles are rows of one table, which kernels take at no cost. The columns of a row are `KIND`, `CENTER` (3),
+`ROTATION` (9, a row-major matrix whose columns are the obstacle's axes in the world), `SIZE` (3) and `REACH` (radius
+of a ball about the centre that contains the obstacle), in metres. `SIZE` holds, by kind: half edges of a box; radius
+of a sphere; radius and half length along the obstacle's z of a capsule or a cylinder; semi-axes of an ellipsoid; the
+radius by which a polytope is rounded. The row of a polytope continues with `N_PLANES`, `N_VERTICES`, `MIDDLE` (3) and
+`BALL` (the radius about `MIDDLE` that contains the vertices), then `PLANES`, the planes n x <= d as (n, d), and the
+vertices, in the obstacle's frame; all rows are as long as the longest.
 
 Everything is spatial: a planar scene is the slice z = 0 of a spatial one whose boxes and ellipses reach far
 along z. One set of kernels then serves both, and the distances within the slice are exact.
 
 Every obstacle is convex, so its signed distance (negative inside) is a convex function with Lipschitz
-constant 1; along a segment it is convex too, which `segment_distance` uses. For a polytope stands the largest
-distance from one of its planes: convex with the same constant, 0 on the surface as well, and never above the signed
-distance. Planes that touch it all around keep it within an eighth of that (`comove.scenes.polytopes`).
+constant 1; along a segment it is convex too, which `segment_distance` uses. For a polytope, the largest
+distance from one of its planes replaces the signed distance: it is convex with the same constant, 0 on the surface as
+well, and never above the signed distance. Additional planes that touch the polytope at its edges and corners keep the
+difference within an eighth of the distance (`comove.scenes.polytopes`).
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ TINY = 1e-12
 
 
 def inflated(table: Array, margin: Array) -> Array:
-    """Obstacles of the same shapes that hold every point within `margin`, (n_obstacles,) [m], of these."""
+    """Return obstacles grown to contain every point within `margin`, array of shape (n_obstacles,) [m]."""
     table, kind = table.copy(), table[:, KIND].astype(int)
     sizes = table[:, SIZE : SIZE + 3]
     # How many sizes grow: the radius of a capsule carries its ends along, and so does a polytope's rounding.
@@ -50,7 +52,7 @@ def inflated(table: Array, margin: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def point_distance(table, j, x, y, z):
-    """Signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
+    """Return the signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
     kind = int(table[j, 0])
     x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
@@ -77,7 +79,10 @@ def point_distance(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _farthest_plane(table, j, x, y, z):
-    """Largest distance [m] of a point, seen from the centre, from a plane of a polytope; where the plane begins."""
+    """Return a point's largest distance [m] from a polytope's planes, and the column at which that plane begins.
+
+    The point is given relative to the polytope's centre, along the axes of the world.
+    """
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
     v = table[j, 5] * x + table[j, 8] * y + table[j, 11] * z
     w = table[j, 6] * x + table[j, 9] * y + table[j, 12] * z
@@ -92,10 +97,10 @@ def _farthest_plane(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _ellipsoid_normal(a, b, c, u, v, w):
-    """Nearest point on an axis-aligned ellipsoid from a point of the first octant.
+    """Find the point on an axis-aligned ellipsoid that is nearest to a point of the first octant.
 
-    It is r_i^2 p_i / (t + r_i^2) where t solves sum (r_i p_i / (t + r_i^2))^2 = 1; that sum is convex and
-    decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal
+    The nearest point is r_i^2 p_i / (t + r_i^2), where t solves sum (r_i p_i / (t + r_i^2))^2 = 1; that sum is convex
+    and decreasing, so Newton's method from the left is monotone (Eberly, 2013). Returns t, the outward normal
     p_i / (t + r_i^2), and its length; the signed distance is t times the length.
     """
     u, v, w = max(u, TINY * a), max(v, TINY * b), max(w, TINY * c)
@@ -115,9 +120,9 @@ def _ellipsoid_normal(a, b, c, u, v, w):
 
 @numba.njit(cache=True, error_model="numpy")
 def tangent(table, j, x, y, z, dx, dy, dz):
-    """Signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
+    """Return the signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
 
-    The slope is a subgradient's where the distance has a kink.
+    Where the distance has a kink, the slope is that of a subgradient.
     """
     kind = int(table[j, 0])
     x, y, z = x - table[j, 1], y - table[j, 2], z - table[j, 3]
@@ -171,21 +176,21 @@ def tangent(table, j, x, y, z, dx, dy, dz):
 
 @numba.njit(cache=True, error_model="numpy")
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
-    """Least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
+    """Return the least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 
-    The result is an upper bound, at most `tolerance` above the least distance; where the latter is sure to be
-    above `cutoff`, any value above `cutoff` may come back.
+    The result is an upper bound, at most `tolerance` above the least distance; where the least distance is certainly
+    above `cutoff`, any value above `cutoff` may be returned.
     """
     return nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance)[0]
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")  # who wants the distance alone pays for no more
 def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
-    """Where on the segment p-q its distance to obstacle `j` is least, as `segment_distance` bounds it.
+    """Find where on the segment p-q the distance to obstacle `j` is least, as accurately as `segment_distance`.
 
-    The distance is convex along the segment, so tangents bound it from below: where the tangents at both ends
-    of a bracket meet is the next place to look. Returns the distance [m], the ends of the last bracket as shares of
-    the segment (the same twice where the nearest point is known), and the slopes there.
+    The distance is convex along the segment, so tangents bound it from below: the next point to evaluate is where the
+    tangents at both ends of a bracket meet. Returns the distance [m], the ends of the last bracket as fractions of
+    the segment (equal where the nearest point is known exactly), and the slopes there.
     """
     dx, dy, dz = qx - px, qy - py, qz - pz
     middle, rise = tangent(table, j, px + 0.5 * dx, py + 0.5 * dy, pz + 0.5 * dz, dx, dy, dz)
@@ -223,7 +228,7 @@ def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def configuration_distance(nodes, edges, radii, table, lower, upper):
-    """Clearance [m] of one configuration, and what is nearest.
+    """Return the clearance [m] of one configuration, and the nearest obstacle.
 
     Parameters
     ----------
@@ -236,7 +241,7 @@ def configuration_distance(nodes, edges, radii, table, lower, upper):
     Returns
     -------
     clearance : float
-    nearest : int, the obstacle; -1 for the border of the workspace
+    nearest : int, row of the nearest obstacle; -1 for the border of the workspace
     """
     clearance, nearest = np.inf, -1
     for e in range(edges.shape[0]):

@@ -1,4 +1,4 @@
-"""How hands hold a load that turns about the vertical only: a function of where the hands are.
+"""The orientations of hands that hold a load which turns about the vertical only, from the hands' positions.
 
 The heading psi of the load is the direction, seen from above, from its second holder to its first. A hand's grasp
 frame (z the approach direction, fingers open along y) keeps its tilt and turns with the load:
@@ -25,14 +25,14 @@ DOWN = np.diag([-1.0, 1.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Orientations of the hands while they carry the load.
+    """Holds how the hands are oriented while they carry the load.
 
     Attributes
     ----------
-    holders : the hands, by number, from the second of which to the first the heading points; one alone holds a
-        load that does not turn, whose heading is 0
+    holders : numbers of the hands that hold the load; the heading points from the second to the first. A single
+        holder carries a load that does not turn, whose heading is 0
     at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included
-    turning : array of bool, shape (n_manipulators,), which hands go along with the load; others do not turn
+    turning : array of bool, shape (n_manipulators,), True for hands that turn with the load; the others do not turn
     """
 
     holders: tuple[int, ...]
@@ -40,7 +40,7 @@ class Grasp:
     turning: NDArray[np.bool_]
 
     def heading(self, hands: Array) -> Array:
-        """Heading of the load [rad], between -pi and pi; array, shape (...).
+        """Return the heading of the load [rad], between -pi and pi; array, shape (...).
 
         Parameters
         ----------
@@ -50,7 +50,7 @@ class Grasp:
         return np.arctan2(y, x)
 
     def hand_rotations(self, hands: Array) -> Array:
-        """Orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
+        """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Grasp:
         return rotations
 
     def _along(self, hands: Array) -> tuple[Array, Array]:
-        """From the second holder to the first, seen from above [m]; two arrays, shape (...)."""
+        """Return x and y of the vector from the second holder to the first [m]; two arrays, shape (...)."""
         hands = np.asarray(hands, dtype=float)
         if len(self.holders) == 1:
             return np.ones(hands.shape[:-2]), np.zeros(hands.shape[:-2])
@@ -76,11 +76,11 @@ class Grasp:
 
 
 def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
-    """The grasp that a scene file describes, None where it says nothing.
+    """Return the grasp that a scene file describes, None where it describes none.
 
     Parameters
     ----------
-    carried : the hands, by number, that are one body with the load
+    carried : numbers of the hands that form one rigid body with the load
     """
     part = file.grasp
     if part is None:

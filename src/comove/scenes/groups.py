@@ -1,4 +1,4 @@
-"""Rigid groups: manipulators whose mutual distances are fixed, and what they carry."""
+"""Rigid groups: sets of manipulators whose mutual distances are fixed, and the load that they carry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
 @dataclass(frozen=True)
 class GroupPose:
-    """Where a group's frame is: ``point_world = center + rotation @ point_group``.
+    """The pose of a group's frame: ``point_world = center + rotation @ point_group``.
 
     Attributes
     ----------
@@ -32,25 +32,25 @@ class GroupPose:
     rotation: Array
 
     def place(self, points: Array) -> Array:
-        """World positions of `points`, array of shape (n_points, 3), [m]."""
+        """Return the world positions of `points`, array of shape (n_points, 3), [m]."""
         return self.center + points @ self.rotation.T
 
 
 @dataclass(frozen=True)
 class RigidGroup:
-    """Manipulators that move as one rigid body; a single free manipulator is a group of one.
+    """A group of manipulators that move as one rigid body; a single free manipulator is a group of one.
 
     Attributes
     ----------
     members : indices of the manipulators
-    grasps : array, shape (n_members, 3), where they hold, in the group's frame [m]
+    grasps : array, shape (n_members, 3), positions of the hands in the group's frame [m]
     corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]
-    orientation : how the group may turn: not at all (one hand; or held so), by an angle in the plane or about
-        the vertical in space, by the direction of an axis in space (hands on one line; the roll about it does not
-        matter), or in any way
-    start, goal : poses at both ends
-    start_twist : array, shape (6,), velocity of the frame's centre [m a duration] and angular velocity [rad a
-        duration] at the start, along the axes of the world; at rest unless the movement goes on from another one
+    orientation : how the group may turn: "none" (a single hand) and "fixed", not at all; "plane", by an angle in the
+        plane; "vertical", by an angle about the vertical in space; "axis", by the direction of an axis in space
+        (hands on one line, the roll about which does not matter); "space", in any way
+    start, goal : poses at start and goal
+    start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
+        duration] at the start, along the axes of the world; zero unless the movement continues another one
     """
 
     members: tuple[int, ...]
@@ -63,18 +63,20 @@ class RigidGroup:
 
     @property
     def points(self) -> Array:
-        """Grasps and corners, array of shape (n_members + n_corners, 3), [m]."""
+        """Return grasps and corners, array of shape (n_members + n_corners, 3), [m]."""
         return np.concatenate([self.grasps, self.corners])
 
     @property
     def reach(self) -> float:
-        """Largest distance of a point of the group from what it turns about [m]."""
+        """Return the largest distance of a point of the group from the centre, or from the vertical axis of rotation
+        [m].
+        """
         points = self.points[:, :2] if self.orientation == "vertical" else self.points
         return float(np.linalg.norm(points, axis=1).max())
 
 
 def orientation_of(grasps: Array, n_dims: int) -> Orientation:
-    """What hands at `grasps`, array of shape (n_members, 3), determine of a body's orientation."""
+    """Return which part of a body's orientation is determined by hands at `grasps`, array of shape (n_members, 3)."""
     if len(grasps) == 1:
         return "none"
     if n_dims == 2:
@@ -84,7 +86,7 @@ def orientation_of(grasps: Array, n_dims: int) -> Orientation:
 
 
 def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> GroupPose:
-    """The pose that brings `grasps` nearest to `hands` in least squares, never mirrored.
+    """Return the pose that brings `grasps` nearest to `hands` in least squares, without mirroring.
 
     Parameters
     ----------
@@ -102,7 +104,7 @@ def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> GroupPose
 
 
 def fit_angle(grasps: Array, hands: Array) -> Array:
-    """Angles [rad] that turn `grasps` (n, 3) about z nearest to `hands` (..., n, 3); shape (...)."""
+    """Return the angles [rad] that turn `grasps` (n, 3) about z nearest to `hands` (..., n, 3); shape (...)."""
     held, wanted = _about_middle(grasps), _about_middle(hands)
     cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
     sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
@@ -110,13 +112,15 @@ def fit_angle(grasps: Array, hands: Array) -> Array:
 
 
 def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Unit vectors (..., 3) along which `grasps` (n, 3) on the x axis come nearest to `hands` (..., n, 3)."""
+    """Return the unit vectors (..., 3) along which `grasps` (n, 3) on the x axis are nearest to `hands` (..., n, 3)."""
     direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
 def fit_quaternion(grasps: Array, hands: Array) -> Array:
-    """Unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) (Horn, 1987)."""
+    """Return unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) (Horn,
+    1987).
+    """
     s = np.einsum("ni,...nj->...ij", _about_middle(grasps), _about_middle(hands))
     cross = [s[..., 1, 2] - s[..., 2, 1], s[..., 2, 0] - s[..., 0, 2], s[..., 0, 1] - s[..., 1, 0]]
     trace = np.trace(s, axis1=-2, axis2=-1)
@@ -129,7 +133,8 @@ def fit_quaternion(grasps: Array, hands: Array) -> Array:
 
 
 def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
-    """By how much the tilts of two rotations, arrays of shape (3, 3), differ [rad]; turns about z do not count.
+    """Return by how much the tilts of two rotations, arrays of shape (3, 3), differ [rad]; turns about z do not
+    count.
 
     In the plane this is the angle between them; for an axis in space the difference of its inclinations.
     """
@@ -142,7 +147,11 @@ def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
 
 
 def levelling(along: Array, up: Array) -> Array:
-    """The least rotation, shape (3, 3), that brings all vectors `along` (n, 3) across the unit vector `up`."""
+    """Return the smallest rotation, shape (3, 3), that makes all vectors `along` (n, 3) perpendicular to `up`, of
+    length 1.
+
+    Where they would have to turn so far that `up` lies almost in their span, it is the identity.
+    """
     _, spread, axes = np.linalg.svd(along, full_matrices=False)
     axes = axes[spread > 1e-6 * spread[0]]
     across = up - axes.T @ (axes @ up)
@@ -151,7 +160,9 @@ def levelling(along: Array, up: Array) -> Array:
 
 
 def standing(x: Array) -> Array:
-    """The rotation whose x axis is the unit vector `x`, not vertical, and whose z axis leans least; shape (3, 3)."""
+    """Return the rotation whose x axis is the unit vector `x`, not vertical, and whose z axis leans least; shape (3,
+    3).
+    """
     z = np.array([0.0, 0.0, 1.0]) - x[2] * x
     z /= np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z], axis=1)
@@ -162,13 +173,16 @@ def _about_middle(points: Array) -> Array:
 
 
 def rotation_in_plane(angle: float) -> Array:
-    """Turn about z by `angle` [rad]; array, shape (3, 3)."""
+    """Return the rotation about z by `angle` [rad]; array, shape (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def quaternion_of_rotation(rotation: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation matrix, its first number not 0 positive (Shepperd, 1978)."""
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (Shepperd, 1978).
+
+    Its sign makes the first number that is not 0 positive.
+    """
     m = rotation
     trace = np.trace(m)
     candidates = np.array([trace, m[0, 0], m[1, 1], m[2, 2]])
@@ -188,7 +202,7 @@ def quaternion_of_rotation(rotation: Array) -> Array:
 
 
 def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Array) -> Array:
-    """Move `points`, array of shape (n_points, 3), least so that the pairs keep their distances.
+    """Move `points`, array of shape (n_points, 3), as little as possible so that the pairs have the given distances.
 
     Gauss-Newton on the constraints with least-norm steps; exact for one pair after the first step.
     """

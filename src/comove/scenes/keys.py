@@ -1,4 +1,4 @@
-"""What files in YAML are made of: strict models, numbers, vectors, quaternions and names, told in plain words.
+"""Building blocks of the YAML files' models: strict base class, numbers, vectors, quaternions and names.
 
 Lengths are in metres, quaternions in the order w, x, y, z.
 """
@@ -21,23 +21,25 @@ UNTURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Wrong(ValueError):
-    """A value that its type accepts and the contract does not; `args` are message and way out."""
+    """A value has the right type but breaks the rules of the file; `args` are the message and what to write instead."""
 
 
 def no_minus_zero(number: float) -> float:
-    """Turn -0.0 into 0.0, so that equal files have equal checksums."""
+    """Return the number with -0.0 turned into 0.0, so that equal files have equal checksums."""
     return number + 0.0
 
 
 def not_huge(number: float) -> float:
-    """Accept numbers with which lengths can be computed; -0.0 becomes 0.0."""
+    """Return a number, or raise `Wrong` where it is too large for computing with lengths; -0.0 becomes 0.0."""
     if abs(number) > LARGEST:
         raise Wrong(f"{show(number)} is out of range", f"write a number of at most {LARGEST:g}, in SI units")
     return no_minus_zero(number)
 
 
 def measurable(number: float) -> float:
-    """Accept positive numbers that are a length, a time, a mass... of things."""
+    """Return a number, or raise `Wrong` where it is too small for a physical quantity such as a length, a time or a
+    mass.
+    """
     if number < SMALLEST:
         raise Wrong(
             f"{show(number)} is out of range", f"write a number of at least {SMALLEST:g}, in SI units"
@@ -46,13 +48,13 @@ def measurable(number: float) -> float:
 
 
 def as_tuple(value: Any) -> Any:
-    """Turn a list or an array into a tuple."""
+    """Return a list or an array as a tuple, any other value as it is."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(value) if isinstance(value, list) else value
 
 
 def safe_name(name: str) -> str:
-    """Accept names that can name a folder, a file, a column of a table."""
+    """Return a name, or raise `Wrong` where it cannot name a folder, a file and a column of a table."""
     if not re.fullmatch(r"\w[\w +-]*(\.[\w +-]+)*", name) or name.endswith(" "):
         way_out = "begin with a letter or digit; letters, digits, blanks and . _ + - may follow"
         raise Wrong(f"{show(name)} cannot name a file", way_out)
@@ -80,7 +82,7 @@ def _unit_quaternion(quaternion: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def at_least(count: int, what: str) -> AfterValidator:
-    """Make a validator of lists."""
+    """Return a validator that refuses lists of fewer than `count` entries."""
 
     def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(items) < count:
@@ -93,7 +95,7 @@ def at_least(count: int, what: str) -> AfterValidator:
 
 
 def at_most(count: int, what: str) -> AfterValidator:
-    """Make a validator of lists that nobody can wait for when they are longer."""
+    """Return a validator that refuses lists of more than `count` entries, which would take too long to solve."""
 
     def check(items: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(items) > count:
@@ -113,6 +115,8 @@ Name = Annotated[str, AfterValidator(_manipulator_name)]
 
 
 class Part(BaseModel):
-    """Frozen and strict: no unknown keys, no NaN or infinity, a bool or a text is no number."""
+    """Base class of all models: frozen and strict, without unknown keys, NaN or infinity; a bool or a text is no
+    number.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""The meshes of a scene: all of their triangles as the files write them, in metres, and what these make up."""
+"""The meshes of a scene: the triangles as the files hold them, in metres, and the solids and sheets they form."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ LARGE = 50.0  # m, wider than this is probably written in millimetres
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """What a file holds, in metres.
+    """A mesh that was read from a file, in metres.
 
     Attributes
     ----------
-    triangles : array, shape (n_triangles, 3, 3), all that are written [m]
-    parts : what they make up
+    triangles : array, shape (n_triangles, 3, 3), all triangles of the file [m]
+    parts : the solids and sheets that they form
     width : longest side of the box around them [m]
-    sha256 : of the file
+    sha256 : checksum of the file
     """
 
     triangles: Array
@@ -40,7 +40,9 @@ class Mesh:
     sha256: str
 
     def cover(self, resolution: float | None, *, few: bool) -> Cover:
-        """Find convex polytopes that hold all triangles and what they close, as `comove.scenes.cover.cover_of`."""
+        """Return convex polytopes that contain all triangles and what they close, as `comove.scenes.cover.cover_of`
+        does.
+        """
         return _cover(self, resolution, few)
 
 
@@ -49,8 +51,8 @@ def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
 
     Parameters
     ----------
-    scale : of the file's lengths, to metres
-    file, key : where the mesh is named, for messages
+    scale : factor from the file's lengths to metres
+    file, key : scene file and key that name the mesh, for messages
 
     Raises
     ------
@@ -77,7 +79,7 @@ def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
 
 @lru_cache(maxsize=16)  # the same file is often several obstacles, or asked for again
 def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]]:
-    """The mesh, and what there is to say of it."""
+    """Return the mesh, and the messages of which the user is warned."""
     vertices, faces = triangles_of(data, suffix)
     if len(faces) > MAX_FACES:
         raise MeshError(f"it has {len(faces)} triangles", way_out=f"decimate it to {MAX_FACES} or fewer")

@@ -1,7 +1,7 @@
-"""What is wrong with a scene file, in plain words: key, line, value and way out.
+"""Messages on errors in a scene file, in plain words: key, line, value and what to write instead.
 
-Errors of pydantic are translated; its own text never reaches the user. What the keys are is told by a `Contract`,
-which the models fill in.
+Errors of pydantic are translated; its own text never reaches the user. The keys that a file may hold are described
+by a `Contract`, which the models fill in.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _Keys = dict[KeyPath, list[str]]
 
 
 class Flaw(NamedTuple):
-    """One thing that is wrong: where, what, and what to write instead."""
+    """An error in a file, which holds its place, what is wrong, and what to write instead."""
 
     path: KeyPath
     message: str
@@ -35,7 +35,7 @@ class Flaw(NamedTuple):
 
 
 class Family(NamedTuple):
-    """A place whose model depends on a tag: the tag's key, the models, how deep the place lies."""
+    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the depth of the place."""
 
     tag: str
     models: dict[str, type[BaseModel]]
@@ -43,7 +43,7 @@ class Family(NamedTuple):
 
 
 class Contract(NamedTuple):
-    """The models of a file: of the whole, and of the places whose model depends on a tag."""
+    """The models of a file: one of the whole, and those of the places whose model depends on a tag."""
 
     root: type[BaseModel]
     families: dict[str, Family]
@@ -69,7 +69,9 @@ _BOUNDS = {
 
 
 def show(value: Any) -> str:
-    """Write a value as a scene file would, shortened; characters that could upset a terminal are escaped."""
+    """Return a value as text as a scene file would hold it, shortened; characters that a terminal may act on are
+    escaped.
+    """
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]
     try:
@@ -79,12 +81,12 @@ def show(value: Any) -> str:
 
 
 def counted(items: Sized, one: str, several: str | None = None) -> str:
-    """Write ``1 entry``, ``2 entries``."""
+    """Return the number of items with its noun, such as ``1 entry`` or ``2 entries``."""
     return f"{len(items)} {one if len(items) == 1 else several or one + 's'}"
 
 
 def _dotted(path: Iterable[str | int]) -> str:
-    """Write a key path as ``obstacles[0].size``."""
+    """Return a key path as text, such as ``obstacles[0].size``."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{_plain_key(part)}" for part in path)
     return "".join(parts).removeprefix(".")
 
@@ -94,7 +96,7 @@ def _plain_key(key: str) -> str:
 
 
 def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> SceneError:
-    """Tell the first flaws of the file in one error."""
+    """Return one error that tells the first flaws of the file."""
     flaws = sorted(flaws, key=lambda flaw: lines.get(flaw.path, 0))
     keys = [_place(flaw.path, lines) for flaw in flaws]
     if len(flaws) == 1:
@@ -108,13 +110,13 @@ def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> Sce
 
 
 def _place(path: KeyPath, lines: Lines) -> str | None:
-    """Write the key and its line, as far as both are known."""
+    """Return the key and its line as text, as far as both are known."""
     line = f" (line {lines[path]})" if path in lines else ""
     return f"{_dotted(path)}{line}" or None
 
 
 def explained(error: ValidationError, data: Any, contract: Contract) -> list[Flaw]:
-    """Translate pydantic's errors; misspelt keys are told once, missing keys once a place."""
+    """Return pydantic's errors as flaws in plain words; a place's missing keys, and misspelt ones, are told once."""
     details = [
         (_existing(detail["loc"], data, contract), detail) for detail in error.errors(include_url=False)
     ]
@@ -136,7 +138,7 @@ def explained(error: ValidationError, data: Any, contract: Contract) -> list[Fla
 
 
 def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
-    """Strip pydantic's union tags and missing keys from an error's location."""
+    """Return an error's location without pydantic's union tags and without keys that the data lack."""
     family = contract.families.get(location[0]) if location else None
     if family:
         location = location[: family.depth] + location[family.depth + 1 :]
@@ -151,7 +153,7 @@ def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
 
 
 def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
-    """List the keys that the contract knows for the mapping at `path`, and whether each is required."""
+    """Return the keys that the contract knows for the mapping at `path`, and whether each is required."""
     if path and (family := contract.families.get(path[0])):
         part = data[path[0]] if family.depth == 1 else data[path[0]][path[1]]
         model = _model_at(family.models[part[family.tag]], path[family.depth :])
@@ -161,7 +163,7 @@ def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
 
 
 def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
-    """Find the model of the mapping at `path`, through lists, mappings by name and parts that may be missing."""
+    """Return the model of the mapping at `path`, through lists, mappings by name and optional parts."""
     found: Any = root
     for part in path:
         if isinstance(found, type) and issubclass(found, BaseModel):
@@ -195,7 +197,7 @@ def _missing_keys(missing: _Keys, unknown: _Keys, data: Any, contract: Contract)
 
 
 def _translated(detail: dict[str, Any], path: KeyPath, contract: Contract) -> tuple[str, str]:
-    """Say in plain words what is wrong with a value, and what to write instead."""
+    """Return what is wrong with a value, in plain words, and what to write instead."""
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "value_error":  # raised by a validator of the models, with message and way out
         return context["error"].args

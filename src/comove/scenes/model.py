@@ -1,9 +1,9 @@
 """The scene file as frozen models.
 
-The models mirror the contract of the scene file key by key. What one key can tell alone is checked
-by its type, what needs several keys in `checks`; `messages` puts it into words. What needs geometry
-(does the start touch an obstacle, does it meet the constraints) is not checked here. Lengths are in
-metres, times in seconds, angles in degrees where the key says so, quaternions in the order w, x, y, z.
+The models mirror the format of the scene file key by key. Rules of a single key are checked by its type, rules that
+compare several keys in `checks`; `messages` puts the errors into words. Rules that need geometry (does the start
+touch an obstacle, does it meet the constraints) are not checked here. Lengths are in metres, times in seconds, angles
+in degrees where the key says so, quaternions in the order w, x, y, z.
 
 ``circle`` and ``sphere`` are one shape and read as ``sphere``, ``ellipse`` and ``ellipsoid`` as
 ``ellipsoid``.
@@ -95,14 +95,14 @@ Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pai
 
 
 class Workspace(Part):
-    """The box that load and hands stay in [m]; two numbers a corner make the scene planar, three spatial."""
+    """The box in which load and hands must stay [m]; corners of two numbers make the scene planar, of three spatial."""
 
     lower: Vector
     upper: Vector
 
 
 class _Obstacle(Part):
-    """What is in the way; it moves if it has a `motion`. Obstacles without one keep their checksum."""
+    """An obstacle, which moves if it has a `motion`; obstacles without one keep their checksum."""
 
     motion: Motion | None = None
 
@@ -112,7 +112,7 @@ class _Obstacle(Part):
 
 
 class _Turned(_Obstacle):
-    """What stands at `center` [m], turned by one of the two (`UNTURNED` and 0 where not given)."""
+    """An obstacle at `center` [m] that may be turned, by one of two keys (0 and `UNTURNED` where not given)."""
 
     center: Vector
     rotation_deg: Number = 0.0
@@ -122,14 +122,14 @@ class _Turned(_Obstacle):
 
 
 class BoxObstacle(_Turned):
-    """A box with the full edge lengths `size` [m]."""
+    """A box that has the full edge lengths `size` [m]."""
 
     shape: Literal["box"]
     size: Sizes
 
 
 class SphereObstacle(_Obstacle):
-    """A circle in the plane, a sphere in space [m]."""
+    """A circle in the plane, a sphere in space, of `radius` [m]."""
 
     shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
     center: Vector
@@ -137,7 +137,7 @@ class SphereObstacle(_Obstacle):
 
 
 class CapsuleObstacle(_Turned):
-    """A segment of `length`, thickened by `radius` [m]; along local x in the plane, local z in space."""
+    """A segment of `length` that is thickened by `radius` [m]; along local x in the plane, local z in space."""
 
     shape: Literal["capsule"]
     radius: Positive
@@ -145,7 +145,7 @@ class CapsuleObstacle(_Turned):
 
 
 class CylinderObstacle(_Obstacle):
-    """A cylinder along local z [m]; spatial scenes only."""
+    """A cylinder that lies along local z [m]; spatial scenes only."""
 
     shape: Literal["cylinder"]
     center: Vector
@@ -155,14 +155,14 @@ class CylinderObstacle(_Obstacle):
 
 
 class EllipsoidObstacle(_Turned):
-    """An ellipse in the plane, an ellipsoid in space, with the semi-axes `radii` [m]."""
+    """An ellipse in the plane, an ellipsoid in space, that has the semi-axes `radii` [m]."""
 
     shape: Annotated[Literal["ellipsoid", "ellipse"], AfterValidator(lambda _: "ellipsoid")]
     radii: Sizes
 
 
 class MeshObstacle(_Obstacle):
-    """A triangle mesh, read from `file` in the scene's folder; spatial scenes only.
+    """A triangle mesh that is read from `file` in the scene's folder; spatial scenes only.
 
     The origin of its frame is at `center` [m]; its lengths times `scale` are metres.
     """
@@ -183,7 +183,7 @@ Obstacle = Annotated[
 
 
 class _Load(Part):
-    """A load of `mass` [kg], None where nothing is said: loads without one keep their checksum."""
+    """A load of `mass` [kg], None where the file does not say; loads without a mass keep their checksum."""
 
     mass: Positive | None = None
 
@@ -193,7 +193,9 @@ class _Load(Part):
 
 
 class BarLoad(_Load):
-    """A bar between two hands `length` apart, `overhang` longer at both ends, of `radius` [m]."""
+    """A bar of `radius` [m] between two hands that are `length` apart [m]; it reaches `overhang` [m] beyond both
+    hands.
+    """
 
     shape: Literal["bar"]
     length: Positive
@@ -203,7 +205,7 @@ class BarLoad(_Load):
 
 
 class FrameLoad(_Load):
-    """Rods of `radius` [m] between the hands that `edges` names in pairs."""
+    """A frame of rods of `radius` [m] between the hands that `edges` names in pairs."""
 
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
@@ -212,14 +214,14 @@ class FrameLoad(_Load):
 
 
 class _Gripped(_Load):
-    """A load with a frame of its own, in which `grasps` says where each hand holds it [m]."""
+    """A load that has its own frame, in which `grasps` says where each hand holds it [m]."""
 
     grasps: dict[str, Vector] | None = None
     held_by: Names | None = None
 
 
 class PolygonLoad(_Gripped):
-    """A polygon of `vertices` in the load's frame, thickened by `radius` [m]; planar scenes only."""
+    """A polygon that has `vertices` in the load's frame and is thickened by `radius` [m]; planar scenes only."""
 
     shape: Literal["polygon"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
@@ -227,14 +229,16 @@ class PolygonLoad(_Gripped):
 
 
 class BoxLoad(_Gripped):
-    """A solid box with the full edge lengths `size` [m], centred on the load's frame; a rectangle in the plane."""
+    """A solid box that has the full edge lengths `size` [m] and is centred on the load's frame; a rectangle in the
+    plane.
+    """
 
     shape: Literal["box"]
     size: Sizes
 
 
 class MeshLoad(_Gripped):
-    """A triangle mesh in the load's frame, read from `file` in the scene's folder; spatial scenes only.
+    """A triangle mesh in the load's frame that is read from `file` in the scene's folder; spatial scenes only.
 
     Its lengths times `scale` are metres; `resolution` as of a `MeshObstacle`.
     """
@@ -257,10 +261,11 @@ class Manipulator(Part):
 
 
 class LimitsPart(Part):
-    """What each manipulator keeps: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; the load's `clearance` [m].
+    """Limits of each manipulator: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; and the load's `clearance`
+    [m].
 
-    Where a file does not say: there is no limit, and the clearance is 5 mm on robots, else 0. Where the file leaves
-    the duration out, `solve` fills limits in.
+    A limit that the file leaves out does not exist, and the clearance is then 5 mm on robots, else 0. Where the file
+    leaves the duration out, `solve` fills limits in.
     """
 
     speed: Positive | None = None
@@ -270,12 +275,12 @@ class LimitsPart(Part):
 
     @model_serializer(mode="wrap")
     def _without_no_jerk(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Scenes without a limit of jerk keep their checksum."""
+        """Leave out a limit of jerk that is not set, so that scenes without one keep their checksum."""
         return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
 
 
 class DistancePart(Part):
-    """Two hands stay `distance` apart, within `tolerance` (None: not given) [m]."""
+    """A constraint that keeps two hands `distance` apart, within `tolerance` (None: not given) [m]."""
 
     type: Literal["distance"]
     between: Pair
@@ -284,7 +289,9 @@ class DistancePart(Part):
 
 
 class RelativePosePart(Part):
-    """Two hands move as one rigid body, as they start; ends may miss their distance by `tolerance` [m]."""
+    """A constraint that moves two hands as one rigid body, as they start; ends may miss their distance by `tolerance`
+    [m].
+    """
 
     type: Literal["relative_pose"]
     between: Pair
@@ -292,7 +299,7 @@ class RelativePosePart(Part):
 
 
 class SeparationPart(Part):
-    """Two hands stay at least `distance` apart, less `tolerance` [m]."""
+    """A constraint that keeps two hands at least `distance` apart, less `tolerance` [m]."""
 
     type: Literal["separation"]
     between: Pair
@@ -310,14 +317,16 @@ class SeparationPart(Part):
 
 
 class UprightPart(Part):
-    """The load turns about the vertical only; the goal may miss the tilt of the start by `tolerance_deg`."""
+    """A constraint that lets the load turn about the vertical only; the goal may miss the start's tilt by
+    `tolerance_deg`.
+    """
 
     type: Literal["upright"]
     tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = UPRIGHT_TOLERANCE_DEG
 
 
 class SameHeightPart(Part):
-    """Two hands are at the same height (last coordinate), within `tolerance` [m]."""
+    """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
 
     type: Literal["same_height"]
     between: Pair
@@ -331,7 +340,8 @@ Constraint = Annotated[
 
 
 class GraspPart(Part):
-    """How hands hold the load: they keep their tilt, given in one of two ways, and turn with it.
+    """The orientation of the hands that hold the load: they keep their tilt, given in one of two ways, and turn with
+    it.
 
     `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
     the load's heading is 0.
@@ -361,7 +371,7 @@ class GraspPart(Part):
 
 
 class LeastJerkObjective(Part):
-    """Smooth motions, near to the demonstration; see `comove.planning.objectives.LeastJerk`."""
+    """An objective that asks for smooth motions near the demonstration; see `comove.planning.objectives.LeastJerk`."""
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -369,13 +379,13 @@ class LeastJerkObjective(Part):
 
 
 class LeastTimeObjective(Part):
-    """The shortest duration within the limits; a duration of the scene's does not count."""
+    """An objective that asks for the shortest duration within the limits; a duration in the scene is ignored."""
 
     type: Literal["least_time"]
 
 
 class PaperObjective(Part):
-    """Equation (4) of the paper: c_goal, c_vel, c_obst, and how much the demonstration's shape counts."""
+    """The objective of equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the demonstration's shape."""
 
     type: Literal["paper"]
     goal: NotNegative = 1.0
@@ -391,7 +401,7 @@ Objective = Annotated[
 
 
 class DemonstrationSource(Part):
-    """Where the taught movement comes from: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
+    """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
     `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
     """
@@ -411,7 +421,7 @@ class DemonstrationSource(Part):
 
     @model_serializer(mode="wrap")
     def _without_what_is_left_out(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Scenes that choose neither episode nor topic keep their checksum."""
+        """Leave out episode and topic where they are not set, so that scenes without them keep their checksum."""
         return {key: value for key, value in write(self).items() if key not in CHOICES or value is not None}
 
     @model_validator(mode="after")
@@ -431,7 +441,7 @@ class DemonstrationSource(Part):
 
 
 class SceneFile(Part):
-    """A scene as written; :func:`load_scene_file` and :func:`parse_scene` make it and cross-check it."""
+    """A scene as written in its file; :func:`load_scene_file` and :func:`parse_scene` create and cross-check it."""
 
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
@@ -457,7 +467,7 @@ class SceneFile(Part):
 
     @model_serializer(mode="wrap")
     def _without_no_objective(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Scenes without an objective keep their checksum."""
+        """Leave out an objective that is not set, so that scenes without one keep their checksum."""
         return {key: value for key, value in write(self).items() if key != "objective" or value is not None}
 
     @model_validator(mode="after")
@@ -469,22 +479,24 @@ class SceneFile(Part):
 
     @property
     def on_robot(self) -> bool:
-        """Whether the hands are those of a robot."""
+        """Return whether the hands are those of a robot."""
         return self.robot is not None or self.grasp is not None
 
     @property
     def dimension(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Return 2 in the plane, 3 in space."""
         return len(self.workspace.lower)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The manipulators' names, in their order."""
+        """Return the manipulators' names, in their order."""
         return tuple(manipulator.name for manipulator in self.manipulators)
 
     @property
     def holders(self) -> tuple[str, ...]:
-        """Who holds the load: `held_by`, or everyone where nothing is said; nobody without a load."""
+        """Return the names of the hands that hold the load: `held_by`, or all where it is not given; none without a
+        load.
+        """
         if self.load is None:
             return ()
         return self.load.held_by or self.names
@@ -522,7 +534,7 @@ CONTRACT = Contract(
 
 
 def canonical(scene: SceneFile) -> bytes:
-    """Write the scene as canonical JSON: sorted keys, defaults filled in, floats as `repr`.
+    """Return the scene as canonical JSON: sorted keys, defaults filled in, floats as `repr`.
 
     Comments, formatting, key order and equal spellings of a number (``1e-1``, ``0.1``) do not change
     it; :func:`parse_scene` reads it back to an equal scene.

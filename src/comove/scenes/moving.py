@@ -1,7 +1,7 @@
-"""How obstacles move: `motion` of a scene file, and where that puts them.
+"""The motion of obstacles: `motion` of a scene file, and the positions and velocities that follow from it.
 
-Obstacles keep their orientation. What moves is seen by kernels as an *offset* of its centre from where the file puts
-it: a body beside a moving obstacle is as far from it as a body moved back by the offset is from one that stands.
+Obstacles keep their orientation. Kernels take a motion as the *offset* of the obstacle's centre from its position in
+the file: a body is as far from a moving obstacle as the body, moved back by the offset, is from a resting one.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ HOW = ("velocity", "waypoints", "circle")
 
 
 class Circle(Part):
-    """A circle of `radius` [m] in the xy plane, counter-clockwise, once in `period_s` [s]."""
+    """A circle of `radius` [m] in the xy plane that is passed counter-clockwise once in `period_s` [s]."""
 
     radius: Positive
     period_s: Positive
 
 
 class Motion(Part):
-    """One of three: a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; a
-    `circle`, whose own centre lies at the obstacle's in the direction of -x.
+    """A motion of an obstacle, which is given in one of three ways.
 
-    Before its first and after its last waypoint an obstacle stands.
+    These are a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; and a
+    `circle`, whose centre lies in the direction of -x from the obstacle's first position. Before its first and after
+    its last waypoint an obstacle stands still.
     """
 
     velocity: Vector | None = None
@@ -81,13 +82,13 @@ class Motion(Part):
 
     @property
     def vectors(self) -> tuple[tuple[tuple[str | int, ...], tuple[float, ...]], ...]:
-        """What must have the scene's dimension, with the keys below `motion`."""
+        """Return the vectors that must have the scene's dimension, with their keys below `motion`."""
         if self.velocity is not None:
             return ((("velocity",), self.velocity),)
         return tuple((("waypoints", i), point) for i, point in enumerate(self.waypoints or ()))
 
     def offsets(self, time: ArrayLike) -> Array:
-        """Of the centre from where it began; array, shape (n_times, 3) [m]."""
+        """Return the offsets of the centre from its position at 0 s; array, shape (n_times, 3) [m]."""
         time = np.maximum(np.asarray(time, dtype=float), 0.0)
         result = np.zeros((len(time), 3))
         if self.velocity is not None:
@@ -103,7 +104,7 @@ class Motion(Part):
         return result
 
     def velocities(self, time: ArrayLike) -> Array:
-        """Of the centre, from that instant on; array, shape (n_times, 3) [m/s]."""
+        """Return the velocities of the centre, at a kink those after it; array, shape (n_times, 3) [m/s]."""
         time = np.asarray(time, dtype=float)
         result = np.zeros((len(time), 3))
         if self.velocity is not None:
@@ -122,12 +123,12 @@ class Motion(Part):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """When the velocity may jump [s]."""
+        """Return the times at which the velocity may jump [s]."""
         return self.times or ()
 
     @property
     def speed(self) -> float:
-        """Largest [m/s]."""
+        """Return the largest speed [m/s]."""
         if self.velocity is not None:
             return float(np.linalg.norm(self.velocity))
         if self.circle is not None:
@@ -136,7 +137,9 @@ class Motion(Part):
         return float((ways / np.diff(self.times)).max(initial=0.0))
 
     def sags(self, time: ArrayLike) -> Array:
-        """How far the centre strays at most from its chords between the times; array, shape (n_times - 1,) [m]."""
+        """Return how far the centre strays at most from its chords between the times; array, shape (n_times - 1,)
+        [m].
+        """
         time = np.asarray(time, dtype=float)
         steps = np.diff(time)
         if self.circle is not None:  # chord of a curve with a bound second derivative

@@ -1,4 +1,4 @@
-"""Convex polytopes: hulls of points, coarser ones around them, and the rows that obstacles' kernels take."""
+"""Convex polytopes: hulls of points, coarser hulls around them, and their rows in the table that kernels take."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_PLANES = 96  # of a coarser one
 
 @dataclass(frozen=True)
 class Polytope:
-    """What planes bound.
+    """A convex polytope, which planes bound.
 
     Attributes
     ----------
@@ -36,12 +36,12 @@ class Polytope:
 
     @property
     def size(self) -> float:
-        """Longest side of the box around it [m]."""
+        """Return the longest side of the box around the polytope [m]."""
         return float(np.ptp(self.vertices, axis=0).max())
 
 
 def hull_of(points: Array) -> Polytope | None:
-    """The convex hull of points, array of shape (n, 3) [m]; None where they are all in one plane."""
+    """Return the convex hull of points, array of shape (n, 3) [m]; None where they all lie in one plane."""
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):  # all in one plane, fewer than four, or as good as
@@ -51,17 +51,18 @@ def hull_of(points: Array) -> Polytope | None:
 
 
 def _planes(vertices: Array, normals: Array) -> Array:
-    """Planes that touch the vertices, one for each different normal."""
+    """Return the planes that touch the vertices, one for each different normal; array, shape (n, 4)."""
     kept = np.unique(np.round(normals / ALIKE).astype(np.int64), axis=0, return_index=True)[1]
     normals = normals[np.sort(kept)]
     return np.column_stack([normals, (vertices @ normals.T).max(axis=0)])
 
 
 def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
-    """A polytope of fewer planes around a hull that has many, and how far it reaches beyond the hull [m].
+    """Return a polytope with fewer planes around a hull that has many, and how far it reaches beyond the hull [m].
 
-    It begins as a box. Its vertex that is farthest from the hull is cut off by the plane that touches the hull at its
-    nearest point, until none is farther than `tolerance` [m], or `MOST_PLANES` are reached.
+    It begins as a box. The vertex that is farthest from the hull is cut off by the plane that touches the hull at the
+    point nearest to the vertex, until no vertex is farther than `tolerance` [m], or `MOST_PLANES` are reached. A hull
+    that has few vertices and planes is returned as it is.
     """
     if len(hull.vertices) <= MANY_VERTICES and len(hull.planes) <= MANY_PLANES:
         return hull, 0.0
@@ -90,7 +91,9 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest_in_hull(vertices, points):
-    """Points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3); array, shape (m, 3) [m]."""
+    """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m]; array, shape
+    (m, 3).
+    """
     nearest = np.empty_like(points)
     corners, weights = np.empty((4, 3)), np.empty(4)
     for k in range(points.shape[0]):
@@ -130,11 +133,11 @@ def nearest_in_hull(vertices, points):
 
 
 def bevelled(polytope: Polytope) -> Array:
-    """Its planes, and planes that touch its edges and corners; array, shape (n, 4).
+    """Return the planes of a polytope and further planes that touch its edges and corners; array, shape (n, 4).
 
-    They cut nothing off. Outside, the largest distance from a plane that touches the polytope at the nearest point
-    is the distance times the cosine of the angle between their directions: with normals `BETWEEN` apart along every
-    edge and some all around for the corners, an eighth of the distance is missing at most.
+    The further planes cut nothing off. Outside, the largest distance from a plane that touches the polytope at the
+    nearest point is the distance times the cosine of the angle between their directions: with normals `BETWEEN` apart
+    along every edge, and directions all around for the corners, it is at most an eighth less than the distance.
     """
     vertices, normals = polytope.vertices, polytope.planes[:, :3]
     touching = np.abs(vertices @ normals.T - polytope.planes[:, 3]) < 1e-7 * polytope.size
@@ -152,7 +155,7 @@ def bevelled(polytope: Polytope) -> Array:
 
 
 def _all_around(count: int) -> Array:
-    """Unit vectors evenly spread on a Fibonacci spiral; array, shape (count, 3)."""
+    """Return unit vectors that are evenly spread on a Fibonacci spiral; array, shape (count, 3)."""
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5.0)) * k
     return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
@@ -164,11 +167,12 @@ SAME_DIRECTION = np.cos(np.radians(12.0))
 
 
 def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
-    """Rows of the table of obstacles (`comove.scenes.distances`) for polytopes in the frame of one obstacle.
+    """Return the rows of polytopes for the table of obstacles (`comove.scenes.distances`).
 
     Parameters
     ----------
-    center, rotation : arrays, shapes (3,) and (3, 3), where this frame is [m]
+    polytopes : in the frame of one obstacle
+    center, rotation : arrays, shapes (3,) and (3, 3), pose of this frame [m]
     """
     planes = [bevelled(p) for p in polytopes]
     widths = [
@@ -190,6 +194,6 @@ def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
 
 
 def vertices_in(row: Array) -> Array:
-    """The vertices of a polytope's row, in the obstacle's frame; array, shape (n_vertices, 3) [m]."""
+    """Return the vertices that a polytope's row holds, in the obstacle's frame; array, shape (n_vertices, 3) [m]."""
     first = sd.PLANES + 4 * int(row[sd.N_PLANES])
     return row[first : first + 3 * int(row[sd.N_VERTICES])].reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Reading scene files: YAML, the schema, what must agree, and one message for all that is wrong."""
+"""Reading of scene files: YAML, the models, the checks across keys, and one message for all errors."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from comove.scenes.yaml_reader import Lines, read_yaml
 
 
 def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
-    """Read and check the scene file at `path`, with `changes` instead of what it says under these keys.
+    """Read and check the scene file at `path`, with the values in `changes` in place of the file's.
 
     Raises
     ------
     SceneError
-        One message that names file, key, line, value and way out of the first three errors.
+        One message that names file, key, line, value and correction of the first three errors.
     """
     data, lines = read_yaml(path)
     data = _changed(data, changes or {})
@@ -28,7 +28,7 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
 
 
 def _changed(data: Any, changes: Mapping[str, Any]) -> Any:
-    """Data with other values under some keys; mappings are merged."""
+    """Return data with other values under some keys; mappings are merged."""
     if not isinstance(data, dict):
         return data  # which is refused in words
     merged = {k: _changed(data.get(k) or {}, v) if isinstance(v, Mapping) else v for k, v in changes.items()}
@@ -47,16 +47,16 @@ def parse_scene(
     Parameters
     ----------
     data
-        What a scene file holds; arrays pass for lists.
+        The contents of a scene file; arrays are taken as lists.
     folder
-        What relative paths in the scene start from; where None, files are not looked for.
+        The folder to which paths in the scene are relative; where None, files are not looked for.
     file, lines
-        Where the data comes from, for messages; `lines` as of :func:`comove.scenes.yaml_reader.read_yaml`.
+        The source of the data, for messages; `lines` as :func:`comove.scenes.yaml_reader.read_yaml` returns them.
 
     Raises
     ------
     SceneError
-        One message that names file, key, line, value and way out of the first three errors.
+        One message that names file, key, line, value and correction of the first three errors.
     """
     try:
         scene = SceneFile.model_validate(data)

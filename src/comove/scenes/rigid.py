@@ -1,4 +1,4 @@
-"""Who moves as one rigid body: from the load and the constraints of a scene file to its rigid groups."""
+"""Rigid groups of a scene file: which manipulators move as one body, by the load and the constraints."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ TILT_ROUNDING = 1e-9  # rad
 def rigid_sets(
     file: SceneFile, constraints: tuple[Constraint, ...], path: object = None
 ) -> list[tuple[int, ...]]:
-    """Sets of manipulators that move as one body, in the order of their first member.
+    """Return the sets of manipulators that move as one rigid body, in the order of their first member.
 
-    Holders of the load and hands with relative poses are tied one to the next; distances tie only where every
-    pair of a set has one.
+    All holders of the load belong to one set, and so do hands with a relative pose; distances bind hands only where
+    every pair of a set has one.
 
     Raises
     ------
@@ -85,17 +85,17 @@ def rigid_group(
     path: object = None,
     cover: Cover | None = None,
 ) -> tuple[RigidGroup, list[DistanceConstraint]]:
-    """The rigid group of `members` and the distance constraints that the file leaves unsaid.
+    """Return the rigid group of `members` and the distance constraints that the file implies but does not state.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_manipulators, 3), [m]
-    cover : what stands for a load that is a mesh
+    cover : polytopes that represent a load that is a mesh
 
     Raises
     ------
     SceneError
-        If the ends miss what the load and the constraints demand by more than their tolerances.
+        If start or goal violate what the load and the constraints require by more than their tolerances.
     """
     names, n_dims = file.names, file.dimension
     own = [c for c in constraints if _is_among(c, members)]
@@ -164,11 +164,16 @@ def rigid_group(
 def require_same_heights(
     file: SceneFile, constraints: tuple[Constraint, ...], start: Array, goal: Array, path: object = None
 ) -> None:
-    """Refuse ends at which hands miss their common height by more than the tolerance.
+    """Refuse a start or goal at which hands miss their common height by more than the tolerance.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_manipulators, 3), [m]
+
+    Raises
+    ------
+    SceneError
+        If a hand misses it.
     """
     names, up = file.names, file.dimension - 1
     for i, c in enumerate(constraints):
@@ -191,12 +196,12 @@ def levelled(
     hands: Array,
     path: object = None,
 ) -> Array:
-    """Hands (n_manipulators, 3) [m] where free ones that share a height are moved to their mean height.
+    """Return the hands (n_manipulators, 3) [m], with free hands that share a height moved to their mean height.
 
     Raises
     ------
     SceneError
-        If a hand that shares the height of another group's is not free.
+        If a hand that shares the height of a hand of another group is not free.
     """
     names, up = file.names, file.dimension - 1
     free = {i for (i, *others) in sets if not others and file.names[i] not in file.holders}
@@ -221,7 +226,7 @@ def levelled(
 
 
 def _components(n: int, pairs: list[tuple[int, int]]) -> list[int]:
-    """The connected component of each of n nodes, as the number of one of its nodes."""
+    """Return the connected component of each of n nodes, as the number of one of its nodes."""
     component = list(range(n))
     for a, b in pairs:
         old, new = component[a], component[b]
@@ -230,7 +235,7 @@ def _components(n: int, pairs: list[tuple[int, int]]) -> list[int]:
 
 
 def _is_among(constraint: Constraint, members: tuple[int, ...]) -> bool:
-    """Does the constraint speak of these hands alone?"""
+    """Return whether a constraint concerns only hands among `members`."""
     named = (
         constraint.members
         if isinstance(constraint, UprightConstraint)
@@ -240,7 +245,7 @@ def _is_among(constraint: Constraint, members: tuple[int, ...]) -> bool:
 
 
 def _implied_tolerance(own: list[Constraint], i: int, j: int, distance: float) -> float:
-    """Tolerance [m] of a distance that only relative poses or a load imply."""
+    """Return the tolerance [m] of a distance that is implied by relative poses or a load and not stated."""
     poses = [c for c in own if isinstance(c, RelativePoseConstraint)]
     for c in poses:
         if {c.first, c.second} == {i, j}:
@@ -256,7 +261,9 @@ def _held(
     path: object,
     cover: Cover | None,
 ) -> tuple[Array, Array]:
-    """Grasps and further points of the load in the group's frame; arrays, shapes (n_members, 3), (n_corners, 3)."""
+    """Return grasps and further points of the load in the group's frame; arrays, shapes (n_members, 3), (n_corners,
+    3).
+    """
     holders = tuple(i for i in members if file.names[i] in file.holders)
     grasps, corners = _load_shape(file, holders, cover) if holders else (None, np.zeros((0, 3)))
     held = [members.index(i) for i in holders]
@@ -285,12 +292,14 @@ def _on_x_axis(
     ends: tuple[Array, Array],
     path: object,
 ) -> tuple[Array, Array]:
-    """Grasps on one line and corners of a solid, with this line on x and the solid's own z as near z as can be.
+    """Return grasps on one line and a solid's corners, in a frame that has this line as its x axis.
+
+    The frame's z axis is as near as possible to the solid's own z axis.
 
     Raises
     ------
     SceneError
-        If the line is vertical, so that nothing tells where the solid is heading.
+        If the line is vertical, so that the heading of the solid is not determined.
     """
     line = grasps[-1] - grasps[0]
     for way in (line, *(hands[-1] - hands[0] for hands in ends)):
@@ -308,18 +317,18 @@ def _on_x_axis(
 
 
 def _listed(file: SceneFile, members: tuple[int, ...]) -> str:
-    """``'a' and 'b'``, ``'a', 'b' and 'c'``."""
+    """Return the members' names as text, ``'a' and 'b'`` or ``'a', 'b' and 'c'``."""
     names = [f"'{file.names[i]}'" for i in members]
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _is_solid(corners: Array) -> bool:
-    """Whether these are the corners of a solid: a bar has at most its two ends."""
+    """Return whether the corners are those of a solid: a bar has two at most, its ends."""
     return len(corners) > 2
 
 
 def _load_shape(file: SceneFile, holders: tuple[int, ...], cover: Cover | None) -> tuple[Array | None, Array]:
-    """Grasps and corners of the load in its own frame; grasps None where the hands at the start tell."""
+    """Return grasps and corners of the load in its own frame; grasps are None where the hands' start determines them."""
     load, names = file.load, file.names
     if load.shape == "bar":
         half, first = load.length / 2, names.index((load.held_by or names)[0])
@@ -351,7 +360,10 @@ def _grasps_from_start(
     file: SceneFile,
     path: object,
 ) -> Array:
-    """Grasps about their middle, from the start moved onto the stated distances; on x if they are in line."""
+    """Return grasps about their mean, from the hands at the start, moved onto the stated distances.
+
+    Grasps on one line are put on the x axis.
+    """
     pairs = [pair for pair in combinations(range(len(members)), 2) if _of(stated, members, pair)]
     for a, b in combinations(range(len(members)), 2):
         if np.linalg.norm(hands[a] - hands[b]) < 1e-9:
@@ -383,7 +395,10 @@ def _of(
 
 
 def _without_roll(group: RigidGroup) -> RigidGroup:
-    """Hands on one line as a body whose roll about the line counts; from start to goal it turns least."""
+    """Return a group of hands on one line as a body that turns in any way, roll about the line included.
+
+    From start to goal it turns as little as possible.
+    """
     first, last = group.start.rotation, group.goal.rotation
     turned = similarity(first[:, 0], last[:, 0]) @ first
     return replace(group, orientation="space", goal=GroupPose(group.goal.center, turned))
@@ -392,9 +407,9 @@ def _without_roll(group: RigidGroup) -> RigidGroup:
 def _upright(
     group: RigidGroup, ends: tuple[Array, Array], own: list[Constraint], file: SceneFile, path: object
 ) -> RigidGroup:
-    """The same group in a frame that turns about the vertical only (in the plane: not at all).
+    """Return the group in a frame that turns about the vertical only (in the plane: not at all).
 
-    It keeps the tilt of the start, turned least so that hands of the same height are level.
+    It keeps the tilt of the start, turned as little as possible so that hands of the same height are level.
     """
     allowed, level = TILT_ROUNDING, []
     for c in own:

@@ -1,4 +1,4 @@
-"""The scene: what moves, what it carries, what stands in the way, and what must hold."""
+"""The scene: manipulators, their load, obstacles and constraints, ready for solving."""
 
 from __future__ import annotations
 
@@ -70,18 +70,18 @@ FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 @dataclass(frozen=True)
 class Body:
-    """What must not touch anything: segments between nodes, thickened, and solid boxes.
+    """The geometry that must keep clear of obstacles: thickened segments between nodes, and solids.
 
     Nodes are the hands in the order of the manipulators, then the corners of the load.
 
     Attributes
     ----------
-    edges : array of int, shape (n_edges, 2), nodes; equal ends make a point
-    radii : array, shape (n_edges,), [m]
+    edges : array of int, shape (n_edges, 2), nodes at the ends of the segments; equal ends make a point
+    radii : array, shape (n_edges,), radii of the segments [m]
     n_nodes : int
-    filled : bool, the edges are the border of a filled polygon
-    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as `comove.scenes.solids`
-        says; or (n_solids, n), those of hulls, where the last may be repeated
+    filled : bool, whether the edges are the border of a filled polygon
+    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as in `comove.scenes.solids`;
+        or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated
     """
 
     edges: NDArray[np.int64]
@@ -93,27 +93,28 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene ready to be solved; build it by `Scene.load` or `Scene.from_dict`.
+    """A scene that is ready to be solved; build it by `Scene.load` or `Scene.from_dict`.
 
     Attributes
     ----------
     file : the parsed scene file
-    folder : to which its paths are relative
-    path : of the scene file, None where the scene was built in memory
+    folder : the folder to which the file's paths are relative
+    path : path of the scene file, None where the scene was built in memory
     start, goal : arrays, shape (n_manipulators, n_dims), [m], moved onto the constraints where the file
-        missed them by no more than their tolerance
+        misses them by no more than their tolerance
     lower, upper : arrays, shape (n_dims,), workspace [m]
     groups : rigid groups in the order of their first member; every manipulator is in one
-    constraints : what must hold at every instant, distances that load and relative poses imply included
-    body : what must not touch anything
-    obstacles : array, shape (n_rows, n_columns), the table that kernels take: a row an obstacle, of a mesh one for
-        each polytope that holds a part of it; for who searches and dodges
-    owners : array of int, shape (n_rows,), whose row it is, by the number of the obstacle in the file
-    grasp : how the hands hold the load, None where the file does not say
-    motions : how obstacles move, None for those that stand
-    begins : when the movement begins on the clock of these motions [s]
-    surfaces : the triangles of obstacles that are meshes: what must not be touched
-    overhangs : by how much the polytopes of a mesh reach beyond it at most [m], by the obstacle's number, or "load"
+    constraints : constraints that must hold at every instant, with the distances that load and relative poses imply
+    body : the geometry of load and hands that must keep clear of obstacles
+    obstacles : array, shape (n_rows, n_columns), the table that kernels take, for search and avoidance: one row for
+        each obstacle; of a mesh, one row for each polytope that contains a part of it
+    owners : array of int, shape (n_rows,), number in the file of the obstacle to which a row belongs
+    grasp : orientations of the hands that hold the load, None where the file does not say
+    motions : motions of the obstacles, None for those that stand still
+    begins : time on the clock of these motions at which the movement begins [s]
+    surfaces : triangles of the obstacles that are meshes, for certified distances
+    overhangs : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or
+        "load"
     meshes : checksums of the meshes' files
     """
 
@@ -143,7 +144,7 @@ class Scene:
         Parameters
         ----------
         changes
-            What shall stand in the file instead, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
+            Values that replace those of the file, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
 
         Raises
         ------
@@ -166,14 +167,15 @@ class Scene:
         return _build(parse_scene(data, folder=folder), folder or Path(), None)
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
-        """The same scene from a later instant on: what is left of a movement that has begun.
+        """Return the scene from a later instant on: the remainder of a movement that has begun.
 
         Parameters
         ----------
-        time : of that instant on this scene's clock [s]
-        duration : of what is left [s]
+        time : that instant on this scene's clock [s]
+        duration : duration of the remainder [s]
         starts : poses of the rigid groups at that instant
-        twists : array, shape (n_groups, 6), theirs: velocity of the centre [m/s], angular velocity [rad/s]
+        twists : array, shape (n_groups, 6), twists of the groups: velocity of the centre [m/s], angular velocity
+            [rad/s]
         """
         groups = tuple(
             replace(group, start=start, start_twist=twist * duration)
@@ -184,9 +186,9 @@ class Scene:
         return replace(later, start=hands)
 
     def scaled(self, factor: float) -> Scene:
-        """The same scene with every length multiplied by `factor`, and with them speeds and accelerations.
+        """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
 
-        What is taught is left out, as a demonstration has lengths of its own.
+        The demonstration is left out, as it has lengths of its own.
         """
         data = self.file.model_dump() | {"demonstration": None}
         for manipulator, start, goal in zip(data["manipulators"], self.start, self.goal, strict=True):
@@ -196,11 +198,11 @@ class Scene:
             return Scene.from_dict(_scaled(data, factor), folder=self.folder)
 
     def timed(self, duration: float | None) -> Scene:
-        """The same scene with another duration [s]; None leaves it open."""
+        """Return the scene with another duration [s]; None leaves it open."""
         return self._changed(duration=duration)
 
     def limited(self, **limits: float | None) -> Scene:
-        """The same scene with other limits, by their keys in a scene file; None for no limit."""
+        """Return the scene with other limits, by their keys in a scene file; None for no limit."""
         return self._changed(limits=self.file.limits.model_copy(update=limits))
 
     def _changed(self, **keys: Any) -> Scene:
@@ -208,12 +210,12 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """Name of the scene."""
+        """Return the name of the scene."""
         return self.file.name
 
     @property
     def duration(self) -> float:
-        """Duration of the movement [s].
+        """Return the duration of the movement [s].
 
         Raises
         ------
@@ -231,51 +233,52 @@ class Scene:
 
     @property
     def is_timed(self) -> bool:
-        """Whether it says how long the movement takes."""
+        """Return whether the scene gives the duration of the movement."""
         return self.file.duration is not None
 
     @property
     def n_dims(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Return 2 in the plane, 3 in space."""
         return len(self.lower)
 
     @property
     def manipulators(self) -> tuple[str, ...]:
-        """Names of the manipulators."""
+        """Return the names of the manipulators."""
         return tuple(m.name for m in self.file.manipulators)
 
     @property
     def clearance(self) -> float:
-        """Distance that the body must keep from everything [m]."""
+        """Return the distance that the body must keep from everything [m]."""
         return self.file.limits.clearance
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """Which obstacles move; array, shape (n_obstacles,)."""
+        """Return which obstacles move; array of bool, shape (n_obstacles,)."""
         return np.array([motion is not None for motion in self.motions], dtype=bool)
 
     @cached_property
     def centers(self) -> Array:
-        """Of the obstacles at 0 s; array, shape (n_obstacles, 3) [m]."""
+        """Return the centres of the obstacles at 0 s; array, shape (n_obstacles, 3) [m]."""
         return self.obstacles[self.first_rows, sd.CENTER : sd.CENTER + 3]
 
     @cached_property
     def first_rows(self) -> NDArray[np.int64]:
-        """The first row of every obstacle in the table; array, shape (n_obstacles,)."""
+        """Return the first row of every obstacle in the table; array, shape (n_obstacles,)."""
         return np.unique(self.owners, return_index=True)[1]
 
     @cached_property
     def convex_rows(self) -> NDArray[np.bool_]:
-        """Which rows of the table are obstacles themselves, and not polytopes that hold a mesh."""
+        """Return which rows of the table are obstacles themselves, and not polytopes that contain a mesh."""
         return ~np.isin(self.owners, self.surfaces.owner)
 
     def by_row(self, of_obstacles: Array) -> Array:
-        """What is known by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows, ...)."""
+        """Return values given by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows, ...)."""
         several = len(self.owners) > len(self.first_rows)
         return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
 
     def offsets(self, time: Array) -> Array:
-        """Of the obstacles' centres from where they are at 0 s; array, shape (n_times, n_obstacles, 3) [m].
+        """Return the offsets of the obstacles' centres from their positions at 0 s; array, shape (n_times,
+        n_obstacles, 3) [m].
 
         Parameters
         ----------
@@ -285,22 +288,32 @@ class Scene:
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
     def offsets_along(self, n_steps: int) -> Array:
-        """The same by row at even times of the movement, as kernels take them: without any where nothing moves."""
+        """Return the obstacles' offsets by row of the table at even times of the movement, as kernels take them.
+
+        Array, shape (n_steps, n_rows, 3) [m]; (0, n_rows, 3) where no obstacle moves.
+        """
         return _offsets_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
-        """Of the obstacles' centres, from these instants on; array, shape (n_times, n_obstacles, 3) [m/s]."""
+        """Return the velocities of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m/s].
+
+        Where a velocity jumps, it is the one after the jump.
+        """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
     def obstacle_sags(self, time: Array) -> Array:
-        """How far centres stray from their chords between the times; array, shape (n_times - 1, n_obstacles) [m]."""
+        """Return how far centres stray from their chords between the times; array, shape (n_times - 1, n_obstacles)
+        [m].
+        """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
 
     @cached_property
     def obstacle_kinks(self) -> Array:
-        """When the velocity of an obstacle may jump during the movement; array, shape (n_kinks,), in order [s]."""
+        """Return the times during the movement at which the velocity of an obstacle may jump [s]; sorted array, shape
+        (n_kinks,).
+        """
         kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
@@ -310,7 +323,7 @@ class Scene:
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
     def obstacles_at(self, time: float) -> Array:
-        """The table of the obstacles where they are at an instant [s]."""
+        """Return the table of the obstacles with their positions at an instant [s]."""
         if not self.moving.any():
             return self.obstacles
         table = self.obstacles.copy()
@@ -319,37 +332,38 @@ class Scene:
 
     @property
     def speed_limit(self) -> float:
-        """Speed limit of every manipulator [m/s], infinite where there is none."""
+        """Return the speed limit of every manipulator [m/s], infinite where there is none."""
         return np.inf if self.file.limits.speed is None else self.file.limits.speed
 
     @property
     def acceleration_limit(self) -> float:
-        """Acceleration limit of every manipulator [m/s^2], infinite where there is none."""
+        """Return the acceleration limit of every manipulator [m/s^2], infinite where there is none."""
         return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
 
     @property
     def jerk_limit(self) -> float:
-        """Limit of every manipulator's jerk [m/s^3], infinite where there is none."""
+        """Return the jerk limit of every manipulator [m/s^3], infinite where there is none."""
         return np.inf if self.file.limits.jerk is None else self.file.limits.jerk
 
     @property
     def is_limited(self) -> bool:
-        """Whether a limit of speed, acceleration or jerk is set."""
+        """Return whether a limit of speed, acceleration or jerk is set."""
         return min(self.speed_limit, self.acceleration_limit, self.jerk_limit) < np.inf
 
     @property
     def load_mass(self) -> float | None:
-        """Mass of the load [kg], None where there is no load or nothing is said of it."""
+        """Return the mass of the load [kg], None where there is no load or its mass is not given."""
         return None if self.file.load is None else self.file.load.mass
 
     @cached_property
     def demonstration(self) -> Demonstration | None:
-        """The recording that the scene names, None where it names none, or a primitive of a library (see `taught`).
+        """Return the recording that the scene names; None where it names none, or a primitive of a library (see
+        `taught`).
 
         Raises
         ------
         SceneError
-            If it cannot be read or has another dimension.
+            If the recording cannot be read or has another dimension.
         """
         source = self.file.demonstration
         if source is None or source.library is not None:
@@ -358,19 +372,23 @@ class Scene:
 
     @property
     def turns_as_one(self) -> bool:
-        """Whether one body, which turns, is all that moves."""
+        """Return whether a single body, which turns, is all that moves."""
         return len(self.groups) == 1 and self.groups[0].orientation not in ("none", "fixed")
 
     def learned(self, recording: Demonstration) -> DMP | PoseDMP:
-        """A primitive of a recording: of poses where it holds orientations, and a body turns with all hands."""
+        """Return a primitive fitted to a recording.
+
+        It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
+        """
         posed = recording.orientation is not None and self.turns_as_one
         return PoseDMP.fit(recording) if posed else DMP.fit(recording)
 
     @cached_property
     def taught(self) -> DMP | PoseDMP | tuple[DMP, ...] | None:
-        """The movement that the scene names, as a primitive: fitted to its recording, or as a library holds it.
+        """Return the movement that the scene names, as a primitive fitted to its recording, or from a library.
 
-        One for each manipulator where the recording holds movements of all of them; poses are those of the load.
+        There is one primitive for each manipulator where the recording holds movements of all of them. Poses are
+        those of the load. None where the scene names no movement.
 
         Raises
         ------
@@ -391,17 +409,22 @@ class Scene:
 
     @cached_property
     def sha256(self) -> str:
-        """Checksum of the canonical parsed scene and its meshes: comments, layout and order of keys do not matter."""
+        """Return the checksum of the canonical parsed scene and its meshes: comments, layout and order of keys do not
+        matter.
+        """
         return hashlib.sha256(canonical(self.file) + "".join(self.meshes).encode()).hexdigest()
 
     @cached_property
     def distances(self) -> tuple[DistanceConstraint, ...]:
-        """The distance constraints."""
+        """Return the distance constraints."""
         return tuple(c for c in self.constraints if isinstance(c, DistanceConstraint))
 
     @cached_property
     def kept_apart(self) -> tuple[NDArray[np.int64], Array]:
-        """Hands of different groups that must stay apart, shape (n, 2), and by how much, shape (n,), [m]."""
+        """Return the pairs of hands of different groups that must stay apart, and their least distances.
+
+        Arrays, shapes (n, 2) and (n,) [m].
+        """
         apart = [
             c
             for c in self.constraints
@@ -411,31 +434,35 @@ class Scene:
         return pairs, np.array([c.least for c in apart])
 
     def are_one_body(self, first: int, second: int) -> bool:
-        """Whether two hands, by their number, are of one rigid group."""
+        """Return whether two hands, by number, belong to one rigid group."""
         return any({first, second} <= set(group.members) for group in self.groups)
 
     @cached_property
     def workspace(self) -> tuple[Array, Array]:
-        """Workspace as the kernels take it: two arrays, shape (3,), endless along the missing axis."""
+        """Return the workspace as the kernels take it: two arrays, shape (3,), unbounded along the axis that the
+        plane lacks.
+        """
         return _spatial(self.lower, -FAR), _spatial(self.upper, FAR)
 
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
-        """Clearance [m] of one configuration at an instant and the name of what is nearest.
+        """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
 
         Parameters
         ----------
         nodes : array, shape (n_nodes, 3), [m]
-        time : at which obstacles are where they are then [s]
+        time : the instant, which determines the positions of moving obstacles [s]
         """
         clearance, nearest = self._nearest(nodes, time, range(len(self.file.obstacles)))
         return clearance, self.name_of(nearest)
 
     def owner_of(self, row: int) -> int:
-        """The obstacle of a row of the table; what is no row comes back as it is."""
+        """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
         return int(self.owners[row]) if row >= 0 else int(row)
 
     def name_of(self, obstacle: int) -> str:
-        """An obstacle in words, the border of the workspace where it is -1; beyond the file's, what was seen."""
+        """Return a description of an obstacle: -1 is the border of the workspace, numbers beyond the file's are seen
+        objects.
+        """
         if obstacle < 0:
             return "the border of the workspace"
         if obstacle >= len(self.file.obstacles):
@@ -443,7 +470,10 @@ class Scene:
         return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
 
     def _nearest(self, nodes: Array, time: float, among: Iterable[int]) -> tuple[float, int]:
-        """Clearance [m] of one configuration among some obstacles at an instant, and which is nearest, or -1."""
+        """Return the clearance [m] of one configuration from some obstacles at an instant, and the nearest one.
+
+        The nearest is -1 where it is the border of the workspace.
+        """
         body, rows = self.body, np.flatnonzero(self.convex_rows & np.isin(self.owners, list(among)))
         table = self.obstacles_at(time)[rows]
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
@@ -468,7 +498,7 @@ class Scene:
         return clearance, nearest
 
     def nodes_at(self, end: str) -> Array:
-        """Nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
+        """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
         nodes = np.zeros((self.body.n_nodes, 3))
         for group, own in zip(self.groups, self.nodes_of_groups, strict=True):
             nodes[own] = (group.start if end == "start" else group.goal).place(group.points)
@@ -476,7 +506,7 @@ class Scene:
 
     @cached_property
     def nodes_of_groups(self) -> tuple[list[int], ...]:
-        """Which nodes every rigid group moves, by number: its members, then its corners."""
+        """Return the numbers of the nodes that every rigid group moves: its members, then its corners."""
         found, corner = [], len(self.manipulators)
         for group in self.groups:
             found.append([*group.members, *range(corner, corner + len(group.corners))])
@@ -485,7 +515,7 @@ class Scene:
 
 
 def _scaled(data: Any, factor: float, key: str = "") -> Any:
-    """Data of a scene file in which all numbers under the keys of lengths are multiplied by `factor`."""
+    """Return data of a scene file with all numbers under the keys of lengths multiplied by `factor`."""
     if isinstance(data, dict):
         return {k: _scaled(value, factor, key if key in LENGTHS else k) for k, value in data.items()}
     if isinstance(data, (list, tuple)):
@@ -552,7 +582,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
 
 
 def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
-    """The constraints of the file with hands by number, in SI units, tolerances filled in."""
+    """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
     constraints: list[Constraint] = []
     for c in file.constraints:
         if c.type == "upright":
@@ -578,13 +608,13 @@ def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
 
 
 def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
-    """The hands, by number, that are one body with the load."""
+    """Return the numbers of the hands that form one rigid body with the load."""
     holders = {file.names.index(name) for name in file.holders}
     return next((group.members for group in groups if holders & set(group.members)), ())
 
 
 def _meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | str, tuple[Mesh, Any]]:
-    """The meshes of a scene and where the file names them, of the load and by number of the obstacle."""
+    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""
     parts: list[tuple[int | str, str, Any]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
     ]
@@ -605,13 +635,16 @@ def _meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | str,
 
 
 def _placed(mesh: Mesh, obstacle: Any, number: int, owners: NDArray[np.int64]) -> Placed:
-    """The mesh of an obstacle where it stands at 0 s."""
+    """Return the mesh of an obstacle at its position at 0 s."""
     rotation = matrices(np.array(obstacle.quaternion_wxyz))
     return Placed(mesh.parts, np.array(obstacle.center), rotation, number, int(np.argmax(owners == number)))
 
 
 def _body(file: SceneFile, names: list[str], groups: list[RigidGroup], cover: Cover | None = None) -> Body:
-    """Edges of the load between nodes, or its solid, and every hand that is not the end of an edge as a point."""
+    """Return the body of load and hands: edges of the load between nodes, or its solids, and hands as points.
+
+    A hand that is not the end of an edge is a point of its own.
+    """
     load, edges, solids, radius = file.load, [], [], 0.0
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
@@ -640,7 +673,12 @@ def _body(file: SceneFile, names: list[str], groups: list[RigidGroup], cover: Co
 
 
 def _hulls(cover: Cover, first: int) -> list[list[int]]:
-    """The nodes of every polytope of a load, the first corner being node `first`; the last is repeated."""
+    """Return the nodes of every polytope of a load, padded to equal length by repeating the last one.
+
+    Parameters
+    ----------
+    first : node of the first corner
+    """
     counts = [len(polytope.vertices) for polytope in cover.polytopes]
     width, hulls = max(*counts, N_CORNERS + 1), []
     for count in counts:
@@ -653,7 +691,7 @@ def _hulls(cover: Cover, first: int) -> list[list[int]]:
 def _obstacle_table(
     file: SceneFile, n_dims: int, covers: dict[int | str, Cover]
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Rows as `comove.scenes.distances` describes them, and whose they are."""
+    """Return the table of the obstacles, as `comove.scenes.distances` describes it, and the obstacle of each row."""
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):
         if i in covers:
@@ -670,7 +708,7 @@ def _obstacle_table(
 
 
 def _row(obstacle: Any, n_dims: int) -> Array:
-    """The row of an obstacle that is no mesh; array, shape (N_COLUMNS,)."""
+    """Return the row of an obstacle that is not a mesh; array, shape (N_COLUMNS,)."""
     row = np.zeros(sd.N_COLUMNS)
     kind, size, reach = _SHAPES[obstacle.shape](obstacle)
     if n_dims == 2:
@@ -710,7 +748,9 @@ def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
 
 
 def _require_heading(scene: Scene, path: object) -> None:
-    """Refuse a grasp whose hands cannot tell where the load is heading; it turns about the vertical only."""
+    """Refuse a grasp whose first two holders are one above the other, so that they do not determine the load's
+    heading.
+    """
     if scene.grasp is None or len(scene.grasp.holders) < 2:
         return
     first, second = scene.grasp.holders[:2]
@@ -746,7 +786,10 @@ def _require_free_ends(scene: Scene, path: object) -> None:
 
 
 def _require_separate_ends(scene: Scene, path: object) -> None:
-    """Refuse ends at which hands are nearer than their separation; hands of one group stay as they are there."""
+    """Refuse a start or goal at which hands are nearer than their separation; warn where it is only just kept.
+
+    Hands of one group are not warned of, as their distance does not change.
+    """
     for i, c in enumerate(scene.constraints):
         for end in ("start", "goal") if isinstance(c, SeparationConstraint) else ():
             hands, names = (
@@ -772,7 +815,7 @@ def _require_separate_ends(scene: Scene, path: object) -> None:
 
 
 def _inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:
-    """Which of `points` lie inside the polygon; both arrays of shape (n, 3), the plane is xy."""
+    """Return which of `points` lie inside the polygon; both arrays of shape (n, 3), the plane is xy."""
     a, b = vertices, np.roll(vertices, -1, axis=0)
     x, y = points[:, None, 0], points[:, None, 1]
     crosses = (a[:, 1] > y) != (b[:, 1] > y)
@@ -782,7 +825,7 @@ def _inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:
 
 
 def _spatial(vectors: Array, fill: float = 0.0) -> Array:
-    """Append `fill` as third coordinate to planar vectors."""
+    """Return vectors with `fill` appended as third coordinate where they are planar."""
     if vectors.shape[-1] == 3:
         return np.array(vectors, dtype=float)
     return np.concatenate([vectors, np.full((*vectors.shape[:-1], 1), fill)], axis=-1)

@@ -1,7 +1,7 @@
 """The point of a simplex that is nearest to the origin, in numba kernels: the inner step of GJK.
 
-The nearest point lies inside one of the simplex's faces, and there it is the foot of the perpendicular on the face's
-plane. So of all faces whose foot has weights that are not negative, the nearest foot is the point (Gilbert, Johnson
+The nearest point lies inside one of the simplex's faces, where it is the foot of the perpendicular on the face's
+plane. So among all faces whose foot has no negative weight, the nearest foot is the nearest point (Gilbert, Johnson
 & Keerthi, 1988).
 """
 
@@ -20,7 +20,10 @@ DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have side
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest_of_simplex(corners, n, weights):
-    """Write in `weights` (4) those of the nearest point of n corners, the first of (4, 3); its squared distance."""
+    """Write in `weights` (4) the weights of a simplex's point nearest to the origin, and return its squared distance.
+
+    The simplex has the first n rows of `corners`, array of shape (4, 3), as corners.
+    """
     best = np.inf
     for face in range(FACES.shape[0]):
         i, j, k = FACES[face, 0], FACES[face, 1], FACES[face, 2]
@@ -68,7 +71,7 @@ def nearest_of_simplex(corners, n, weights):
 
 @numba.njit(cache=True, error_model="numpy")
 def _around_origin(corners, weights):
-    """Whether the origin is inside the tetrahedron; then its weights are written."""
+    """Return whether the origin is inside the tetrahedron; if so, write the origin's weights in `weights`."""
     a, b, c, d = (
         _volume(corners[1], corners[3], corners[2]),
         _volume(corners[0], corners[2], corners[3]),

@@ -1,18 +1,18 @@
 """Distances of solids from obstacles, in numba kernels.
 
 A box is one array, shape (4, 3): its centre b and three half edges e_k in the world [m]. A hull, the convex hull of
-points, is an array of these points, never `BOX_ROWS` of them [m]. Along a unit vector n a solid and an obstacle leave
-a gap
+points, is an array of these points [m], of which there are never `BOX_ROWS`. Along a unit vector n a solid and an
+obstacle leave a gap
 
     gap(n) = least n x of the obstacle - largest n x of the solid.
 
-For a box and an obstacle that is symmetric about c it is n (c - b) - sum_k |n e_k| - w(n), w(n) being half the
-obstacle's extent along n. No gap is wider than the distance of the two, and that along the line between nearest
-points is as wide. Where a box's nearest point is inside a face, this line is the face's normal. Else that point is on
-one of the twelve edges, and the line is the gradient of the obstacle's distance there. So the widest gap of these
-directions is the distance. For hulls, and for polytopes as obstacles, which have no such symmetry, GJK finds the
-nearest points (Gilbert, Johnson & Keerthi, 1988). Where the two cut each other all gaps are negative; the widest of
-a few tells about how far the solid would have to be moved out of the obstacle.
+For a box and an obstacle that is symmetric about c it is n (c - b) - sum_k |n e_k| - w(n), with w(n) half the
+obstacle's extent along n. No gap is wider than the distance of the two, and the gap along the line between nearest
+points is equal to it. Where a box's nearest point is inside a face, this line is the face's normal. Else that point
+is on one of the twelve edges, and the line is the gradient of the obstacle's distance there. So the widest gap of
+these directions is the distance. For hulls, and for polytopes as obstacles, which have no such symmetry, GJK finds
+the nearest points (Gilbert, Johnson & Keerthi, 1988). Where the two overlap, all gaps are negative; the widest of
+a few approximates how far the solid would have to be moved out of the obstacle.
 """
 
 from __future__ import annotations
@@ -51,13 +51,17 @@ TOUCHING = 1e-9  # m, between nearest points of bodies that are taken to cut eac
 
 @numba.njit(cache=True, error_model="numpy")
 def empty_solid(solids):
-    """Room for one of `solids`, an array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls."""
+    """Return an uninitialised array for one of `solids`, an array of int, shape (n_solids, 8) for boxes or (n_solids,
+    n) for hulls.
+    """
     return np.empty((BOX_ROWS if solids.shape[1] == N_CORNERS else solids.shape[1], 3))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_at(nodes, corners, solid):
-    """Write in `solid` the box or hull whose `corners` are these of `nodes`, array of shape (n_nodes, 3) [m]."""
+    """Write in `solid` the box or hull whose corners are the rows `corners` of `nodes`, array of shape (n_nodes, 3)
+    [m].
+    """
     if solid.shape[0] != BOX_ROWS:
         for i in range(corners.shape[0]):
             for axis in range(3):
@@ -73,14 +77,16 @@ def solid_at(nodes, corners, solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def move_solid(solid, x, y, z):
-    """Move a solid by (x, y, z) [m]."""
+    """Move a solid by (x, y, z) [m], in place."""
     for i in range(1 if solid.shape[0] == BOX_ROWS else solid.shape[0]):
         solid[i, 0], solid[i, 1], solid[i, 2] = solid[i, 0] + x, solid[i, 1] + y, solid[i, 2] + z
 
 
 @numba.njit(cache=True, error_model="numpy")
 def support(table, j, x, y, z):
-    """The point of obstacle `j` that is farthest along the unit vector (x, y, z), from the obstacle's centre [m]."""
+    """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z), from the obstacle's centre
+    [m].
+    """
     kind = int(table[j, 0])
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
     if kind == SPHERE:
@@ -110,7 +116,10 @@ def support(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _farthest_vertex(table, j, u, v, w):
-    """Where in the row of a polytope the vertex begins that is farthest along a direction in the obstacle's frame."""
+    """Return the column at which, in a polytope's row, the vertex begins that is farthest along (u, v, w).
+
+    The direction is in the obstacle's frame.
+    """
     first = PLANES + 4 * int(table[j, N_PLANES])
     best, farthest = first, -np.inf
     for k in range(int(table[j, N_VERTICES])):
@@ -123,7 +132,7 @@ def _farthest_vertex(table, j, u, v, w):
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_support(solid, x, y, z):
-    """The point of a solid that is farthest along (x, y, z) [m]."""
+    """Return the point of a solid that is farthest along (x, y, z) [m]."""
     if solid.shape[0] == BOX_ROWS:
         u, v, w = solid[0, 0], solid[0, 1], solid[0, 2]
         for k in range(1, 4):
@@ -140,7 +149,9 @@ def solid_support(solid, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def gap(table, j, solid, x, y, z):
-    """Gap [m] between a solid and obstacle `j` along the unit vector (x, y, z), which points from the solid."""
+    """Return the gap [m] between a solid and obstacle `j` along the unit vector (x, y, z), which points from the
+    solid.
+    """
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         p, q, r = support(table, j, -x, -y, -z)
         u, v, w = solid_support(solid, x, y, z)
@@ -155,12 +166,12 @@ def gap(table, j, solid, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_distance(table, j, solid, cutoff, normal):
-    """Distance [m] between a solid and obstacle `j`: a lower bound and an upper one.
+    """Return a lower and an upper bound of the distance [m] between a solid and obstacle `j`.
 
-    The unit vector `normal` (3) is the direction tried first; the best one comes back in it, and the lower bound is
+    The unit vector `normal` (3) is the direction tried first; the best one is written in it, and the lower bound is
     the gap along it. The upper bound is the signed distance of a point of the solid, negative within the obstacle.
-    Where the two are apart the bounds differ by about `TOLERANCE`. Where the distance is sure to be above `cutoff`,
-    any values above it may come back.
+    Where the two do not overlap, the bounds differ by about `TOLERANCE`. Where the distance is certainly above
+    `cutoff`, any values above it may be returned.
     """
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         return hull_distance(table, j, solid, cutoff, normal, np.empty(3))
@@ -215,9 +226,9 @@ def solid_distance(table, j, solid, cutoff, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def hull_distance(table, j, solid, cutoff, normal, near):
-    """As `solid_distance`, by GJK; the point of the solid that is nearest is written in `near` (3).
+    """Return the bounds of `solid_distance`, found by GJK, and write the solid's nearest point in `near` (3).
 
-    It is the solid's middle where the distance is sure to be above `cutoff`.
+    Where the distance is certainly above `cutoff`, `near` may be the solid's middle.
     """
     u, v, w, reach = _ball(solid)
     near[0], near[1], near[2] = u, v, w
@@ -289,7 +300,7 @@ def hull_distance(table, j, solid, cutoff, normal, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _core_support(table, j, x, y, z):
-    """The point of obstacle `j` without its rounding that is farthest along (x, y, z), from the centre [m]."""
+    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z), from its centre [m]."""
     kind = table[j, 0]
     if kind == SPHERE:
         return 0.0, 0.0, 0.0
@@ -302,7 +313,7 @@ def _core_support(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _ball(solid):
-    """Middle and radius [m] of a ball that holds a solid."""
+    """Return the centre and the radius [m] of a ball that contains a solid."""
     x, y, z, reach = solid[0, 0], solid[0, 1], solid[0, 2], 0.0
     if solid.shape[0] == BOX_ROWS:
         for k in range(1, 4):
@@ -320,7 +331,9 @@ def _ball(solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _beyond_ball(table, j, x, y, z):
-    """A lower bound of the distance of a point from obstacle `j` [m]: of a polytope, from the ball that holds it."""
+    """Return a lower bound of a point's distance from obstacle `j` [m]; of a polytope, the distance from the ball
+    around it.
+    """
     if table[j, 0] != POLYTOPE:
         return point_distance(table, j, x, y, z)
     a, b, c = table[j, MIDDLE], table[j, MIDDLE + 1], table[j, MIDDLE + 2]
@@ -332,7 +345,12 @@ def _beyond_ball(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _deepest(table, j, solid, wide, normal):
-    """The widest of the gaps of bodies that cut each other, all of them negative, and its direction in `normal`."""
+    """Return the widest of the gaps, all negative, of a solid and an obstacle that overlap; write its direction in
+    `normal`.
+
+    The directions tried are `normal`, the line between the centres, and the normals of a polytope or the obstacle's
+    axes.
+    """
     u, v, w, _ = _ball(solid)
     x, y, z = table[j, 1] - u, table[j, 2] - v, table[j, 3] - w
     length = sqrt(x * x + y * y + z * z)
@@ -355,7 +373,9 @@ def _deepest(table, j, solid, wide, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def _widened(table, j, solid, x, y, z, wide, normal):
-    """The wider of the gaps `wide` and that along (x, y, z), which is then written in `normal`."""
+    """Return the wider of the gaps `wide` and that along (x, y, z); where it is the latter, write (x, y, z) in
+    `normal`.
+    """
     other = gap(table, j, solid, x, y, z)
     if other > wide:
         wide = other
@@ -365,7 +385,7 @@ def _widened(table, j, solid, x, y, z, wide, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def gradient(table, j, x, y, z):
-    """Gradient of the signed distance to obstacle `j` at (x, y, z); a subgradient at a kink."""
+    """Return the gradient of the signed distance to obstacle `j` at (x, y, z); a subgradient at a kink."""
     return (
         tangent(table, j, x, y, z, 1.0, 0.0, 0.0)[1],
         tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1],
@@ -375,7 +395,7 @@ def gradient(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _edge(solid, e):
-    """One end of edge `e` (0 to 11) of a solid and the way to its other end."""
+    """Return one end of edge `e` (0 to 11) of a box and the vector from it to the other end."""
     k = 1 + e // 4
     left, right = 1 + k % 3, 1 + (k + 1) % 3
     f, g = 1.0 - 2.0 * (e % 2), 1.0 - 2.0 * (e // 2 % 2)
@@ -391,11 +411,13 @@ def _edge(solid, e):
 
 @numba.njit(cache=True, error_model="numpy")
 def _beyond_face(table, j, solid, k):
-    """Signed distance [m] to obstacle `j` of a point of the solid, on the face along its half edge `k` or within.
+    """Return the signed distance [m] to obstacle `j` of a point of a box, on a face across half edge `k` or inside
+    the box.
 
-    An obstacle that touches no edge of the solid and yet cuts it does so inside a face, or lies within. The way from
-    its centre to its point farthest beyond the face then meets the face inside its border; apart, the end of
-    this way is right before the face where the face holds the nearest point.
+    An obstacle that overlaps the box and touches none of its edges reaches through the inside of a face, or lies
+    inside the box. The line from the obstacle's centre to its point farthest beyond the face then meets the face
+    inside its border. Where the two do not overlap and the face holds the nearest point, the end of this line is
+    opposite that point.
     """
     x, y, z = table[j, 1] - solid[0, 0], table[j, 2] - solid[0, 1], table[j, 3] - solid[0, 2]
     ex, ey, ez = solid[k, 0], solid[k, 1], solid[k, 2]
@@ -417,19 +439,19 @@ def _beyond_face(table, j, solid, k):
 
 @numba.njit(cache=True, error_model="numpy")
 def solids_clearance(nodes, solids, table, lower, upper):
-    """Clearance [m] of the solids of one configuration, and what is nearest.
+    """Return the clearance [m] of the solids of one configuration, and the nearest obstacle.
 
     Parameters
     ----------
     nodes : array, shape (n_nodes, 3), [m]
-    solids : array of int, shape (n_solids, N_CORNERS) for boxes or (n_solids, n) for hulls, their corners
+    solids : array of int, shape (n_solids, N_CORNERS) for boxes or (n_solids, n) for hulls, nodes at their corners
     table : array, shape (n_obstacles, N_COLUMNS), the obstacles
     lower, upper : arrays, shape (3,), the workspace [m]
 
     Returns
     -------
-    clearance : float, a lower bound, but for `TOLERANCE` the clearance
-    nearest : int, the obstacle; -1 for the border of the workspace
+    clearance : float, a lower bound that differs from the true clearance by about `TOLERANCE` where nothing overlaps
+    nearest : int, row of the nearest obstacle; -1 for the border of the workspace
     """
     clearance, nearest = np.inf, -1
     solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
@@ -447,7 +469,7 @@ def solids_clearance(nodes, solids, table, lower, upper):
 
 @numba.njit(cache=True, error_model="numpy")
 def border_distance(solid, lower, upper):
-    """Distance [m] of a solid from the border of the workspace, negative where it reaches beyond."""
+    """Return the distance [m] of a solid from the border of the workspace, negative where it reaches beyond."""
     distance = np.inf
     if solid.shape[0] != BOX_ROWS:
         for i in range(solid.shape[0]):

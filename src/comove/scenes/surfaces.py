@@ -1,13 +1,14 @@
-"""Triangles that nothing may touch: distances of convex bodies from them, in numba kernels.
+"""Surfaces of mesh obstacles, which nothing may touch: distances of convex bodies from triangles, in numba kernels.
 
-An obstacle that is a mesh is its triangles. Who begins outside and never comes near a triangle never gets in, whether
-the triangles are closed, turned alike, met twice or crossing each other. So a proof needs no inside, but for one
-question about the start, and no search needs one; where triangles close (`comove.scenes.topology`), a ray tells it.
+An obstacle that is a mesh is represented by its triangles. A body that begins outside and never comes near a triangle
+never gets inside, whether the triangles are closed or not, turned alike or not, repeated, or crossing each other. So
+a proof needs no inside except once, at the start, and a search needs none; where triangles close
+(`comove.scenes.topology`), a ray decides whether a point is inside.
 
-A body is convex: the hull of points, thickened by a radius. Along a unit vector n that points from it to a triangle
-the two leave a gap, ``min n x of the triangle - max n x of the body``. No gap is wider than their distance, and that
-along the line between nearest points is as wide; GJK finds it (Gilbert, Johnson & Keerthi, 1988). Triangles lie in
-trees of boxes, one a mesh, so that far ones are passed over together.
+A body is convex: the hull of points, thickened by a radius. Along a unit vector n that points from the body to a
+triangle the two leave a gap, ``min n x of the triangle - max n x of the body``. No gap is wider than their distance,
+and the gap along the line between nearest points is equal to it; GJK finds it (Gilbert, Johnson & Keerthi, 1988).
+Triangles are stored in trees of boxes, one for each mesh, so that far ones are skipped together.
 """
 
 from __future__ import annotations
@@ -34,20 +35,22 @@ GRAZING = 1e-9  # of where a box is, by which a ray may miss it
 
 
 class Surfaces(NamedTuple):
-    """The meshes among the obstacles of a scene, each in a tree of boxes; a left child comes right after its box.
+    """The meshes among the obstacles of a scene, each stored in a tree of boxes.
+
+    The left child of a box is the next box.
 
     Attributes
     ----------
-    triangles : array, shape (n_triangles, 3, 3), where they are at 0 s [m]
-    side : array, shape (n_triangles,), 1 where a triangle is one of those that close a solid, turned outwards; else 0
-    lower, upper : arrays, shape (n_boxes, 3) [m]
+    triangles : array, shape (n_triangles, 3, 3), positions at 0 s [m]
+    side : array, shape (n_triangles,), 1 for a triangle of a closed solid, which is turned outwards; else 0
+    lower, upper : arrays, shape (n_boxes, 3), corners of the boxes [m]
     right : array of int, shape (n_boxes,), the right child, -1 for a leaf
-    first, count : arrays of int, shape (n_boxes,), the triangles in the box
-    root : array of int, shape (n_meshes,), the box that holds all of a mesh
-    closed : array of bool, shape (n_meshes,), whether any of its triangles close a solid
-    owner, row : arrays of int, shape (n_meshes,), which obstacle it is, and where the obstacle's rows begin
-    center : array, shape (n_meshes, 3), of the obstacle at 0 s [m]
-    slack : array, shape (n_meshes,), how far triangles may be from where the file has them [m]
+    first, count : arrays of int, shape (n_boxes,), first triangle in a box and number of triangles in it
+    root : array of int, shape (n_meshes,), the box that contains all of a mesh
+    closed : array of bool, shape (n_meshes,), whether any triangles of a mesh close a solid
+    owner, row : arrays of int, shape (n_meshes,), number of the obstacle, and its first row in the table of obstacles
+    center : array, shape (n_meshes, 3), centre of the obstacle at 0 s [m]
+    slack : array, shape (n_meshes,), largest distance of a triangle's corner from its position in the file [m]
     """
 
     triangles: Array
@@ -65,19 +68,19 @@ class Surfaces(NamedTuple):
     slack: Array
 
     def of(self, mesh: int) -> Array:
-        """The triangles of one mesh; array, shape (n_triangles, 3, 3) [m]."""
+        """Return the triangles of one mesh; array, shape (n_triangles, 3, 3) [m]."""
         first = self.first[self.root[mesh]]
         return self.triangles[first : first + self.count[self.root[mesh]]]
 
 
 class Placed(NamedTuple):
-    """A mesh among the obstacles.
+    """A mesh among the obstacles, which holds its parts and their place.
 
     Attributes
     ----------
-    parts : of its triangles, in its own frame
-    center, rotation : arrays, shapes (3,) and (3, 3), where this frame is at 0 s [m]
-    owner, row : which obstacle it is, and where the obstacle's rows begin in the table
+    parts : solids and sheets of the mesh, in its own frame
+    center, rotation : arrays, shapes (3,) and (3, 3), pose of this frame at 0 s [m]
+    owner, row : number of the obstacle, and its first row in the table of obstacles
     """
 
     parts: Parts
@@ -88,7 +91,7 @@ class Placed(NamedTuple):
 
 
 def surfaces_of(meshes: list[Placed]) -> Surfaces:
-    """Trees of the triangles of meshes."""
+    """Return the triangles of meshes, sorted into trees of boxes."""
     trees, roots, closed = [], [], []
     n_boxes = n_triangles = 0
     for mesh in meshes:
@@ -119,7 +122,14 @@ def surfaces_of(meshes: list[Placed]) -> Surfaces:
 
 @numba.njit(cache=True, error_model="numpy")
 def _built(triangles):
-    """One tree: its triangles, from where they were, and its boxes as `Surfaces` has them."""
+    """Build the tree of one mesh.
+
+    Returns
+    -------
+    triangles : array, shape (n, 3, 3), sorted by box [m]
+    order : array of int, shape (n,), number that each of them had before
+    lower, upper, right, first, count : the boxes, as in `Surfaces`
+    """
     n = triangles.shape[0]
     order = np.arange(n)
     middle = np.empty((n, 3))
@@ -166,9 +176,10 @@ def _built(triangles):
 
 @numba.njit(cache=True, error_model="numpy")
 def signed_distance(surfaces, mesh, points, cutoff):
-    """Distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` where it is more.
+    """Return the distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` where it is larger.
 
-    Where the hull cuts the triangles or is within what they close it is negative: how far in the deepest point is.
+    It is negative where the hull cuts the triangles or lies inside a solid that they close: minus the depth of the
+    deepest of the points.
     """
     distance = surface_distance(surfaces, mesh, points, max(cutoff, 0.0))
     if not surfaces.closed[mesh]:
@@ -183,9 +194,10 @@ def signed_distance(surfaces, mesh, points, cutoff):
 
 @numba.njit(cache=True, error_model="numpy")
 def holds(surfaces, mesh, x, y, z):
-    """Whether a point is within what triangles of a mesh close; on the surface either may come back.
+    """Return whether a point is inside a solid that triangles of a mesh close; on the surface the answer may be
+    either.
 
-    A ray counts the triangles that it passes, +1 or -1 by their side.
+    A ray counts the triangles that it crosses, +1 or -1 by their side.
     """
     u = AXES[0, 0] * x + AXES[0, 1] * y + AXES[0, 2] * z
     v = AXES[1, 0] * x + AXES[1, 1] * y + AXES[1, 2] * z
@@ -229,16 +241,20 @@ def holds(surfaces, mesh, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def surface_distance(surfaces, mesh, points, cutoff):
-    """Distance [m] of the hull of points (n, 3) from the triangles of a mesh at 0 s; `cutoff` where it is more."""
+    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s; `cutoff` where it is
+    larger.
+    """
     return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
-    """The same, with the nearest point of the hull in `near` and the unit vector from the mesh to it in `way`.
+    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s; `cutoff` where it is
+    larger.
 
-    Where the hull cuts a triangle the distance is negative: about how far it would have to be moved. Where nothing
-    is nearer than `cutoff`, both are as they were. A distance of `enough` is low enough: no lower one is sought.
+    The nearest point of the hull is written in `near` and the unit vector from the mesh to it in `way`; both are left
+    unchanged where nothing is nearer than `cutoff`. Where the hull cuts a triangle the distance is negative: about
+    how far the hull would have to be moved. The search ends where the distance is `enough` or less.
     """
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -273,7 +289,7 @@ def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
 
 @numba.njit(cache=True, error_model="numpy")
 def box_distance(surfaces, box, low, high):
-    """Distance [m] of a box of a tree from the box with the corners `low` and `high`."""
+    """Return the distance [m] of a box of a tree from the box with the corners `low` and `high`."""
     square = 0.0
     for axis in range(3):
         beyond = max(surfaces.lower[box, axis] - high[axis], low[axis] - surfaces.upper[box, axis])
@@ -284,7 +300,7 @@ def box_distance(surfaces, box, low, high):
 
 @numba.njit(cache=True, error_model="numpy")
 def box_gap(surfaces, box, points, others, normal):
-    """Gap [m] along `normal` between two bodies and a box of a tree: the less wide one."""
+    """Return the gap [m] along `normal` between the hull of two sets of points, (n, 3) each, and a box of a tree."""
     least, most = 0.0, -np.inf
     for axis in range(3):
         least += min(normal[axis] * surfaces.lower[box, axis], normal[axis] * surfaces.upper[box, axis])
@@ -296,7 +312,7 @@ def box_gap(surfaces, box, points, others, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def triangle_gap(triangle, points, normal):
-    """Gap [m] along the unit vector `normal`, which points from the hull of points (n, 3) to the triangle."""
+    """Return the gap [m] along the unit vector `normal`, which points from the hull of points (n, 3) to the triangle."""
     least, most = np.inf, -np.inf
     for i in range(3):
         along = normal[0] * triangle[i, 0] + normal[1] * triangle[i, 1] + normal[2] * triangle[i, 2]
@@ -309,11 +325,11 @@ def triangle_gap(triangle, points, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest(triangle, points, normal, scratch):
-    """Widest gap found [m] and distance [m] of the hull of points (n, 3) and a triangle.
+    """Return the widest gap found [m] and the distance [m] between the hull of points (n, 3) and a triangle.
 
-    The direction of the gap is written in `normal`, which holds the one that is tried first, and the nearest point of
-    the hull, or its deepest corner, in the first row of ``scratch[2]``. Where the two cut each other the distance is
-    0 and the gap negative: about how far the body would have to be moved.
+    `normal` holds the direction that is tried first; the direction of the widest gap is written in it. The nearest
+    point of the hull, or its deepest corner, is written in the first row of ``scratch[2]``. Where the two overlap the
+    distance is 0 and the gap negative: about how far the body would have to be moved.
 
     Parameters
     ----------
@@ -384,7 +400,11 @@ def nearest(triangle, points, normal, scratch):
 
 @numba.njit(cache=True, error_model="numpy")
 def _deepest(triangle, points, wide, normal):
-    """The widest of the gaps of bodies that cut each other: along `normal`, and across the triangle both ways."""
+    """Return the widest of the gaps of a body and a triangle that overlap, 0 or less; write its direction in
+    `normal`.
+
+    The directions tried are `normal` and both normals of the triangle.
+    """
     a, b, c = triangle[0], triangle[1], triangle[2]
     x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])

@@ -25,9 +25,9 @@ def read_demonstration(
 
     Parameters
     ----------
-    source : what the scene says
-    folder : to which its path is relative
-    n_dims : of the scene; a planar recording is laid into space by `source.plane`
+    source : the demonstration as the scene names it
+    folder : the folder to which its path is relative
+    n_dims : dimension of the scene; a planar recording is laid into space by `source.plane`
 
     Raises
     ------
@@ -56,12 +56,12 @@ def read_demonstration(
 def read_hands(
     source: DemonstrationSource, folder: Path, n_dims: int, names: tuple[str, ...], file: object = None
 ) -> tuple[Demonstration, ...] | None:
-    """Read the recording of all hands of a scene, each its own; None where it is not one of all of them.
+    """Read the recordings of all hands of a scene, one each; return None where the file does not hold all of them.
 
     Parameters
     ----------
     source, folder, n_dims, file : as for `read_demonstration`
-    names : of the manipulators
+    names : names of the manipulators
     """
     if source.file is None or source.manipulator is not None or len(names) < 2:
         return None
@@ -79,18 +79,18 @@ def read_hands(
 def read_movement(
     source: DemonstrationSource, folder: Path, n_dims: int, file: object = None, *, posed: bool = False
 ) -> DMP | PoseDMP:
-    """Read the primitive of a scene: NAME of the folder `library`, or FOLDER/NAME.
+    """Read the primitive that a scene names: NAME in the folder `library`, or FOLDER/NAME.
 
     Parameters
     ----------
     source, folder, n_dims : as for `read_demonstration`
-    posed : whether a primitive of poses is taken as it is, where it need not be scaled or laid into space; else of
-        one the positions are taken
+    posed : whether a primitive of poses is returned as such, where it need not be scaled or laid into space;
+        otherwise its positions are returned
 
     Raises
     ------
     SceneError
-        If it cannot be read, lies outside the scene's folder, has another dimension or never ends.
+        If the primitive cannot be read, lies outside the scene's folder, has another dimension or never ends.
     """
     key = "demonstration.library"
     place = PurePosixPath(source.library or "")

@@ -1,9 +1,10 @@
-"""What the triangles of a mesh make up: solids, where they close, and sheets, where they do not.
+"""The parts of a mesh: solids, where its triangles close, and sheets, where they do not.
 
-Vertices at one place are one, and so are triangles of the same vertices. Triangles with a side that is no other's are
-taken off, again and again: a fin goes, and so does all of an open box. What is left of a connected part is a solid if
-all its sides are shared by two, or are run through as often one way as the other. Where neither is so, triangles that
-are met as often one way round as the other, such as a wall between two solids, are looked at apart from the rest.
+Vertices at one place are merged, and so are triangles of the same vertices. Triangles that have an edge which no
+other triangle shares are removed, again and again: this removes a fin, and all of an open box. What is left of a
+connected part is a solid if all its edges are shared by two triangles, or are traversed equally often in both
+directions. Where neither holds, triangles that occur equally often in both orientations, such as a wall between two
+solids, are examined apart from the rest.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ FLAT = 1e-12  # of the cube of a part's size: what closes less has no inside
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The triangles of a mesh by what they make up.
+    """The triangles of a mesh, sorted by the solids and sheets that they form.
 
     Attributes
     ----------
     vertices : array, shape (n_vertices, 3) [m], no two at one place
-    solids : closed triangles, turned outwards, cavities among what is around them; arrays, shape (n_faces, 3)
-    sheets : connected triangles that close nothing, lines among them; arrays, shape (n_faces, 3)
-    slack : how far vertices may be from where they were given [m]
+    solids : closed triangles, turned outwards, the cavities of a solid included; arrays, shape (n_faces, 3)
+    sheets : connected triangles that close nothing, degenerate triangles included; arrays, shape (n_faces, 3)
+    slack : largest distance of a vertex from its position in the file [m]
     """
 
     vertices: Array
@@ -43,11 +44,11 @@ class Parts:
 
 
 def solids_and_sheets(vertices: Array, faces: Faces) -> Parts:
-    """Sort triangles by what they make up.
+    """Sort triangles by the solids and sheets that they form.
 
     Parameters
     ----------
-    vertices, faces : arrays, shapes (n_vertices, 3) [m] and (n_faces, 3), in any order and turned in any way
+    vertices, faces : arrays, shapes (n_vertices, 3) [m] and (n_faces, 3), in any order and orientation
     """
     vertices, faces, slack = welded(vertices, faces)
     areas = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
@@ -67,7 +68,7 @@ def solids_and_sheets(vertices: Array, faces: Faces) -> Parts:
 
 
 def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces]]:
-    """The solids among triangles, turned all outwards or all inwards, and what is left of them."""
+    """Return the solids that triangles form, each turned all outwards or all inwards, and the remaining triangles."""
     shared = _without_rims(faces)
     solids, sheets = [], [] if shared.all() else [faces[~shared]]
     core = faces[shared]
@@ -82,7 +83,7 @@ def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces
 
 
 def _without_rims(faces: Faces) -> NDArray[np.bool_]:
-    """Which triangles are left when those with a side that is no other's are taken off, until there are none."""
+    """Return which triangles remain when those with an edge that no other shares are removed, until there are none."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
     side = side.reshape(3, -1).T  # of every triangle, by number
@@ -103,7 +104,7 @@ def _without_rims(faces: Faces) -> NDArray[np.bool_]:
 
 
 def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
-    """The same triangles with vertices at one place made one, and none that is not used; how far they moved [m]."""
+    """Return the triangles with vertices at one place merged and unused ones removed, and how far vertices moved [m]."""
     used, place = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], place.reshape(faces.shape)
     low = vertices.min(axis=0)
@@ -116,7 +117,7 @@ def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
 
 
 def _by_turns(faces: Faces) -> tuple[Faces, NDArray[np.bool_]]:
-    """Every triangle once, turned as most of its copies are; which of them are met as often the other way round."""
+    """Return every triangle once, in the orientation of most of its copies, and which occur equally often in both."""
     order = np.argsort(faces, axis=1)
     _, first, which = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
     # A permutation of three numbers is even if it is one of the turns.
@@ -128,7 +129,7 @@ def _by_turns(faces: Faces) -> tuple[Faces, NDArray[np.bool_]]:
 
 
 def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
-    """Which faces are of each connected part, by number."""
+    """Return the numbers of the faces of each connected part."""
     if not len(faces):
         return []
     a, b, c = faces.T
@@ -140,7 +141,7 @@ def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
 
 
 def is_closed(faces: Faces) -> bool:
-    """Whether every edge is run through as often one way as the other."""
+    """Return whether every edge is traversed equally often in both directions."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(faces.max()) + 1
     there, back = np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])
@@ -148,7 +149,7 @@ def is_closed(faces: Faces) -> bool:
 
 
 def _turned_alike(faces: Faces) -> Faces | None:
-    """The faces of one part turned so that neighbours agree, None where that does not close them."""
+    """Return the faces of one part turned so that neighbours agree; None where this does not close them."""
     faces, neighbours = faces.copy(), {}
     for k, face in enumerate(faces.tolist()):
         for i in range(3):
@@ -178,13 +179,19 @@ def _turned_alike(faces: Faces) -> Faces | None:
 
 
 def volume_of(corners: Array) -> float:
-    """What triangles enclose, array of shape (n_triangles, 3, 3); negative where they are turned inwards [m^3]."""
+    """Return the volume that triangles enclose, array of shape (n_triangles, 3, 3); negative where turned inwards
+    [m^3].
+    """
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return float((a * np.cross(b, c)).sum()) / 6
 
 
 def _outwards(vertices: Array, parts: list[Faces]) -> list[Faces]:
-    """The solids that closed parts bound: those turned inwards are cavities of what is around them, or turned."""
+    """Return the solids that closed parts bound, turned outwards.
+
+    A part that is turned inwards is a cavity of the parts around it, which are then one solid with it; where there
+    are none it is turned.
+    """
     boxes = [(vertices[part].min(axis=(0, 1)), vertices[part].max(axis=(0, 1))) for part in parts]
     inward = [k for k, part in enumerate(parts) if volume_of(vertices[part]) < 0]
     turned = list(parts)

@@ -1,7 +1,7 @@
-"""Read one YAML mapping strictly, and remember in which line each key stands.
+"""A strict reader of YAML files that hold one mapping, which also records the line of each key.
 
 YAML as Python's libraries load it lets duplicate keys pass (the last wins), reads ``1e3`` as text,
-``010`` as 8, ``12:30:00`` as 45000 and ``no`` as False, and follows aliases until memory ends. This
+``010`` as 8, ``12:30:00`` as 45000 and ``no`` as False, and follows aliases until memory is exhausted. This
 reader works on the parser's events: it refuses duplicate keys, aliases, anchors, tags, several
 documents and deep nesting before anything is built, and reads plain values as people write them:
 
@@ -92,7 +92,7 @@ def read_yaml(path: str | Path) -> tuple[dict[str, Any], Lines]:
     Raises
     ------
     SceneError
-        For whatever cannot be read, with file, line and way out.
+        If the file cannot be read; with file, line and correction.
     """
     text = _read_text(Path(path))
     try:
@@ -119,7 +119,9 @@ def plain_value(text: str) -> str | int | float | bool | None:
 
 
 def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
-    """Say which files with one of the `suffixes` lie in `folder`, and which of them is near to `name`."""
+    """Return a text that says which files with one of the `suffixes` are in `folder`, and which of them is near to
+    `name`.
+    """
     if not folder.is_dir():
         return f"the folder {folder} does not exist either"
     names = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)
@@ -130,7 +132,7 @@ def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
 
 
 class _Builder:
-    """Builds plain data from the parser's events and keeps the lines."""
+    """A builder that turns the parser's events into plain data and records the lines."""
 
     def __init__(self, file: str | Path):
         self.file = file
@@ -164,7 +166,7 @@ class _Builder:
         return self._mapping(events, path)
 
     def refusal(self, event: yaml.Event, message: str, way_out: str) -> SceneError:
-        """Make the error that says in which line `event` stands."""
+        """Return the error that says in which line `event` stands."""
         return SceneError(message, file=self.file, key=f"line {_line(event)}", way_out=way_out)
 
     def _sequence(self, events: Iterator[yaml.Event], path: tuple[str | int, ...]) -> list[Any]:
@@ -241,7 +243,7 @@ def _decode(raw: bytes, path: Path) -> str:
 
 
 def _syntax_error(error: yaml.YAMLError, text: str, file: str | Path) -> SceneError:
-    """Tell the parser's complaint in one sentence, with line and column."""
+    """Return the parser's complaint as an error of one sentence, with line and column."""
     if isinstance(error, yaml.reader.ReaderError):
         return _control_character(error, text, file)
     mark = error.problem_mark or error.context_mark

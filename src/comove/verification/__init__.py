@@ -1,4 +1,4 @@
-"""Checks and the continuous-time certificate; knows no optimiser and no planner."""
+"""The checks of a motion and the continuous-time certificate, independent of optimisers and planners."""
 
 from comove.verification.verify import Check, Report, Verdict, VerifiedMotion, verify
 

@@ -4,7 +4,7 @@ On an interval between two knots the second derivative of q is ``(P + Q t) exp(-
 both ends: a line times a decay. Its norm is therefore at most ``exp(omega h)`` times the larger end value, and its
 derivative is bounded likewise. Through the coordinates this bounds the derivatives of every node. Then, between two
 knots, a node stays within ``h^2/8 max|y''|`` of its chord, its velocity within ``h^2/8 max|y'''|`` of its chord, and
-its acceleration changes by at most ``h/2 max|y'''|`` from the nearer knot. Nothing is taken from differences.
+its acceleration changes by at most ``h/2 max|y'''|`` from the nearer knot. No finite differences are used.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ SUBDIVISIONS = (1, 8, 64)  # of an interval, tried in turn where a bound alone b
 
 
 class NodeBounds(NamedTuple):
-    """Upper bounds on every interval, in unit duration.
+    """Upper bounds of the nodes' derivatives on every interval, in unit duration.
 
     Attributes
     ----------
-    acceleration, jerk : arrays, shape (n_intervals, n_nodes), of the second and third derivative
+    acceleration, jerk : arrays, shape (n_intervals, n_nodes), bounds of the second and third derivative
     """
 
     acceleration: Array
@@ -37,7 +37,7 @@ class NodeBounds(NamedTuple):
 
 
 def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
-    """Bounds of every node's derivatives; infinite where an orientation is not defined."""
+    """Return bounds of every node's derivatives; infinite where an orientation is not defined."""
     coordinates, knots = motion.coordinates, motion.knots
     shape = (N_INTERVALS, len(coordinates.blocks.node))
     acceleration, jerk = np.zeros(shape), np.zeros(shape)
@@ -56,7 +56,7 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
 
 
 def distance_error(relative: Array, distance: float) -> float:
-    """Bound of ``| |r| - distance |`` at every instant, r = y1 - y2 of two free hands [m].
+    """Return an upper bound of ``| |r| - distance |`` at every instant, for r = y1 - y2 of two free hands [m].
 
     The distance d = |r| has |d''| <= |r'|^2 / d + |r''|, and a function leaves the chord between two of its points by
     at most h^2/8 of its second derivative.
@@ -75,12 +75,12 @@ def distance_error(relative: Array, distance: float) -> float:
 
 
 def least_distance(relative: Array, stray: Array) -> float:
-    """Lower bound of |r| at every instant, r = y1 - y2 of two hands [m].
+    """Return a lower bound of |r| at every instant, for r = y1 - y2 of two hands [m].
 
     Parameters
     ----------
     relative : array, shape (n_knots, n_dims), r at the knots
-    stray : array, shape (n_intervals,), how far r is from its chord between two knots at most [m]
+    stray : array, shape (n_intervals,), largest distance of r from its chord between two knots [m]
     """
     here, step = relative[:-1], np.diff(relative, axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
@@ -89,7 +89,7 @@ def least_distance(relative: Array, stray: Array) -> float:
 
 
 def largest_size(column: Array) -> float:
-    """Bound of |x| at every instant for one column of q, or the difference of two.
+    """Return an upper bound of |x| at every instant, for x a column of q, or the difference of two.
 
     Parameters
     ----------
@@ -101,12 +101,12 @@ def largest_size(column: Array) -> float:
 
 
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
-    """Upper bound of the speed of every hand at every instant [m/s].
+    """Return an upper bound of the speed of every hand at every instant [m/s].
 
     Parameters
     ----------
-    velocity : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
-    jerk : as `node_bounds` gives it
+    velocity : array, shape (n_knots, n_manipulators, 3), derivative by normalised time, at the knots
+    jerk : `jerk` of the motion's `node_bounds`
     """
     speed = lengths(velocity)
     bound = np.maximum(speed[1:], speed[:-1]) + INTERVAL**2 / 8 * jerk[:, : speed.shape[1]]
@@ -114,12 +114,14 @@ def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> fl
 
 
 def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: Array, limit: float) -> float:
-    """Upper bound of the acceleration of every hand at every instant [m/s^2], as tight as `limit` asks.
+    """Return an upper bound of the acceleration of every hand at every instant [m/s^2].
+
+    It is tightened until it keeps `limit` or a sample breaks `limit`.
 
     Parameters
     ----------
-    acceleration : array, shape (n_knots, n_manipulators, 3), by normalised time, at the knots
-    jerk : as `node_bounds` gives it
+    acceleration : array, shape (n_knots, n_manipulators, 3), second derivative by normalised time, at the knots
+    jerk : `jerk` of the motion's `node_bounds`
     limit : [m/s^2]
     """
     scale, n_hands = motion.scene.duration**2, acceleration.shape[1]
@@ -139,12 +141,12 @@ def largest_acceleration(motion: CoordinatedMotion, acceleration: Array, jerk: A
 
 
 def least_length(columns: Array, second: Array) -> Array:
-    """Lower bound of |x| on every interval; array, shape (n_intervals,).
+    """Return a lower bound of |x| on every interval; array, shape (n_intervals,).
 
     Parameters
     ----------
     columns : array, shape (3, n_knots, width), x and its first two derivatives
-    second : array, shape (n_intervals,), bound of |x''|
+    second : array, shape (n_intervals,), upper bound of |x''|
     """
     here, step = columns[0, :-1], np.diff(columns[0], axis=0)
     along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
@@ -152,12 +154,15 @@ def least_length(columns: Array, second: Array) -> Array:
 
 
 def lengths(vectors: Array) -> Array:
-    """Euclidean lengths; (..., width) -> (...). Twice as fast as numpy's norm, and the judge takes very many."""
+    """Return Euclidean lengths; (..., width) -> (...).
+
+    Twice as fast as numpy's norm, which matters as the checks need very many of them.
+    """
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
 def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
-    """Bounds of the first three derivatives of a vector x on every interval.
+    """Return upper bounds of the norms of the first three derivatives of a vector x on every interval.
 
     Parameters
     ----------
@@ -179,9 +184,9 @@ def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
 
 
 def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
-    """Bounds of the second and third derivative of a turning point at unit distance from the centre.
+    """Return bounds of the second and third derivative of a turning point at unit distance from the centre.
 
-    With a1, a2, a3 the bounds of the derivatives of v over the least |v|, a unit vector u = v/|v| has
+    With a1, a2, a3 the bounds of the derivatives of v divided by the least |v|, a unit vector u = v/|v| has
 
         |u'| <= a1,   |u''| <= sqrt((a2 + a1^2)^2 + a1^4),   |u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3:
 
@@ -190,7 +195,7 @@ def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    turn : array, shape (3, n_knots, width), the orientation's columns of q and two derivatives
+    turn : array, shape (3, n_knots, width), the orientation's columns of q and their first two derivatives
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """The continuous-time certificate of clearance.
 
-Between two knots every node stays within its *bulge* ``h^2/8 max|y''|`` of the chord, so every point of an
-edge stays within the larger bulge of its two nodes of the point of the chords' ruled surface. On that surface
-a space-time cell [t0, t1] x [s0, s1] is at least
+Between two knots every node stays within its *bulge* ``h^2/8 max|y''|`` of the chord. So every point of an edge stays
+within the larger bulge of its two nodes of the corresponding point of the ruled surface that the chords span. On that
+surface a space-time cell [t0, t1] x [s0, s1] is at least
 
     along - dt/2 max(|dp(s0)|, |dp(s1)|)
 
@@ -12,19 +12,20 @@ beyond the middle the distance stays above the line through the middle and the o
 clear enough are halved along their larger term. The least bound over all cells, less the bulge and the radius of
 the load, is a lower bound of the clearance at every instant.
 
-An obstacle that moves is seen from itself: the load moves by what the two do relative to each other. Its centre
-strays from the chord of its own path between two knots by a known *sag*, which counts as the bulge does.
+A moving obstacle is treated in its own frame: the load moves by the relative motion of the two. The obstacle's centre
+strays from the chord of its own path between two knots by a known *sag*, which is added to the bulge.
 
 A solid box between two knots stays within the largest bulge of its corners of the box of their chords, whose centre b
 and half edges e_k are linear in time. The gap along a fixed direction n between this box and an obstacle,
 ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
 least at an end. The direction is that of the interval before, or the best at mid-time; intervals that are not
-clear enough are halved. So it is with a hull, whose reach along n is the largest of what is linear in time, convex.
+clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in time, and
+so convex in time.
 
-An obstacle that is a mesh is its triangles (`comove.scenes.surfaces`). Every part of the body is a convex hull of
-nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes passes over those far
-away. Whoever is outside at the start and never meets a triangle stays outside: only at the start is it asked whether
-something is inside.
+An obstacle that is a mesh is represented by its triangles (`comove.scenes.surfaces`). Every part of the body is a
+convex hull of nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes skips
+those far away. A body that is outside at the start and never meets a triangle stays outside, so only the start is
+checked for being inside.
 """
 
 from __future__ import annotations
@@ -55,13 +56,13 @@ ROUNDING = 1e-12  # of the largest coordinate, and of a metre
 
 
 class Need(NamedTuple):
-    """What is asked of a bound.
+    """The accuracy that is required of a bound.
 
     Attributes
     ----------
-    clearance : asked for [m]; the bound is tightened where it is close to it
-    loose, tight : how far it may stay below the true clearance, and where that is close to what is asked for [m]
-    rounding : of distances [m]
+    clearance : required clearance [m]; the bound is tightened where it is close to it
+    loose, tight : allowed difference between bound and true clearance, in general and close to the required one [m]
+    rounding : rounding error of distances [m]
     """
 
     clearance: float
@@ -71,7 +72,7 @@ class Need(NamedTuple):
 
 
 def need_of(scene: Scene, nodes: Array) -> Need:
-    """What is asked of the bound for a body with these nodes, array of shape (..., 3) [m]."""
+    """Return the accuracy required of the bound for a body with these nodes, array of shape (..., 3) [m]."""
     side = float((scene.upper - scene.lower).max())
     unit = 1.0 if COMMON[0] <= side <= COMMON[1] else side
     largest = max(1.0, side, float(np.abs(nodes).max()))
@@ -79,14 +80,14 @@ def need_of(scene: Scene, nodes: Array) -> Need:
 
 
 class Clearance(NamedTuple):
-    """What the certificate says.
+    """The result of the certificate.
 
     Attributes
     ----------
     lower : certified lower bound of the clearance at every instant [m]; -inf if the motion is not finite
-    upper : a clearance met on the way [m]; the true least one lies between, up to the bulge
-    time : of `upper` [s]
-    nearest : obstacle of `upper`, by its number in the scene's file, -1 for the border of the workspace
+    upper : a clearance that occurs along the motion [m]; the true minimum lies between the two, up to the bulge
+    time : time of `upper` [s]
+    nearest : number in the scene's file of the obstacle at `upper`, -1 for the border of the workspace
     """
 
     lower: float
@@ -96,12 +97,12 @@ class Clearance(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """How obstacles move, by row of their table, as the kernels take it; without knots where all stand.
+    """The motions of obstacles by row of their table, as kernels take them; empty where all obstacles stand still.
 
     Attributes
     ----------
-    offset : array, shape (n_knots, n_rows, 3), of centres from where they began [m]
-    sag : array, shape (n_knots - 1, n_rows), how far centres stray from chords between knots [m]
+    offset : array, shape (n_knots, n_rows, 3), offsets of the centres from their first positions [m]
+    sag : array, shape (n_knots - 1, n_rows), largest distance of the centres from their chords between knots [m]
     """
 
     offset: Array
@@ -113,8 +114,8 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: 
 
     Parameters
     ----------
-    bounds : those of `motion`, where the caller has them already
-    since : normalised time before which nothing counts
+    bounds : bounds of `motion`, computed unless given
+    since : normalised time from which on the clearance is bounded
     """
     scene, q, s = motion.scene, motion.knots[0], np.arange(N_INTERVALS + 1) * INTERVAL
     bulge = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
@@ -139,7 +140,7 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
     Parameters
     ----------
     nodes : array, shape (n_knots, n_nodes, 3), [m]
-    bulge : array, shape (n_knots - 1, n_nodes), how far they stray from their chords in between [m]
+    bulge : array, shape (n_knots - 1, n_nodes), largest distance of the nodes from their chords in between [m]
     time : array, shape (n_knots,) [s]
     """
     if not all(np.isfinite(array).all() for array in (nodes, bulge, *paths)):
@@ -171,17 +172,19 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upper, need):
-    """Certified lower bound, least clearance met, its knot, its obstacle: of those that are as near, the first.
+    """Return a certified lower bound of the clearance, the least clearance found, its knot and its obstacle.
+
+    Of several obstacles that are equally near, it is the first.
 
     Parameters
     ----------
     nodes : array, shape (n_knots, n_nodes, 3), [m]
     bulge : array, shape (n_knots - 1, n_nodes), [m]
-    edges, radii : the body, arrays of shape (n_edges, 2) and (n_edges,)
-    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
-    paths : how they move
+    edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), the body
+    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
+    paths : motions of the obstacles
     lower, upper : arrays, shape (3,), the workspace [m]
-    need : what is asked of the bound
+    need : accuracy required of the bound
     """
     n_intervals, n_edges, n_obstacles = bulge.shape[0], edges.shape[0], obstacles.shape[0]
     bound, met, knot, nearest = np.inf, np.inf, 0, -1
@@ -289,7 +292,9 @@ def certified_clearance(nodes, bulge, edges, radii, obstacles, paths, lower, upp
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need, bound, met, knot, nearest):
-    """As `certified_clearance`, for solids; the last four arguments are what it found for the rest of the body.
+    """Return the results of `certified_clearance` for the whole body, solids included.
+
+    The last four arguments are the results for the rest of the body.
 
     Parameters
     ----------
@@ -364,14 +369,16 @@ def certified_solids(nodes, bulge, solids, obstacles, paths, lower, upper, need,
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, need, bound, met, knot):
-    """As `certified_clearance`, for the triangles of a mesh; the last three arguments are what was found before.
+    """Return the lower bound, the least clearance found and its knot for the whole body and one more mesh.
+
+    The last three arguments are the results for the obstacles before.
 
     Parameters
     ----------
-    hulls : array of int, shape (n_hulls, n), the nodes of every convex part of the body
-    radii : array, shape (n_hulls,), by which they are thickened [m]
-    offset, sag : arrays, shapes (n_knots, 3) and (n_knots - 1,), how the mesh moves [m]
-    surfaces, mesh : `comove.scenes.surfaces.Surfaces`, and which of its meshes
+    hulls : array of int, shape (n_hulls, n), nodes of every convex part of the body
+    radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
+    offset, sag : arrays, shapes (n_knots, 3) and (n_knots - 1,), motion of the mesh, as in `Paths` [m]
+    surfaces, mesh : `comove.scenes.surfaces.Surfaces`, and the number of the mesh in it
     """
     n_intervals, n_points = bulge.shape[0], hulls.shape[1]
     begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))
@@ -453,7 +460,7 @@ def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, n
 
 @numba.njit(cache=True, error_model="numpy")
 def _hull_seen_from(nodes, hull, offset, out):
-    """Write in `out` the nodes of a hull as seen from a mesh that has moved by `offset`."""
+    """Write in `out` the nodes of a hull in the frame of a mesh that has moved by `offset`."""
     for i in range(hull.shape[0]):
         for axis in range(3):
             out[i, axis] = nodes[hull[i], axis] - offset[axis]
@@ -461,7 +468,10 @@ def _hull_seen_from(nodes, hull, offset, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _hull_gap(triangle, begin, end, t0, t1, scratch, normal):
-    """Least gap [m] along `normal` while a hull moves from share t0 to t1 of its way; `scratch` as large as it."""
+    """Return the least gap [m] along `normal` while a hull moves from the fraction t0 to t1 of its path.
+
+    `scratch` is an array of the hull's shape.
+    """
     _between(begin, end, t0, scratch)
     first = triangle_gap(triangle, scratch, normal)
     _between(begin, end, t1, scratch)
@@ -470,7 +480,7 @@ def _hull_gap(triangle, begin, end, t0, t1, scratch, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def _offset(paths, k, j):
-    """Of the centre of obstacle j at knot k [m]."""
+    """Return the offset of the centre of obstacle j at knot k [m]."""
     if paths.offset.shape[0] == 0:
         return 0.0, 0.0, 0.0
     return paths.offset[k, j, 0], paths.offset[k, j, 1], paths.offset[k, j, 2]
@@ -478,14 +488,14 @@ def _offset(paths, k, j):
 
 @numba.njit(cache=True, error_model="numpy")
 def _seen_from(paths, k, j, point, out):
-    """A point at knot k as seen from obstacle j, which has moved."""
+    """Write in `out` a point at knot k in the frame of obstacle j, which has moved."""
     for axis in range(3):
         out[axis] = point[axis] - paths.offset[k, j, axis]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _solid_seen_from(paths, k, j, nodes, corners, solid):
-    """The solid at knot k as seen from obstacle j."""
+    """Write in `solid` the solid at knot k in the frame of obstacle j."""
     solid_at(nodes, corners, solid)
     x, y, z = _offset(paths, k, j)
     move_solid(solid, -x, -y, -z)
@@ -493,7 +503,9 @@ def _solid_seen_from(paths, k, j, nodes, corners, solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal):
-    """Least gap [m] along `normal` while a solid moves from share t0 to t1 of its way; `solid` is scratch."""
+    """Return the least gap [m] along `normal` while a solid moves from the fraction t0 to t1 of its path; `solid` is
+    scratch.
+    """
     x, y, z = normal[0], normal[1], normal[2]
     _between(begin, end, t0, solid)
     first = gap(obstacles, j, solid, x, y, z)
@@ -510,7 +522,9 @@ def _between(begin, end, t, solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _slack(met, need):
-    """How far [m] the bound may stay below the clearance met: little where it is close to what is asked for."""
+    """Return how far [m] the bound may stay below the least clearance found: little where that is close to the
+    required one.
+    """
     spare = 0.5 * (met - need.clearance)
     return need.loose if spare < 0.0 else min(need.loose, max(need.tight, spare))
 
@@ -522,7 +536,7 @@ def _apart(p, q):
 
 @numba.njit(cache=True, error_model="numpy")
 def _on_surface(a0, b0, a1, b1, t, s):
-    """The point (t, s) of the surface that the edge's chord sweeps."""
+    """Return the point (t, s) of the surface that the edge's chord sweeps."""
     f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
     return (
         f * a0[0] + g * b0[0] + h * a1[0] + i * b1[0],
@@ -533,7 +547,7 @@ def _on_surface(a0, b0, a1, b1, t, s):
 
 @numba.njit(cache=True, error_model="numpy")
 def _move(a0, a1, b0, b1, s):
-    """How far the point s of the edge moves along its chord."""
+    """Return the distance that the point s of the edge moves along its chord."""
     x = (1 - s) * (a1[0] - a0[0]) + s * (b1[0] - b0[0])
     y = (1 - s) * (a1[1] - a0[1]) + s * (b1[1] - b0[1])
     z = (1 - s) * (a1[2] - a0[2]) + s * (b1[2] - b0[2])

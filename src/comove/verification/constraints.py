@@ -1,8 +1,8 @@
-"""How well a motion keeps the constraints of its scene at every instant.
+"""Bounds of how far a motion violates the constraints of its scene, at every instant.
 
-What a block of the coordinates holds by construction is looked up in the block itself: hands of one block are images
-of fixed points under one rigid motion, and a block that only shifts, or only turns about the vertical, tilts nothing.
-Whatever hands of different blocks keep is bounded by their derivatives between the knots.
+Constraints that a block of the coordinates keeps by construction are read off from the block: hands of one block are
+images of fixed points under one rigid motion, and a block that only shifts, or only turns about the vertical, keeps
+all tilts. Constraints between hands of different blocks are bounded by the hands' derivatives between the knots.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ ROUNDING = 1e-9  # m or rad, allowed where a tolerance of nothing is asked for
 
 
 class Finding(NamedTuple):
-    """What was found about one constraint.
+    """The result of the check of one constraint.
 
     Attributes
     ----------
-    constraint : which one
-    measure : bound of its error; of a separation what is kept beyond the least distance
+    constraint : the constraint
+    measure : bound of its error; of a separation, the least spare beyond the required distance
     reason : why it does not hold, in words; empty where it does
     """
 
@@ -53,8 +53,8 @@ def examine(motion: CoordinatedMotion, bounds: NodeBounds, position: Array) -> l
 
     Parameters
     ----------
-    bounds : those of `motion`
-    position : array, shape (n_knots, n_manipulators, 3), of the hands at the knots [m]
+    bounds : bounds of `motion`
+    position : array, shape (n_knots, n_manipulators, 3), positions of the hands at the knots [m]
     """
     names = motion.scene.manipulators
     return [
@@ -63,7 +63,7 @@ def examine(motion: CoordinatedMotion, bounds: NodeBounds, position: Array) -> l
 
 
 def judged(c: Constraint, measure: float, manipulators: Sequence[str]) -> Finding:
-    """What to say about a constraint whose error, or what a separation keeps beyond the least, is `measure`."""
+    """Return the finding on a constraint whose `measure` is its error or, of a separation, the spare beyond it."""
     reason = ""
     if isinstance(c, SeparationConstraint):
         if not measure >= -ROUNDING:
@@ -75,7 +75,12 @@ def judged(c: Constraint, measure: float, manipulators: Sequence[str]) -> Findin
 
 
 def worst(findings: list[Finding], kind: type, worst: Callable[..., float]) -> float | None:
-    """The worst measure of the constraints of one kind, None where there is none."""
+    """Return the worst measure of the constraints of one kind, None where there is none.
+
+    Parameters
+    ----------
+    worst : `max`, or `min` where less is worse
+    """
     return worst((f.measure for f in findings if isinstance(f.constraint, kind)), default=None)
 
 
@@ -95,7 +100,11 @@ def _distance(motion: CoordinatedMotion, c: DistanceConstraint, bounds: NodeBoun
 def _relative_pose(
     motion: CoordinatedMotion, c: RelativePoseConstraint, bounds: NodeBounds, position: Array
 ) -> float:
-    """One block moves them; in space not one that leaves the roll open. In the plane a distance is enough."""
+    """Return 0 where the relative pose of two hands holds by construction, else infinity.
+
+    It holds for hands of one block, in space unless the block leaves the roll open. In the plane a distance is
+    enough.
+    """
     (first, _), (second, _) = (_block(motion, hand) for hand in (c.first, c.second))
     kept = motion.scene.n_dims == 2 or (first is second and first.kind != DIRECTION)
     return 0.0 if kept else np.inf
@@ -111,10 +120,10 @@ def _separation(
 
 
 def _upright(motion: CoordinatedMotion, c: UprightConstraint, bounds: NodeBounds, position: Array) -> float:
-    """Infinite where the load may tilt.
+    """Return an upper bound of the load's tilt [rad], infinite where the load may tilt.
 
-    A block that only shifts, or in space turns about the vertical, keeps what lies across and along the vertical;
-    and so do hands in space that are at one height because they share the column of q that says it.
+    A block that only shifts, or in space turns about the vertical, keeps the inclination of every line in it; and so
+    do hands in space that are at one height because they share the column of q that describes the height.
     """
     n_dims, (part, _) = motion.scene.n_dims, _block(motion, c.members[0])
     together = set(c.members) <= set(part.nodes.tolist()) and _keeps_tilt(part, n_dims)
@@ -133,11 +142,11 @@ def _is_level(motion: CoordinatedMotion, members: Sequence[int]) -> bool:
 
 
 def tilts(position: Array, members: Sequence[int], n_dims: int) -> Array:
-    """Largest change since the start of the inclination of a line between two members [rad].
+    """Return the largest change, since the start, of the inclination of a line between two members [rad].
 
     Parameters
     ----------
-    position : array, shape (n_steps, n_manipulators, 3), of the hands [m]
+    position : array, shape (n_steps, n_manipulators, 3), positions of the hands [m]
 
     Returns
     -------
@@ -209,7 +218,7 @@ _TOLD: dict[type, Callable[..., str]] = {
 
 
 def _block(motion: CoordinatedMotion, hand: int) -> tuple[Block, int]:
-    """The block that moves a hand, and which of its points the hand is."""
+    """Return the block that moves a hand, and the hand's index among the block's points."""
     for part in motion.coordinates.parts:
         found = np.flatnonzero(part.nodes == hand)
         if len(found):
@@ -218,7 +227,7 @@ def _block(motion: CoordinatedMotion, hand: int) -> tuple[Block, int]:
 
 
 def _keeps_tilt(part: Block, n_dims: int) -> bool:
-    """Whether a block keeps the tilt of what it moves, whatever q is."""
+    """Return whether a block keeps the tilt of the body that it moves, whatever q is."""
     return part.kind == POINT or (part.kind == ANGLE and n_dims == 3)
 
 

@@ -2,7 +2,7 @@
 
 Between two knots the second derivative of q is ``(P + Q t) exp(-omega t)`` (see `bounds`), so q has derivatives of
 every order there, known at both ends. Carried through the coordinates as power series they give the jerk of every
-hand at both ends exactly; in between it is at most the larger of the two and ``h^2/8`` of a bound of its second
+hand at both ends exactly; in between it is at most the larger of the two plus ``h^2/8`` times a bound of its second
 derivative. That bound is a majorant: a series with coefficients that no coefficient of the true one exceeds.
 """
 
@@ -37,7 +37,7 @@ def largest_jerk(motion: CoordinatedMotion, jerk: Array) -> float:
 
     Parameters
     ----------
-    jerk : as `node_bounds` gives it: the looser bound, which holds where this one fails
+    jerk : `jerk` of the motion's `node_bounds`: a looser bound, which is used where this one fails
     """
     coordinates, knots, worst = motion.coordinates, motion.knots, 0.0
     for part in coordinates.parts:
@@ -64,7 +64,7 @@ def largest_jerk(motion: CoordinatedMotion, jerk: Array) -> float:
 
 
 def largest_rates(motion: CoordinatedMotion) -> tuple[float, float, float]:
-    """Return upper bounds of the hands' speed, acceleration and jerk at every instant, as tight as they get.
+    """Return upper bounds of the hands' speed, acceleration and jerk at every instant, as tight as possible.
 
     Returns
     -------
@@ -83,7 +83,9 @@ def largest_rates(motion: CoordinatedMotion) -> tuple[float, float, float]:
 
 
 def _series_at_ends(columns: Array) -> tuple[Array, Array]:
-    """Power series of q at the begin and at the end of every interval; arrays, shape (4, n_intervals, width)."""
+    """Return the power series of q at the start and at the end of every interval; arrays, shape (4, n_intervals,
+    width).
+    """
     p, q, decay = columns[2, :-1], _slopes(columns), np.exp(-OMEGA * INTERVAL)
     third = q - OMEGA * p, decay * (q - OMEGA * p - OMEGA * INTERVAL * q)
     begin = np.stack([*columns[:, :-1], third[0]])
@@ -93,14 +95,16 @@ def _series_at_ends(columns: Array) -> tuple[Array, Array]:
 
 
 def _slopes(columns: Array) -> Array:
-    """Q of every interval, array of shape (n_intervals, width)."""
+    """Return Q of every interval, array of shape (n_intervals, width)."""
     return (columns[2, 1:] * np.exp(OMEGA * INTERVAL) - columns[2, :-1]) / INTERVAL
 
 
 def _norms(columns: Array) -> Array:
-    """Bounds of the derivatives of |x| by order up to the fifth on every interval; array, shape (6, n_intervals).
+    """Return bounds of the norms of the derivatives of x, up to the fifth, on every interval; array, shape (6,
+    n_intervals).
 
-    The decay is at most 1, and what it multiplies is a line, whose norm is largest at an end.
+    The decay is at most 1, and its factor is a line, whose norm is largest at an end. The norm of x itself is not
+    bounded (row 0 is 0).
     """
     p, q = columns[2, :-1], _slopes(columns)
     bounds = np.zeros((FIFTH + 1, len(p)))
@@ -116,11 +120,11 @@ def _norms(columns: Array) -> Array:
 
 
 def _turned(kind: int, turn: Array, points: Array, n_dims: int) -> Array:
-    """Power series of turned points; array, shape (4, n_intervals, n_points, n_dims).
+    """Return the power series of turned points; array, shape (4, n_intervals, n_points, n_dims).
 
     Parameters
     ----------
-    turn : array, shape (4, n_intervals, width), series of the orientation's columns
+    turn : array, shape (4, n_intervals, width), power series of the orientation's columns
     points : array, shape (n_points, 3), in the group's frame [m]
     """
     if kind == POINT:
@@ -152,10 +156,11 @@ def _turned(kind: int, turn: Array, points: Array, n_dims: int) -> Array:
 
 
 def _turning(kind: int, turn: Array) -> Array:
-    """Bound of the fifth derivative of a turning point at unit distance on every interval, shape (n_intervals,).
+    """Return a bound of the fifth derivative of a turning point at unit distance on every interval, shape
+    (n_intervals,).
 
-    A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, what a quaternion
-    turns by (1 + x)^2 (1 - 2x - x^2)^(-1), and a turn by an angle by exp(x).
+    A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, a point that a
+    quaternion turns by (1 + x)^2 (1 - 2x - x^2)^(-1), and a point turned by an angle by exp(x).
     """
     norms = _norms(turn)
     x = norms / np.array([factorial(k) for k in range(FIFTH + 1)])[:, None]
@@ -177,17 +182,17 @@ def _turning(kind: int, turn: Array) -> Array:
 
 
 def _product(a: Array, b: Array) -> Array:
-    """The product of two power series, the first axis the order."""
+    """Return the product of two power series; the first axis is the order."""
     return np.stack([sum(a[i] * b[k - i] for i in range(k + 1)) for k in range(len(a))])
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """The series of the inner product of two vectors, their components along the last axis."""
+    """Return the power series of the inner product of two vectors, whose components are along the last axis."""
     return np.stack([sum((a[i] * b[k - i]).sum(axis=-1) for i in range(k + 1)) for k in range(len(a))])
 
 
 def _power(s: Array, exponent: float) -> Array:
-    """The series of s to a power, s[0] > 0 (the recurrence of J. C. P. Miller)."""
+    """Return the power series of s to a power, s[0] > 0 (the recurrence of J. C. P. Miller)."""
     result = np.zeros_like(s)
     result[0] = s[0] ** exponent
     for k in range(1, len(s)):
@@ -197,7 +202,7 @@ def _power(s: Array, exponent: float) -> Array:
 
 
 def _exponential(s: Array) -> Array:
-    """The series of exp(s)."""
+    """Return the power series of exp(s)."""
     result = np.zeros_like(s)
     result[0] = np.exp(s[0])
     for k in range(1, len(s)):

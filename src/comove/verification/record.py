@@ -1,8 +1,8 @@
-"""The judge of executions: what really happened, step by step, among obstacles that were where they were.
+"""The check of executions: what happened step by step, among obstacles at their true positions.
 
-An execution is a sequence of poses of rigid bodies that moved with constant twists in between. So every point of a
-body strays from the chord of its step by ``|w|^2 |r| h^2 / 8`` at most, and the continuous-time certificate of
-`comove.verification.certificate` covers the whole of it.
+An execution is a sequence of poses of rigid bodies that move with constant twists in between. So every point of a
+body strays from the chord of its step by at most ``|w|^2 |r| h^2 / 8``, and the continuous-time certificate of
+`comove.verification.certificate` covers the whole execution.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ ROUNDING = 1e-9  # by which a share of a limit may exceed 1
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What happened.
+    """The record of an execution: poses of the rigid groups and positions of the obstacles.
 
     Attributes
     ----------
-    scene : in which
-    time : array, shape (n_steps,), even, from 0 [s]
-    center : array, shape (n_steps, n_groups, 3), of the rigid groups' frames [m]
-    quaternion : array, shape (n_steps, n_groups, 4), w x y z
-    obstacles : array, shape (n_steps, n_obstacles, 3), where their centres really were [m]
-    sag : array, shape (n_steps - 1, n_obstacles), how far these strayed from their chords between the steps [m]
+    scene : the scene that was executed
+    time : array, shape (n_steps,), evenly spaced, from 0 [s]
+    center : array, shape (n_steps, n_groups, 3), origins of the rigid groups' frames [m]
+    quaternion : array, shape (n_steps, n_groups, 4), orientations of the rigid groups, w x y z
+    obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]
+    sag : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords between the steps [m]
     """
 
     scene: Scene
@@ -60,7 +60,7 @@ class Record:
 
     @cached_property
     def nodes(self) -> Array:
-        """Hands, then corners of the load; array, shape (n_steps, n_nodes, 3) [m]."""
+        """Return the nodes, hands first, then corners of the load; array, shape (n_steps, n_nodes, 3) [m]."""
         nodes, turns = np.zeros((len(self.time), self.scene.body.n_nodes, 3)), matrices(self.quaternion)
         for g, own in enumerate(self.scene.nodes_of_groups):
             turned = np.einsum("tij,nj->tni", turns[:, g], self.scene.groups[g].points)
@@ -69,7 +69,7 @@ class Record:
 
     @cached_property
     def spins(self) -> Array:
-        """Angular velocities between the steps; array, shape (n_steps - 1, n_groups, 3) [rad/s]."""
+        """Return the angular velocities between the steps; array, shape (n_steps - 1, n_groups, 3) [rad/s]."""
         before, after = self.quaternion[:-1], self.quaternion[1:]
         turn = quaternion_product(after, before * [1.0, -1.0, -1.0, -1.0])
         turn *= np.where(turn[..., :1] < 0, -1.0, 1.0)
@@ -80,7 +80,7 @@ class Record:
 
     @cached_property
     def bulges(self) -> Array:
-        """How far nodes stray from their chords between the steps; array, shape (n_steps - 1, n_nodes) [m]."""
+        """Return how far nodes stray from their chords between the steps; array, shape (n_steps - 1, n_nodes) [m]."""
         bulges = np.zeros((len(self.time) - 1, self.scene.body.n_nodes))
         square = (self.spins**2).sum(axis=2) * np.diff(self.time)[:, None] ** 2 / 8
         for g, own in enumerate(self.scene.nodes_of_groups):
@@ -89,28 +89,29 @@ class Record:
 
     @property
     def position(self) -> Array:
-        """Hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        """Return the positions of the hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
     def holds(self, c: PairConstraint) -> bool:
-        """Whether the hands of a constraint are on one rigid body, between the steps too."""
+        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps too."""
         return any({c.first, c.second} <= set(own) for own in self.scene.nodes_of_groups)
 
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
-    """What any tool hands out: hands that go straight from sample to sample, held to a scene's known obstacles.
+    """A record of sampled hand positions from any source: hands go straight from sample to sample, obstacles as
+    known.
 
     Attributes
     ----------
-    scene : whose load is known from its hands, as bars and frames are
-    time : array, shape (n_steps,), even, from 0 [s]
-    position : array, shape (n_steps, n_manipulators, n_dims), hands [m]
+    scene : a scene whose load is determined by its hands, as bars and frames are
+    time : array, shape (n_steps,), evenly spaced, from 0 [s]
+    position : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
 
     Raises
     ------
     OptionError
-        If the load reaches beyond what the hands tell, or the arrays do not belong to the scene.
+        If the hands do not determine the load, or the arrays do not belong to the scene.
     """
 
     scene: Scene
@@ -133,48 +134,49 @@ class RecordSamples:
 
     @cached_property
     def nodes(self) -> Array:
-        """The hands in space; array, shape (n_steps, n_manipulators, 3) [m]."""
+        """Return the hands in space; array, shape (n_steps, n_manipulators, 3) [m]."""
         nodes = np.zeros((*np.shape(self.position)[:2], 3))
         nodes[..., : self.scene.n_dims] = self.position
         return nodes
 
     @property
     def bulges(self) -> Array:
-        """Nothing strays from chords that are the movement; array, shape (n_steps - 1, n_manipulators) [m]."""
+        """Return zeros, as hands move along the chords; array, shape (n_steps - 1, n_manipulators) [m]."""
         return np.zeros((len(self.time) - 1, len(self.scene.manipulators)))
 
     @cached_property
     def obstacles(self) -> Array:
-        """Where their centres are; array, shape (n_steps, n_obstacles, 3) [m]."""
+        """Return the positions of the obstacles' centres; array, shape (n_steps, n_obstacles, 3) [m]."""
         return self.scene.centers + self.scene.offsets(self.time)
 
     @cached_property
     def sag(self) -> Array:
-        """How far these stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
+        """Return how far the centres stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
         return self.scene.obstacle_sags(self.time)
 
     def holds(self, c: PairConstraint) -> bool:
-        """Nothing holds the hands but they themselves."""
+        """Return False, as no rigid body is known to hold the hands together."""
         return False
 
 
 @dataclass(frozen=True)
 class RecordReport:
-    """What was measured of an execution, between the steps too.
+    """The measures of an execution, between the steps too.
 
-    Only velocities are those from step to step, and accelerations their changes from one step to the next.
+    Exceptions are velocities, which are averages over a step, and accelerations, the changes of these from one step
+    to the next.
 
     Attributes
     ----------
     clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : of the distances that constraints and loads fix [m]
-    start_error, end_error : distance of the hands from where they had to begin and to end [m]
-    end_speed : of the hands [m/s]
-    speed_max, acceleration_max : of the hands [m/s], [m/s^2]
-    separation_spare_min : least of what hands kept beyond their separations [m]; None without any
-    tilt_max : of a load that must stay upright [rad]; None where none must
-    height_error_max : of hands at one height [m]; None without any
-    reasons : what is wrong, in words; empty for an execution that was as it should be
+    distance_error_max : largest error of the distances that constraints and loads fix [m]
+    start_error, end_error : distance of the hands from the required start and goal [m]
+    end_speed : speed of the hands at the end [m/s]
+    speed_max, acceleration_max : largest speed and acceleration of the hands [m/s], [m/s^2]
+    separation_spare_min : least spare of the hands' distances beyond their separations [m]; None without any
+    tilt_max : largest tilt of a load that must stay upright [rad]; None where none must
+    height_error_max : largest difference of heights that must be the same [m]; None without any
+    reasons : what is wrong, in words; empty for a correct execution
     """
 
     clearance_min: float
@@ -195,7 +197,7 @@ def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
 
     Parameters
     ----------
-    blocker : what kept the load from its goal, in words, if that is known
+    blocker : what kept the load from its goal, in words, if it is known
     """
     scene, step = record.scene, np.diff(record.time)[:, None]
     hands = record.nodes[:, : len(scene.manipulators)]
@@ -224,7 +226,7 @@ def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
 
 
 def _clearance(record: Record | RecordSamples) -> Clearance:
-    """The certificate over all steps; those in which the known motion of an obstacle has a kink are cut there.
+    """Return the certificate over all steps; a step in which the known motion of an obstacle has a kink is cut there.
 
     On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.
     """
@@ -277,7 +279,11 @@ def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
 
 
 def _distance(record: Record | RecordSamples, c: DistanceConstraint) -> float:
-    """Error [m]; between the steps one group keeps it, and two come nearer and part as their chords and arcs do."""
+    """Return the largest error of a distance [m].
+
+    Between the steps a single group keeps the distance; the distance of two groups is bounded by their chords and
+    arcs.
+    """
     relative, stray = _relative(record, c)
     apart = np.linalg.norm(relative, axis=1)
     error = float(np.abs(apart - c.distance).max())
@@ -299,7 +305,11 @@ def _separation(record: Record | RecordSamples, c: SeparationConstraint) -> floa
 
 
 def _upright(record: Record, c: UprightConstraint) -> float:
-    """Tilt [rad]; a step adds at most half of its turn about what is not the vertical, to what its ends have."""
+    """Return the largest tilt [rad].
+
+    Within a step the tilt exceeds that at its ends by at most half of the step's rotation that is not about the
+    vertical.
+    """
     n_dims = record.scene.n_dims
     (g,) = {g for g, own in enumerate(record.scene.nodes_of_groups) if set(c.members) & set(own)}
     tilt = tilts(record.nodes, c.members, n_dims)
@@ -324,6 +334,6 @@ _MEASURES: dict[type, Callable[..., float]] = {
 
 
 def _relative(record: Record | RecordSamples, c: PairConstraint) -> tuple[Array, Array]:
-    """One hand as seen from the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
+    """Return one hand relative to the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
     nodes, bulges = record.nodes, record.bulges
     return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]

@@ -1,4 +1,4 @@
-"""What only its judge makes: it does not change, and it is not carried elsewhere as if it had been judged there."""
+"""Base class of results that only their check can create, and that can be neither changed nor pickled."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from typing import ClassVar, NoReturn, Self
 
 
 class Sealed:
-    """A result of a judgement: its maker fills it once, whoever else calls the constructor is told who that is.
+    """A result of a check that only the check's function can create, and that cannot be changed afterwards.
+
+    Other callers of the constructor get an error that names this function.
 
     Attributes
     ----------
-    MAKER, INSTEAD : the function that makes it, and what to do where it cannot be pickled, in words
+    MAKER, INSTEAD : the function that creates it, and what to do instead of pickling it, in words
     """
 
     __slots__ = ()
@@ -18,7 +20,7 @@ class Sealed:
     INSTEAD: ClassVar[str]
 
     def _fill(self, judged: bool, **values: object) -> None:
-        """Set the slots, if the caller has the maker's seal."""
+        """Set the slots, if `judged` says that the caller has the maker's seal; else raise a TypeError."""
         if not judged:
             raise TypeError(f"{type(self).__name__} comes from {self.MAKER}, not from its constructor")
         for name, value in values.items():

@@ -1,4 +1,4 @@
-"""How smooth a motion is: figures for people who are to judge whether it may be executed."""
+"""The smoothness of a motion: figures for people who decide whether it may be executed."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ PADDING = 16  # times as many samples for the spectrum
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Measures of a motion.
+    """Measures of how smooth a motion is.
 
     Attributes
     ----------
     jerk_max : upper bound of the jerk of a hand at every instant [m/s^3]; the others are sampled, not certified
     jerk_squared : squared jerk of all hands, integrated over unit duration [m^2]
-    jerk_ratio : that, over what straight motions of minimum jerk with the same ends have (Flash and Hogan, 1985)
-    spectral_arc_length : of the hands' speeds, in the mean (Balasubramanian et al., 2015): smoother if nearer to 0
-    halfway, nearly_there : shares of the duration after which half and 95 % of the way is done
+    jerk_ratio : `jerk_squared` over that of straight minimum-jerk motions with the same ends (Flash and Hogan, 1985)
+    spectral_arc_length : mean over the hands' speeds (Balasubramanian et al., 2015): smoother if nearer to 0
+    halfway, nearly_there : fractions of the duration after which half and 95 % of the path are travelled
     """
 
     jerk_max: float
@@ -43,7 +43,7 @@ class Smoothness:
 
 
 def smoothness(motion: CoordinatedMotion) -> Smoothness:
-    """Measure how smooth a motion is."""
+    """Return measures of how smooth a motion is."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, N_STEPS)
     _, velocity, acceleration = motion.hands(s)
     jerk, speed = np.diff(acceleration, axis=0) * (N_STEPS - 1), np.linalg.norm(velocity, axis=2)
@@ -62,7 +62,7 @@ def smoothness(motion: CoordinatedMotion) -> Smoothness:
 
 
 def spectral_arc_length(speed: Array) -> float:
-    """Return the length of the normalised amplitude spectrum of a speed, negative; 0 for one that stands still.
+    """Return minus the arc length of the normalised amplitude spectrum of a speed; 0 where the speed is 0 throughout.
 
     The frequencies are those of a movement that lasts one second, so that the pace of a movement does not matter.
 

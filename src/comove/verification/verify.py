@@ -1,4 +1,4 @@
-"""The judge: decides whether a motion is safe, and is the only maker of `VerifiedMotion`."""
+"""The check that decides whether a motion is safe; it is the only maker of `VerifiedMotion`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SEAL = object()
 
 @dataclass(frozen=True)
 class Report:
-    """What was measured; bounds hold at every instant, not only at samples.
+    """The measures of a motion; bounds hold at every instant, not only at samples.
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class Report:
     end_speed : largest speed at the end [m/s]
     speed_max : upper bound of a hand's speed [m/s]
     acceleration_max : upper bound of a hand's acceleration [m/s^2]
-    separation_spare_min : lower bound of what hands keep beyond the least distance that their separations allow
-        [m]; negative where one is broken
+    separation_spare_min : lower bound of the spare of the hands' distances beyond the least that their separations
+        allow [m]; negative where one is broken
     tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
     height_error_max : upper bound of the difference of heights that must be the same [m]
     jerk_max : upper bound of a hand's jerk [m/s^3]
@@ -68,7 +68,7 @@ class Report:
     jerk_max: float | None = None
 
     def limit_ratios(self, scene: Scene) -> tuple[float, float, float]:
-        """Speed, acceleration and jerk over the limits of a scene, 0 where there is none."""
+        """Return speed, acceleration and jerk divided by the limits of a scene, 0 where there is no limit."""
         return (
             self.speed_max / scene.speed_limit,
             self.acceleration_max / scene.acceleration_limit,
@@ -76,12 +76,12 @@ class Report:
         )
 
     def asdict(self) -> dict[str, float]:
-        """The measures by name, without those that the scene does not ask for."""
+        """Return the measures by name, without those that the scene does not ask for."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 class VerifiedMotion(Sealed):
-    """A motion that passed every check. Only `verify` makes it.
+    """A motion that has passed every check; only `verify` creates it.
 
     Attributes
     ----------
@@ -98,11 +98,11 @@ class VerifiedMotion(Sealed):
 
     @property
     def clearance_min(self) -> float:
-        """Certified lower bound of the clearance [m]."""
+        """Return the certified lower bound of the clearance [m]."""
         return self.report.clearance_min
 
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
-        """Samples of the motion, at 100 Hz or finer unless `n_steps` is given."""
+        """Return samples of the motion, at 100 Hz or finer unless `n_steps` is given."""
         return self.motion.trajectory(n_steps)
 
 
@@ -113,7 +113,7 @@ class Verdict:
     Attributes
     ----------
     verified : the verified motion, or None
-    report : what was measured
+    report : the measures
     reasons : why it was rejected, in words
     """
 
@@ -123,10 +123,10 @@ class Verdict:
 
 
 class Check(Protocol):
-    """A further check: takes the motion, gives the reasons against it (none: passed)."""
+    """A further check, which takes the motion and returns the reasons against it (none: passed)."""
 
     def __call__(self, motion: CoordinatedMotion) -> Sequence[str]:
-        """Reasons against `motion`."""
+        """Return the reasons against `motion`."""
 
 
 def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
@@ -195,7 +195,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
 
 
 def _are_of_the_scene(motion: CoordinatedMotion) -> bool:
-    """Whether the motion's coordinates are those that the scene has under their name."""
+    """Return whether the motion's coordinates are those that the scene has under their name."""
     try:
         return motion.coordinates.same_as(coordinates_for(motion.scene, motion.coordinates.kind))
     except OptionError:  # the scene has none of that name

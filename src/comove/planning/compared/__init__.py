@@ -1,4 +1,4 @@
-"""Systems that others have published, behind the interface of `solve`, to be compared with."""
+"""Methods published by others, with the interface of `solve`, for comparison."""
 
 from comove.planning.compared.cooperation import Laws
 from comove.planning.compared.coupling import Gains

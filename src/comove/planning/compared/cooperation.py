@@ -1,37 +1,37 @@
-"""A robot and a human move one load together, cycle after cycle; after Nemec et al., Auton. Robots 2018 [8].
+"""The cooperation of a robot and a human who move one load in cycles; after Nemec et al., Auton. Robots 2018 [8].
 
 The robot follows a speed-scaled primitive with a stiffness in the path's frame,
 
     nu(s) tau y' = z,   nu(s) tau z' = alpha (beta (g - y) - z) + f(s),   nu(s) tau s' = 1,
     K(s) = R(s) diag(k_t, k_n, k_b) R(s)^T,   D(s) = 2 K(s)^(1/2),
 
-R the Frenet-Serret frame and nu > 1 where it is slow. (The phase is linear here.) The transformed system hangs on the
-phase alone, so that y is the path p(s) of the primitive at whatever pace. This much is the source's structure. The
-laws below are ours.
+where R is the Frenet-Serret frame and nu > 1 means slower than taught. (The phase is linear here.) The transformed
+system depends on the phase alone, so that y follows the path p(s) of the primitive at any pace. This structure is the
+source's. The laws below are ours.
 
 **Together.** The human is a spring of stiffness k_h towards a path h(s) and a pace mu(s) of her own; the load has
-unit mass. Across the path it deviates by e, along it both agree on a pace,
+unit mass. Across the path the load deviates by e; along the path both agree on a pace,
 
     e'' = -K e - D e' + k_h (1 - t t^T) (h(s) - p(s) - e) - 2 sqrt(k_h) (1 - t t^T) e',
     T_pace d(s')/dt = (k_t / nu + k_h mu) / (k_t + k_h) - s',
 
 with s' in 1/duration.
 
-**Learning.** A robot that is stiff sees little of what its partner wants. What she wants is known all the same: where
-both forces balance, K e = k_h (w - e), so that the deviation e(s) and the robot's own force K e tell
+**Learning.** A stiff robot deviates little, even if its partner wants a large deviation. That wish can still be
+estimated: where both forces balance, K e = k_h (w - e), so that the deviation e(s) and the robot's own force K e give
 
     w = e + K e / k_h,          1/u = 1/m + k_t / k_h (1/m - 1/nu),
 
-how far she would go by herself across the path, and, from the measured slowness m(s) = 1/s', how slowly (k_h is
-assumed of her). After a cycle
+the deviation w across the path that the human alone would choose, and, from the measured slowness m(s) = 1/s', her
+slowness u (with an assumed k_h). After a cycle
 
     p <- p + zeta w,                    nu <- nu + zeta (m - nu),
     S <- (1 - zeta) (S + zeta w w^T),   v <- (1 - zeta) (v + zeta (u - nu)^2),
     k_i = k_min + (k_max - k_min) / (1 + (R^T S R)_ii / sigma^2),   i = n, b;   k_t likewise from v / sigma_pace^2.
 
 S begins large, so that the robot is soft at first, and stays large across the path where the human varies. With e
-in the place of w it does not: what a stiff robot sees is small, so that it becomes stiffer still, wherever its
-partner varies.
+in place of w it would not: the deviations of a stiff robot are small, which would make it stiffer still, however much
+its partner varies.
 """
 
 from __future__ import annotations
@@ -49,21 +49,22 @@ from comove.primitives.arguments import require_positive
 Array = NDArray[np.float64]
 
 SLOWEST, FASTEST = 0.05, 20.0  # paces, in 1/duration
-LONGEST = 20.0  # durations, of a cycle
+LONGEST = 20.0  # longest cycle, in durations
 
 
 @dataclass(frozen=True)
 class Laws:
-    """Numbers of the cooperation and of learning.
+    """Parameters of the laws of cooperation and learning.
 
     Attributes
     ----------
     softest, stiffest : k_min and k_max [N/m, with a unit mass]
     learning : zeta
-    spread, pace_spread : sigma [m] and sigma_pace [durations]: a variation of that size halves what is gained
-    first_spread, first_pace_spread : with which S and v begin
+    spread, pace_spread : sigma [m] and sigma_pace [durations]; a variation of that size halves the stiffness above
+        `softest`
+    first_spread, first_pace_spread : standard deviations from which S and v begin
     pace_time : T_pace [s]
-    partner : k_h that the robot assumes [N/m]
+    partner : k_h that the robot assumes of the human [N/m]
     """
 
     softest: float = 50.0
@@ -89,12 +90,12 @@ class Laws:
 
 @dataclass(frozen=True, eq=False)
 class Intention:
-    """What the human wants in one cycle, at the samples of the phase.
+    """The path and pace that the human wants in one cycle, at the samples of the phase.
 
     Attributes
     ----------
-    path : array, shape (n_samples, n_paths, n_dims), h [m]
-    pace : array, shape (n_samples,), mu [1/duration]
+    path : array, shape (n_samples, n_paths, n_dims), h: wanted path [m]
+    pace : array, shape (n_samples,), mu: wanted pace [1/duration]
     stiffness : k_h [N/m]
     """
 
@@ -105,14 +106,14 @@ class Intention:
 
 @dataclass(frozen=True, eq=False)
 class Skill:
-    """What the robot knows, at even samples of the phase from 0 to 1.
+    """What the robot has learned, at even samples of the phase from 0 to 1.
 
     Attributes
     ----------
-    path : array, shape (3, n_samples, n_paths, n_dims), p and two derivatives by the phase [m]
+    path : array, shape (3, n_samples, n_paths, n_dims), p and its first two derivatives by the phase [m]
     slowness : array, shape (n_samples,), nu
-    covariance : array, shape (n_samples, n_paths, n_dims, n_dims), S [m^2]
-    pace_variance : array, shape (n_samples,), v
+    covariance : array, shape (n_samples, n_paths, n_dims, n_dims), S: covariance of the human's path [m^2]
+    pace_variance : array, shape (n_samples,), v: variance of the human's slowness
     """
 
     path: Array
@@ -122,7 +123,7 @@ class Skill:
 
     @classmethod
     def taught(cls, path: Array, laws: Laws) -> Skill:
-        """What is known before the first cycle."""
+        """Return the skill before the first cycle."""
         _, n_samples, n_paths, n_dims = path.shape
         covariance = np.broadcast_to(
             laws.first_spread**2 * np.eye(n_dims), (n_samples, n_paths, n_dims, n_dims)
@@ -130,11 +131,11 @@ class Skill:
         return cls(path, np.ones(n_samples), covariance, np.full(n_samples, laws.first_pace_spread**2))
 
     def frames(self) -> Array:
-        """R along every path; array, shape (n_samples, n_paths, n_dims, n_dims)."""
+        """Return the frames R along every path; array, shape (n_samples, n_paths, n_dims, n_dims)."""
         return np.stack([frenet_frames(p[1], p[2]) for p in np.moveaxis(self.path, 2, 0)], axis=1)
 
     def stiffness(self, laws: Laws) -> Array:
-        """k_t, k_n (, k_b); array, shape (n_samples, n_paths, n_dims), [N/m]."""
+        """Return the stiffnesses k_t, k_n (and k_b); array, shape (n_samples, n_paths, n_dims), [N/m]."""
         frames = self.frames()
         variance = np.einsum("spdi,spde,spei->spi", frames, self.covariance, frames) / laws.spread**2
         variance[:, :, 0] = self.pace_variance[:, None] / laws.pace_spread**2
@@ -143,16 +144,16 @@ class Skill:
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """What was measured in a cycle, at the samples of the phase.
+    """The measurements of one cycle, at the samples of the phase.
 
     Attributes
     ----------
     deviation : array, shape (n_samples, n_paths, n_dims), e [m]
-    wish : array, of the same shape, w: how far the human would go by herself [m]
-    slowness : array, shape (n_samples,), m
-    slowness_wish : array, shape (n_samples,), u: how slow she would be by herself
-    effort : root mean square of the human's force over the time [N]
-    duration : of the cycle, over that of the taught movement
+    wish : array, shape (n_samples, n_paths, n_dims), w: deviation that the human alone would choose [m]
+    slowness : array, shape (n_samples,), m: measured slowness
+    slowness_wish : array, shape (n_samples,), u: slowness that the human alone would choose
+    effort : root mean square of the human's force over time [N]
+    duration : duration of the cycle, divided by that of the taught movement
     """
 
     deviation: Array
@@ -164,12 +165,12 @@ class Cycle:
 
 
 def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, period: float) -> Cycle:
-    """Move together once.
+    """Simulate one cycle of robot and human.
 
     Parameters
     ----------
-    duration : of the taught movement [s]
-    period : of the steps [s]
+    duration : duration of the taught movement [s]
+    period : time step of the integration [s]
     """
     frames, stiffness = skill.frames(), skill.stiffness(laws)
     of_robot = np.einsum("spdi,spi,spei->spde", frames, stiffness, frames)
@@ -208,12 +209,12 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
 
 
 def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
-    """What is known after a cycle.
+    """Return the skill after a cycle.
 
     Parameters
     ----------
-    change : array, shape (3, n_samples, n_paths, n_dims), the human's wish as the primitive can follow it, and two
-        derivatives [m]
+    change : array, shape (3, n_samples, n_paths, n_dims), the human's wish as the primitive can represent it, and its
+        first two derivatives [m]
     """
     zeta, w = laws.learning, cycle.wish
     return replace(
@@ -227,9 +228,9 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
 
 @numba.njit(cache=True, error_model="numpy")
 def _move(of_robot, damping, across, wanted, k_t, slowness, pace_wanted, k_h, pace_time, duration, period):
-    """Phase, deviation and pace at every step, and the mean square of the human's force.
+    """Return phase, deviation and pace at every step, and the mean square of the human's force.
 
-    The deviation is stepped implicitly in its velocity and explicitly in its position.
+    The deviation is integrated by the backward Euler method, with the coefficients of the phase before each step.
     """
     n_samples, n_paths, n_dims = wanted.shape
     most = int(LONGEST * duration / period) + 2

@@ -1,4 +1,4 @@
-"""Coupling of two primitives, learned over epochs by iterative learning control (Gams et al., T-RO 2014; [7]).
+"""The coupling of two primitives, learned over epochs by iterative learning control (Gams et al., T-RO 2014; [7]).
 
 In unit duration, with r = y_2 - y_1 and u = r/|r|, the hands i of a pair move as
 
@@ -6,17 +6,17 @@ In unit duration, with r = y_2 - y_1 and u = r/|r|, the hands i of a pair move a
     z_i' = alpha (beta (g_i - y_i) - z_i) + f_i(s)    C_2 = c F + F_c,   C_1 = -C_2
            + w_i c_2 C_i'
 
-where w is 0 for a leader and 1 for who follows; both are 1 in mutual coupling. F is the virtual force that draws the
-hands to their distance, and F_c what former epochs have learned, at every step k of an epoch i,
+where w is 0 for a leader and 1 for a follower; both are 1 in mutual coupling. F is the virtual force that draws the
+hands to their distance D, and F_c the coupling learned in former epochs, at every step k of an epoch i,
 
     F_c,i+1(k) = Q (F_c,i(k) + L c F_i(k + 1)).
 
-The transformed system is linear, so a hand is where the uncoupled primitive would be plus a deviation that obeys the
-same equation without goal and forcing. C is held over a control period and the deviation is advanced exactly, as a
+The transformed system is linear, so the position of a hand is that of the uncoupled primitive plus a deviation that
+obeys the same equation without goal and forcing. C is held over a control period and the deviation is advanced exactly, as a
 controller in discrete time would see it; C' is an impulse at each change of C.
 
-How strongly C follows F is bound from above by the period. Along u the three numbers (deviation, its z, last C) obey
-a linear recursion; `spectral_radius` says by which factor it grows in a step.
+The control period bounds the gains from above. Along u the three numbers (deviation, its z, last C) obey a linear
+recursion; `spectral_radius` gives the factor by which it grows in a step.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from comove.primitives.flow import OMEGA
 
 Array = NDArray[np.float64]
 
-TINY = 1e-9  # m, a distance that has no direction
+TINY = 1e-9  # m, distance below which the direction is undefined
 
 
 @dataclass(frozen=True)
 class Gains:
-    """What may be chosen of the coupling.
+    """Gains of the coupling and of learning.
 
     Attributes
     ----------
-    coupling : c, of the force in the velocity [1]
-    derivative : c_2, of the coupling's derivative by normalised time in the acceleration [1]; 0 for a coupling of
-        the velocity alone
-    forgetting : Q
-    learning : L
+    coupling : c, gain from the force to the velocity [1]
+    derivative : c_2, gain from the derivative of the coupling by normalised time to the acceleration [1]; 0 for a
+        coupling of the velocity alone
+    forgetting : Q, factor of the learned coupling and the update together
+    learning : L, factor of the update
 
     Raises
     ------
     OptionError
-        If a number is out of range.
+        If a gain is out of range.
     """
 
     coupling: float = 20.0
@@ -74,16 +74,18 @@ class Gains:
 
 
 def transition(h: float) -> tuple[Array, Array]:
-    """The exact step of a deviation (e, zeta), ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``, C held.
+    """Return the exact transition in a step of a deviation (e, zeta) under a constant coupling C.
+
+    The deviation obeys ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``.
 
     Parameters
     ----------
-    h : of the step [durations]
+    h : length of the step [durations]
 
     Returns
     -------
-    of_state : array, shape (2, 2)
-    of_coupling : array, shape (2,)
+    of_state : array, shape (2, 2), factor of the deviation
+    of_coupling : array, shape (2,), factor of C
     """
     x, decay = OMEGA * h, exp(-OMEGA * h)
     of_state = decay * np.array([[1.0 + x, h], [-OMEGA * x, 1.0 - x]])
@@ -92,11 +94,12 @@ def transition(h: float) -> tuple[Array, Array]:
 
 
 def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
-    """Growth of a small error of the distance in a step of h durations; below 1 the coupling is stable.
+    """Return the growth of a small error of the distance in a step; below 1 the coupling is stable.
 
     Parameters
     ----------
-    n_following : 1 where one hand leads, 2 in mutual coupling
+    n_following : number of hands that follow: 1 if one hand leads, 2 in mutual coupling
+    h : length of the step [durations]
     """
     of_state, of_coupling = transition(h)
     c, kick = gains.coupling, n_following * gains.derivative
@@ -109,13 +112,13 @@ def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
-    """One execution of a coupled pair.
+    """One execution of a coupled pair of hands.
 
     Attributes
     ----------
-    position : array, shape (n_steps, 2, n_dims), of both hands [m]
-    force : array, shape (n_steps, n_dims), F [m]
-    error : array, shape (n_steps,), |r| - D [m]
+    position : array, shape (n_steps, 2, n_dims), positions of both hands [m]
+    force : array, shape (n_steps, n_dims), virtual force F [m]
+    error : array, shape (n_steps,), error of the distance |r| - D [m]
     """
 
     position: Array
@@ -124,19 +127,19 @@ class Epoch:
 
     @property
     def error_rms(self) -> float:
-        """Root mean square of the error [m]."""
+        """Return the root mean square of the error [m]."""
         return float(np.sqrt(np.mean(self.error**2)))
 
 
 def run_epoch(uncoupled: Array, distance: float, following: Array, learned: Array, gains: Gains) -> Epoch:
-    """Execute a pair once.
+    """Simulate one execution of a coupled pair.
 
     Parameters
     ----------
-    uncoupled : array, shape (n_steps, 2, n_dims), where the primitives would be without coupling, at even times [m]
-    distance : D [m]
-    following : array, shape (2,), w: 1 for who follows, 0 for who leads
-    learned : array, shape (n_steps, n_dims), F_c [m]
+    uncoupled : array, shape (n_steps, 2, n_dims), positions of the primitives without coupling, at even times [m]
+    distance : distance D of the hands [m]
+    following : array, shape (2,), w: 1 for a follower, 0 for a leader
+    learned : array, shape (n_steps, n_dims), learned coupling F_c [m]
     """
     of_state, of_coupling = transition(1.0 / (len(uncoupled) - 1))
     position, force, error = _execute(
@@ -153,7 +156,12 @@ def run_epoch(uncoupled: Array, distance: float, following: Array, learned: Arra
 
 
 def learn(learned: Array, force: Array, gains: Gains) -> Array:
-    """F_c of the next epoch from that of this one and its force F; arrays, shape (n_steps, n_dims), [m]."""
+    """Return F_c of the next epoch.
+
+    Parameters
+    ----------
+    learned, force : arrays, shape (n_steps, n_dims), F_c and F of this epoch [m]
+    """
     ahead = np.concatenate([force[1:], force[-1:]])
     return gains.forgetting * (learned + gains.learning * gains.coupling * ahead)
 

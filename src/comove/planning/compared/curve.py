@@ -1,8 +1,8 @@
-"""What was integrated step by step, as the curve that is judged, stored and drawn.
+"""Fits of integrated motions by the curves that are verified, stored and drawn.
 
-A motion is judged as a curve with exact ends. An integrated one draws near its goal and is never quite there, so one
-that has arrived but for a little (`END_ERROR`, `END_SPEED`) is led to the goal over its last part by minimum jerk;
-one that has not keeps its own end, for the judge to see. Then shape weights are fitted, as many as it takes.
+A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it. If
+what is left is small (`END_ERROR`, `END_SPEED`), a correction of minimum jerk over its last part leads it to the goal;
+else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are needed.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 END_ERROR, END_SPEED = 5e-3, 1e-2  # m and m/s, within which an integrated motion has arrived
-LED = 0.2  # durations, over which the rest of the way is led
+LED = 0.2  # durations, over which the error at the end is corrected
 N_BASES, CLOSE = (30, 60, 120, 200), 1e-6  # shape weights tried in turn, until the fit is that close [m]
-MAX_SAMPLES = 4001  # that a fit looks at
+MAX_SAMPLES = 4001  # samples that a fit uses at most
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """An integrated motion as a curve.
+    """A curve that was fitted to an integrated motion.
 
     Attributes
     ----------
     motion : the curve
-    error : largest distance of a hand on the curve from where it was integrated, after what was led [m]
-    end_miss : distance from the goal at which the integration ended [m]
+    error : largest distance between the hands on the curve and in the integrated motion, corrected at its end [m]
+    end_miss : largest distance of a hand from its goal at the end of the integration [m]
     """
 
     motion: CoordinatedMotion
@@ -44,18 +44,18 @@ class Fit:
     end_miss: float
 
     def log(self) -> dict[str, float]:
-        """Both measures by name."""
+        """Return both errors by name."""
         return {"fit_error_max_m": self.error, "integration_end_miss_m": self.end_miss}
 
 
 def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) -> Fit:
-    """Fit the curve of free hands to samples.
+    """Fit a curve to sampled positions of the hands.
 
     Parameters
     ----------
-    coordinates : those of free hands
-    s : array, shape (n_steps,), normalised times, even, from 0 to 1
-    hands : array, shape (n_steps, n_manipulators, n_dims), [m]
+    coordinates : coordinates of free hands
+    s : array, shape (n_steps,), even normalised times from 0 to 1
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
     """
     miss = float(np.linalg.norm(hands[-1] - scene.goal, axis=1).max())
     slope = (3.0 * hands[-1] - 4.0 * hands[-2] + hands[-3]) / (2.0 * (s[-1] - s[-2]))
@@ -80,11 +80,11 @@ def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) ->
 
 
 def count_execution(search: Search, hands: Array) -> None:
-    """Count one execution as a generation, and tell what it costs.
+    """Count one execution as a generation of the search, and report its cost.
 
     Parameters
     ----------
-    hands : array, shape (n_steps, n_manipulators, n_dims), at even times [m]
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands at even times [m]
     """
     scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
     flat, steps = hands.reshape(len(hands), -1), np.arange(len(hands))

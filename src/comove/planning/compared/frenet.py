@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STILL, STRAIGHT = 1e-6, 1e-6  # a slope or bend below that share of the largest has no direction
+STILL, STRAIGHT = 1e-6, 1e-6  # shares of the largest slope and bend below which they have no direction
 
 
 def frenet_frames(slope: Array, bend: Array) -> Array:
-    """Tangent, normal and binormal at every sample of a path.
+    """Compute tangent, normal and binormal at every sample of a path.
 
-    The tangent is that of the motion; the normal is across it, towards where the path bends. In the plane the normal
-    is the tangent turned by a quarter to the left. Where the path stands still the nearest tangent is taken; where it
-    is straight the normal is carried along it with the least turn (Bishop, 1975).
+    The normal is perpendicular to the tangent and points to the side to which the path bends. In the plane it is the
+    tangent, turned to the left by 90 degrees. Where the path stands still, the nearest tangent is taken; where it is
+    straight, the normal is transported along it with the least rotation (Bishop, 1975).
 
     Parameters
     ----------
-    slope, bend : arrays, shape (n_steps, n_dims), first and second derivative of the path by any parameter
+    slope, bend : arrays, shape (n_steps, n_dims), first and second derivatives of the path by any parameter
 
     Returns
     -------
-    array, shape (n_steps, n_dims, n_dims), columns tangent, normal (, binormal)
+    array, shape (n_steps, n_dims, n_dims), with the columns tangent, normal (and binormal)
     """
     tangent = _tangents(slope)
     if slope.shape[1] == 2:
@@ -43,7 +43,7 @@ def frenet_frames(slope: Array, bend: Array) -> Array:
 
 
 def _tangents(slope: Array) -> Array:
-    """Unit tangents, the nearest one where the path stands still; along x where it never moves."""
+    """Return unit tangents: the nearest one where the path stands still, the x axis if it never moves."""
     speed = np.linalg.norm(slope, axis=1)
     moving = np.flatnonzero(speed > STILL * max(speed.max(), 1e-300))
     if not len(moving):
@@ -58,7 +58,7 @@ def _tangents(slope: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def _normals(tangent, across, bent):
-    """Unit normals (n_steps, 3): `across` where the path is bent, else the last one carried along."""
+    """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
     n_steps = tangent.shape[0]
     normal = np.empty((n_steps, 3))
     first = 0

@@ -1,10 +1,10 @@
-"""Lexicographic quadratic programmes: tasks in a strict order, under inequalities that come before all.
+"""Lexicographic quadratic programmes: tasks in a strict order, under inequalities that precede all of them.
 
     level k = 1, 2, ..:   minimise |A_k x - b_k|^2   such that   G x >= h   and   A_j x = A_j x_j for j < k,
 
-where x_j is the solution of level j. The equalities are held by writing x = x_j + N z, N spanning what all former
-tasks leave free, so that every level is a smaller programme (Escande et al., 2014, solve the same in one sweep).
-Where G x >= h has no solution, the least slack in squares is taken from h first.
+where x_j is the solution of level j. The equalities hold by writing x = x_j + N z, where N spans the null space of all
+former tasks, so that every level is a smaller programme (Escande et al., 2014, solve the same in one sweep). Where
+G x >= h has no solution, h is first reduced by the slack of least sum of squares.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ENDLESS = 1e30  # what the solver takes for infinite
-REGULAR = 1e-7  # added to the quadratic form: what a task leaves open stays small
-RANK = 1e-9  # of the largest singular value, below which a direction is free
+ENDLESS = 1e30  # infinite to the solver
+REGULAR = 1e-7  # added to the quadratic form: keeps small what a task does not determine
+RANK = 1e-9  # singular values below this share of the largest count as zero
 TOLERANCE = 1e-10  # of rows, in the solver
-SPARE = 1e-9  # by which rows are loosened from one level to the next, for rounding
+SPARE = 1e-9  # by which bounds are relaxed from one level to the next, for rounding
 
 
 class PriorityTask(NamedTuple):
-    """Minimise |A x - b|^2.
+    """A task to minimise |A x - b|^2.
 
     Attributes
     ----------
@@ -39,16 +39,16 @@ class PriorityTask(NamedTuple):
 
 
 def lexicographic(tasks: Sequence[PriorityTask], rows: Array, low: Array) -> tuple[Array, float]:
-    """Solve tasks in their order.
+    """Solve tasks in the order of their priority.
 
     Parameters
     ----------
-    rows, low : arrays, shapes (n_rows, n), (n_rows,), G and h
+    rows, low : arrays, shapes (n_rows, n) and (n_rows,), G and h of the inequalities G x >= h
 
     Returns
     -------
     x : array, shape (n,)
-    slack : largest by which a row of G had to give way
+    slack : largest amount by which an inequality had to be relaxed
     """
     n = rows.shape[1]
     slack = _least_slack(rows, low)
@@ -66,7 +66,7 @@ def lexicographic(tasks: Sequence[PriorityTask], rows: Array, low: Array) -> tup
 
 
 def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | None:
-    """The z of least |matrix z - target|^2 with rows z >= low; None where the solver finds none."""
+    """Minimise |matrix z - target|^2 subject to rows z >= low; None if the solver finds no solution."""
     quadratic = matrix.T @ matrix + REGULAR * np.eye(matrix.shape[1])
     z, _, flag, _ = daqp.solve(
         quadratic,
@@ -81,7 +81,7 @@ def _solve(matrix: Array, target: Array, rows: Array, low: Array) -> Array | Non
 
 
 def _least_slack(rows: Array, low: Array) -> Array:
-    """The w >= 0 of least squares for which rows x >= low - w has a solution; array, shape (n_rows,)."""
+    """Return the w >= 0 of least norm for which rows x >= low - w has a solution; array, shape (n_rows,)."""
     m, n = rows.shape
     if not m or _solve(np.eye(n), np.zeros(n), rows, low) is not None:
         return np.zeros(m)
@@ -101,7 +101,7 @@ def _least_slack(rows: Array, low: Array) -> Array:
 
 
 def _null_space(matrix: Array) -> Array:
-    """Orthonormal columns that `matrix` takes to nothing; array, shape (n, n_free)."""
+    """Return an orthonormal basis of the null space of a matrix; array, shape (n, n_free)."""
     _, singular, right = np.linalg.svd(matrix, full_matrices=True)
     rank = int((singular > RANK * max(singular.max(initial=0.0), 1e-300)).sum())
     return right[rank:].T

@@ -1,8 +1,8 @@
-"""Iterative learning of a coupling between a leader and a follower, or between equals; reference [7].
+"""The method of reference [7]: iterative learning of a coupling between leader and follower, or between equals.
 
-The primitives are taught jointly. In every epoch they run coupled (see `coupling`), and what the coupling had to do
-is learned for the next one. The last epoch is handed out. The source knows pairs of hands, distances between them,
-and no obstacles.
+The primitives are taught jointly. In every epoch they are executed with coupling (see `coupling`), and the coupling
+that was needed is learned for the next epoch. The last epoch is returned. The source treats pairs of hands and the
+distances between them, but no obstacles.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ GAINS = Gains()
 
 @dataclass(frozen=True)
 class LeaderFollower(Method):
-    """Leader and follower, their coupling learned over epochs.
+    """A method that learns the coupling of leader and follower over epochs.
 
     Attributes
     ----------
-    epochs : executions, the last of which is handed out
-    mutual : both hands of a pair give way, instead of one
-    leader : name of the hand that leads its pair; the first of every pair unless given
-    gains : of coupling and learning
-    period : of the control step [s]; shorter where the movement lasts fewer than 200 of them, longer where it lasts
-        more than 100 000
+    epochs : number of executions, the last of which is returned
+    mutual : whether both hands of a pair follow, instead of one
+    leader : name of the hand that leads its pair; by default, the first hand of every pair leads
+    gains : gains of coupling and learning
+    period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
+        than 100 000
     """
 
     name: ClassVar[str] = "leader-follower"
@@ -57,7 +57,7 @@ class LeaderFollower(Method):
         require_positive("period", self.period)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the epochs and have the last one judged; nothing is ever planned."""
+        """Run the epochs and have the last one verified; no path is planned."""
         scene, pairs = search.scene, self._pairs(search.scene)
         n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
         self._require_stable(1.0 / (n_steps - 1), scene.duration)
@@ -84,7 +84,7 @@ class LeaderFollower(Method):
         search.judge(fit.motion)
 
     def _pairs(self, scene: Scene) -> list[tuple[int, int, float]]:
-        """Who leads, who follows and at which distance [m], for every pair."""
+        """Return leader, follower and distance [m] of every pair."""
         names = scene.manipulators
         if self.leader is not None and self.leader not in names:
             raise OptionError(

@@ -1,12 +1,12 @@
-"""Rows that keep free hands, and what is between them, clear of obstacles, of the border and of each other.
+"""Inequalities for the hands' velocities that keep hands and loads clear of obstacles, the border and each other.
 
 For a point p at a share f of the segment between hands a and b, at distance d from an obstacle with outward normal n,
 a control barrier function (Ames et al., 2017) asks of the hands' velocities
 
     n . ((1 - f) v_a + f v_b - v_obstacle) >= -rate(d - need).
 
-Distances to convex obstacles are convex, so that a row is on the safe side. Written for the nearest point and both
-ends of every segment.
+Distances to convex obstacles are convex, so that their linearisation is on the safe side. There is one such row for
+the nearest point and for both ends of every segment.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-PLACE = 1e-9  # m, of the least distance along a segment
-POINTS = 4  # looked at on every segment: both ends, and both ends of the bracket of the nearest point
-RETREAT = 0.25  # m/s, with which a lost clearance is restored at most
+PLACE = 1e-9  # m, tolerance of the least distance along a segment
+POINTS = 4  # points on every segment: both ends, and both ends of the bracket of the nearest point
+RETREAT = 0.25  # m/s, largest speed at which a lost clearance is restored
 
 
 class Approach(NamedTuple):
-    """How fast something may be approached.
+    """Limits of the speed at which hands may approach anything.
 
     Attributes
     ----------
-    gain : approach speed a clearance left [1/s]
-    braking : deceleration that is counted on [m/s^2], infinite without a limit
+    gain : approach speed by the clearance left [1/s]
+    braking : deceleration that hands are assumed capable of [m/s^2], infinite without a limit
     need : clearance that is kept [m]
     """
 
@@ -42,7 +42,7 @@ class Approach(NamedTuple):
     need: float
 
     def rate(self, left: Array) -> Array:
-        """Largest approach speed by what is left of the clearance; arrays of one shape, [m] and [m/s]."""
+        """Return the largest approach speed [m/s] for each clearance left [m]; arrays of the same shape."""
         braked = np.sqrt(2.0 * self.braking * np.maximum(left, 0.0)) if self.braking < np.inf else np.inf
         return np.where(
             left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -RETREAT)
@@ -52,18 +52,18 @@ class Approach(NamedTuple):
 def clearance_rows(
     scene: Scene, hands: Array, table: Array, velocity: Array, approach: Approach, reach: float
 ) -> tuple[Array, Array]:
-    """Rows against obstacles, border and hands that must stay apart.
+    """Return inequalities that keep hands and loads clear of obstacles, the border and hands that must stay apart.
 
     Parameters
     ----------
-    hands : array, shape (n_hands, n_dims), [m]
-    table, velocity : arrays, shapes (n_obstacles, N_COLUMNS), (n_obstacles, 3), the obstacles of now and their
-        velocities [m/s]
-    reach : obstacles farther away are left out [m]
+    hands : array, shape (n_hands, n_dims), positions of the hands [m]
+    table, velocity : arrays, shapes (n_obstacles, N_COLUMNS) and (n_obstacles, 3), obstacles at this instant and
+        their velocities [m/s]
+    reach : clearance beyond the needed one from which on obstacles are left out [m]
 
     Returns
     -------
-    rows, low : arrays, shapes (n_rows, n_hands * n_dims), (n_rows,)
+    rows, low : arrays, shapes (n_rows, n_hands * n_dims) and (n_rows,), of ``rows v >= low`` for the velocities v
     """
     n_hands, n_dims = hands.shape
     nodes = np.zeros((n_hands, 3))
@@ -86,7 +86,7 @@ def clearance_rows(
 
 
 def _border_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
-    """Rows of every hand against every side of the workspace."""
+    """Return the inequalities of every hand and every side of the workspace."""
     thick = np.zeros(len(hands))
     for edge, radius in zip(scene.body.edges, scene.body.radii, strict=True):
         thick[edge] = np.maximum(thick[edge], radius)
@@ -96,7 +96,7 @@ def _border_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array,
 
 
 def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
-    """Rows of hands of different bodies that must stay apart."""
+    """Return the inequalities of hands of different bodies that must stay apart."""
     pairs, least = scene.kept_apart
     away = hands[pairs[:, 0]] - hands[pairs[:, 1]]
     length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
@@ -109,7 +109,13 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 
 @numba.njit(cache=True, error_model="numpy")
 def _near(nodes, edges, radii, table, cutoff):
-    """Edge, obstacle, share, distance [m] and normal (3) of every point that is nearer than `cutoff`; their count."""
+    """Find the points of the load that are nearer to an obstacle than `cutoff`.
+
+    Returns
+    -------
+    found : array, shape (n_most, 7), edge, obstacle, share along the edge, distance [m] and normal (3) of every point
+    count : number of rows of `found` that are used
+    """
     found = np.empty((edges.shape[0] * table.shape[0] * POINTS, 7))
     count, shares = 0, np.empty(POINTS)
     for e in range(edges.shape[0]):

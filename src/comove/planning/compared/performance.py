@@ -1,13 +1,13 @@
-"""Prescribed performance: an error that stays within a bound that shrinks (Bechlioulis and Rovithakis, 2008).
+"""Prescribed performance: control that keeps an error within a shrinking bound (Bechlioulis and Rovithakis, 2008).
 
 With the bound rho(t) = (rho_0 - rho_end) exp(-a t) + rho_end and xi = e/rho, the error is mapped to eps = artanh(xi),
-which is finite only inside. Under
+which is finite only inside the bound. With the control law
 
     e' = rho'/rho e - k rho eps / (1 - xi^2)        eps' = -k eps / (1 - xi^2)^2
 
-eps dies out at least as fast as exp(-k t), so that an error which begins inside stays inside; near its end it shrinks
-as exp(-k t). In discrete time the pull is at most what removes half of the error in a step, and an error that was
-forced outside is drawn back by that.
+eps decays at least as fast as exp(-k t), so that an error that begins inside the bound stays inside; a small error
+decays like exp(-k t). In discrete time the pull removes at most half of the error in a step, which also draws an error
+back that was forced outside.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from comove.primitives.arguments import require_positive
 
 Array = NDArray[np.float64]
 
-MOST = 0.5  # of the error, removed in a step
-OUTSIDE = 1.0 - 1e-6  # from which xi counts as lost
+MOST = 0.5  # largest share of the error that is removed in a step
+OUTSIDE = 1.0 - 1e-6  # xi from which on an error counts as outside the bound
 
 
 @dataclass(frozen=True)
 class Performance:
-    """A bound of an error, and how strongly the error is drawn to nothing.
+    """The bound of an error, and the gain that draws the error to zero.
 
     Attributes
     ----------
-    first, last : rho_0 and rho_end [m]
-    decay : a [1/s]
-    gain : k [1/s]
+    first, last : rho_0 and rho_end, the bound at first and in the limit [m]
+    decay : a, decay rate of the bound [1/s]
+    gain : k, decay rate of the error [1/s]
     """
 
     first: float
@@ -49,15 +49,15 @@ class Performance:
             raise OptionError(f"last = {self.last!r}", key="last", way_out=f"give at most {self.first:g}")
 
     def bound(self, time: ArrayLike) -> Array:
-        """rho at times [s], of any shape [m]."""
+        """Return the bound rho [m] at times [s]; arrays of any one shape."""
         return (self.first - self.last) * np.exp(-self.decay * np.asarray(time, dtype=float)) + self.last
 
     def wanted(self, error: Array, time: float, period: float) -> Array:
-        """e' that keeps errors within the bound; arrays of one shape, [m] and [m/s].
+        """Return the rate e' [m/s] that keeps errors [m] within the bound; arrays of the same shape.
 
         Parameters
         ----------
-        period : of the control step [s]
+        period : control period [s]
         """
         rho = float(self.bound(time))
         shrinking = -self.decay * (rho - self.last) / rho

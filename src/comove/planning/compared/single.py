@@ -1,11 +1,11 @@
-"""A library of primitives, combined and optimised by CMA-ES for one manipulator; reference [6], the paper's Figure 3.
+"""The method of reference [6] (paper, Fig. 3): library primitives, combined and optimised for one manipulator.
 
-Two stages, on the scene as the first manipulator sees it alone:
+CMA-ES optimises in two stages, on the scene of the first manipulator alone:
 
-1. the coefficients of a combination of movements that gets through, w_d = sum_k c_kd w_kd (see `combination`);
-2. the weights of that movement themselves, on the cost (4).
+1. the coefficients of a combination of movements that avoids the obstacles, w_d = sum_k c_kd w_kd (see `combination`);
+2. the weights of the resulting movement, on the cost (4).
 
-The source builds its movement for an environment, without a load and without a second hand; and so is it judged.
+The source builds its movement for an environment, without a load and without a second hand; it is verified likewise.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ SHAPES = (
     "WShape",
 )
 PLANES = ("xy", "xz")  # in which planar movements are laid into space
-N_TRIES = 5  # of the second stage, more strictly each time its result is rejected
+N_TRIES = 5  # runs of the second stage, with a stricter objective after each rejection
 TAUGHT = "demonstration"
 
 
 @dataclass(frozen=True)
 class Single(Method):
-    """A combination of library movements for the first manipulator alone.
+    """A method that combines library movements for the first manipulator alone.
 
     Attributes
     ----------
-    movements : a library, primitives, or DMPs (by name, or numbered); unless given, a dozen people's handwritten
-        shapes. The demonstration joins them, where there is one
-    n_movements : how many of them are combined, those that suit the scene best
+    movements : a library, primitives, or DMPs (by name, or numbered); unless given, a dozen handwritten
+        shapes. The demonstration is added, if there is one
+    n_movements : number of movements that are combined, those that suit the scene best
     n_basis : shape weights a dimension in the second stage
-    schedule : of the second stage
+    schedule : schedule of the second stage
     """
 
     name: ClassVar[str] = "single"
@@ -73,11 +73,11 @@ class Single(Method):
         require_count("n_movements", self.n_movements)
 
     def scene_of(self, scene: Scene) -> Scene:
-        """The scene of the first manipulator alone."""
+        """Return the scene of the first manipulator alone."""
         return alone(scene)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Combine, then optimise; nothing is ever planned."""
+        """Combine movements, then optimise the weights; no path is planned."""
         search.objective = search.objective.with_penalty(along_path=True)
         attempts = Attempts(search, self._suited(search))
         with suppress(OutOfTime):
@@ -91,7 +91,7 @@ class Single(Method):
         )
 
     def _suited(self, search: Search) -> dict[str, DMP]:
-        """The movements that suit the scene best, by name."""
+        """Return the movements that suit the scene best, and the demonstration if there is one, by name."""
         scene = search.scene
         given = _handwriting() if self.movements is None else self.movements
         if not isinstance(given, (Library, Mapping)):
@@ -111,7 +111,7 @@ class Single(Method):
         return {TAUGHT: search.taught[0], **chosen}
 
     def _optimised(self, search: Search, dmp: CoordinatedDMP) -> None:
-        """Improve the weights, more strictly each time the result is rejected."""
+        """Optimise the weights, with a stricter objective after each rejection."""
         objective = search.objective
         for _ in range(N_TRIES):
             search.stage = "optimising the weights"
@@ -123,7 +123,13 @@ class Single(Method):
 
 
 def alone(scene: Scene) -> Scene:
-    """The scene of the first manipulator: the same obstacles, limits and clearance, no load and nobody else."""
+    """Return the scene of the first manipulator: the same obstacles, limits and clearance, no load, no other hand.
+
+    Raises
+    ------
+    OptionError
+        If the scene goes on from another movement: library movements begin at rest.
+    """
     if scene.begins or any(group.start_twist.any() for group in scene.groups):
         raise OptionError(
             "the scene goes on from another movement, and movements of a library begin at rest",
@@ -144,5 +150,5 @@ def alone(scene: Scene) -> Scene:
 
 
 def _handwriting() -> dict[str, DMP]:
-    """A dozen people's handwritten shapes, as primitives."""
+    """Return a dozen handwritten shapes (LASA data set) as primitives, by name."""
     return {name: DMP.fit(Demonstration.from_lasa(name)) for name in SHAPES}

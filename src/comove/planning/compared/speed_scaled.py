@@ -1,9 +1,9 @@
-"""Speed-scaled primitives whose stiffness is learned in cycles with a human; reference [8].
+"""The method of reference [8]: speed-scaled primitives whose stiffness is learned in cycles with a human.
 
-The hands of one rigid group move their middle (the absolute motion) as robot and human agree, and keep among each
-other what was taught (the relative motion), as in the source's bimanual task. The human is simulated: she wants
-another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path. What the robot
-has learned after the last cycle it carries out alone, in the scene's duration. Laws: `cooperation`.
+The middle of the hands of a rigid group (the absolute motion) moves as robot and human agree; the positions of the
+hands relative to it (the relative motion) remain as taught, as in the source's bimanual task. The human is simulated:
+she wants another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path. After
+the last cycle the robot executes the learned motion alone, in the scene's duration. For the laws see `cooperation`.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_SAMPLES = 401  # of the phase
-N_WAVES = 3  # of which the human's wishes are made
-MAX_STEPS = 20_000  # of a duration
-N_TIMES = 2001  # at which the last motion is sampled
+N_SAMPLES = 401  # samples of the phase
+N_WAVES = 3  # sine waves of which the human's wishes are composed
+MAX_STEPS = 20_000  # steps in a duration
+N_TIMES = 2001  # times at which the last motion is sampled
 
 
 @dataclass(frozen=True)
 class Human:
-    """A simulated human; everything fades towards the ends of the movement.
+    """A simulated human, whose wishes fade to zero towards both ends of the movement.
 
     Attributes
     ----------
     offset : size of the change of the path that she always wants [m]
     spread : size of the variation of the path from cycle to cycle [m]
-    pace_offset, pace_spread : likewise of the pace, relative to what was taught
-    precise : from which to which phase she varies a tenth as much
+    pace_offset, pace_spread : sizes of the constant change and of the variation of the pace, relative to the taught
+        pace
+    precise : first and last phase of the part in which she varies only a tenth as much
     stiffness : k_h [N/m, with a unit mass]
     """
 
@@ -66,7 +67,7 @@ class Human:
             )
 
     def care(self, s: Array) -> Array:
-        """By which the variation is multiplied at phases s; array, shape (n_samples,)."""
+        """Return the factor of the variation at phases s; arrays, shape (n_samples,)."""
         low, high = self.precise
         inside = (
             0.5 * (np.tanh((s - low) / 0.02) - np.tanh((s - high) / 0.02)) if high > low else np.zeros_like(s)
@@ -79,15 +80,16 @@ HUMAN, LAWS = Human(), Laws()
 
 @dataclass(frozen=True)
 class SpeedScaled(Method):
-    """Speed-scaled primitives with learned stiffness.
+    """A method that learns the path, pace and stiffness of speed-scaled primitives.
 
     Attributes
     ----------
-    cycles : executions together with the human
-    human : who moves along
-    laws : of cooperation and learning
+    cycles : number of executions together with the human
+    human : the simulated human
+    laws : parameters of cooperation and learning
     n_basis : shape weights a dimension of the path that is learned
-    period : of the steps [s]; shorter where a movement lasts fewer than 200 of them
+    period : time step [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more than
+        20 000
     """
 
     name: ClassVar[str] = "speed-scaled"
@@ -103,7 +105,7 @@ class SpeedScaled(Method):
         require_positive("period", self.period)
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the cycles and have what was learned judged; nothing is ever planned."""
+        """Run the cycles and have the learned motion verified; no path is planned."""
         scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
         taught = taught_primitives(search).rollout()
         cycles: list[Cycle] = []
@@ -131,7 +133,7 @@ class SpeedScaled(Method):
         search.judge(fit.motion)
 
     def cooperate(self, search: Search) -> Iterator[tuple[Skill, Cycle]]:
-        """Yield what is known after every cycle, and the cycle."""
+        """Yield the skill after every cycle, and the measurements of that cycle."""
         scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
         period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
         skill = self._first(scene, taught_primitives(search).rollout())
@@ -145,17 +147,17 @@ class SpeedScaled(Method):
             yield skill, cycle
 
     def _first(self, scene: Scene, taught: CoordinatedMotion) -> Skill:
-        """What is known before the first cycle."""
+        """Return the skill before the first cycle."""
         return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
 
     def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:
-        """What the human wants in the next cycle, by calls."""
+        """Return a function that draws what the human wants in the next cycle."""
         rng, human, s = search.rng, self.human, np.linspace(0.0, 1.0, N_SAMPLES)
         fade = 16.0 * s**2 * (1.0 - s) ** 2
         care = human.care(s)
 
         def wish(shape: tuple[int, ...]) -> Array:
-            """A smooth random function of unit size; array, shape (N_SAMPLES, *shape)."""
+            """Draw smooth random functions of unit size; array, shape (N_SAMPLES, *shape)."""
             waves = np.sin(np.pi * s[:, None] * np.arange(1, N_WAVES + 1))
             return np.tensordot(waves, rng.standard_normal((N_WAVES, *shape)) / np.sqrt(N_WAVES / 2), axes=1)
 
@@ -171,11 +173,11 @@ class SpeedScaled(Method):
 
 
 def middles(scene: Scene, hands: Array) -> Array:
-    """Middle of the hands of every rigid group.
+    """Return the middle of the hands of every rigid group.
 
     Parameters
     ----------
-    hands : array, shape (..., n_manipulators, n_dims), [m]
+    hands : array, shape (..., n_manipulators, n_dims), positions of the hands [m]
 
     Returns
     -------
@@ -185,16 +187,16 @@ def middles(scene: Scene, hands: Array) -> Array:
 
 
 def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tuple[Array, Array]:
-    """What was learned as the robot carries it out alone, in the scene's duration.
+    """Return the learned motion that the robot executes alone, in the scene's duration.
 
     Parameters
     ----------
-    s : array, shape (n_samples,), the phases of the skill
+    s : array, shape (n_samples,), phases at which the skill is sampled
 
     Returns
     -------
-    times : array, shape (N_TIMES,), normalised, even
-    hands : array, shape (N_TIMES, n_manipulators, n_dims), [m]
+    times : array, shape (N_TIMES,), even normalised times
+    hands : array, shape (N_TIMES, n_manipulators, n_dims), positions of the hands [m]
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 

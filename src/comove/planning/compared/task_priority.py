@@ -1,15 +1,15 @@
-"""Task-priority quadratic programmes with prescribed performance; after Stavridis et al. [5].
+"""The method of reference [5] (Stavridis et al.): task-priority quadratic programmes with prescribed performance.
 
 In every control step the hands' velocities v solve, in this order (see `hierarchy`),
 
     L0   limits of speed and acceleration; clearances, the border and separations (see `nearness`)
     L1   relative motion: every distance d_ij, and every difference of heights,   d_ij' = prescribed(d_ij - D_ij)
     L2   absolute motion: the middle m_g of every rigid group,   m_g' = m_g,ref' + prescribed(m_g - m_g,ref)
-    L3   posture: what is left, the turn of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
+    L3   posture: the rest, such as the rotation of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
 
-where the reference is the jointly taught movement and `prescribed` is the velocity of `performance`. The source has
-a dynamical system for a reference and joints for its postures; scenes have hands, and ours is the primitive, whose
-phase waits for middles that lag behind (Ijspeert et al., 2013) and makes up for it later, so as to end in time.
+where the reference is the jointly taught movement and `prescribed` is the velocity of `performance`. In the source, a
+dynamical system is the reference, and postures are those of joints. Here scenes have hands only, and the primitive is
+the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later, to end in time.
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 N_LEAST, N_MOST = 200, 20_000  # steps
-ROUNDS = 12  # of solving and adding tangents of the limits
-INSIDE = 0.99  # of the limits, that is used
-CATCHING_UP = 2.0  # times the taught pace, at most
-REACH = 0.1  # m beyond the way to brake, from which on obstacles are left out
+ROUNDS = 12  # rounds of solving and adding tangents of the limits
+INSIDE = 0.99  # share of the limits that is used
+CATCHING_UP = 2.0  # largest pace, in terms of the taught pace
+REACH = 0.1  # m beyond the braking distance, from which on obstacles are left out
 RELATIVE = Performance(first=0.02, last=1e-3, decay=2.0, gain=100.0)
 ABSOLUTE = Performance(first=0.05, last=0.02, decay=2.0, gain=5.0)
 
 
 @dataclass(frozen=True)
 class TaskPriority(Method):
-    """Task-priority quadratic programmes.
+    """A method that solves a task-priority quadratic programme in every control step.
 
     Attributes
     ----------
-    relative, absolute : performance of L1 and of L2
-    posture : k of L3 [1/s]
-    approach : speed of approach a clearance left [1/s]
-    margin : kept on top of the scene's clearance [m]
-    acceleration : limit of the hands' acceleration where the scene sets no lower one [m/s^2]; without any, velocities
-        jump, which no curve follows
-    period : of the control step [s]; shorter where the movement lasts fewer than 200 of them, longer where it lasts
-        more than 20 000
+    relative, absolute : prescribed performance of L1 and of L2
+    posture : gain k of L3 [1/s]
+    approach : approach speed by the clearance left [1/s]
+    margin : margin kept on top of the scene's clearance [m]
+    acceleration : limit of the hands' acceleration if the scene has no lower one [m/s^2]; without any limit, velocities
+        would jump, which no curve can represent
+    period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
+        than 20 000
     """
 
     name: ClassVar[str] = "task-priority"
@@ -79,7 +79,7 @@ class TaskPriority(Method):
                 raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run the controller from start to end and have what it did judged; nothing is ever planned."""
+        """Run the controller from start to end and have its motion verified; no path is planned."""
         scene = search.scene
         n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
         s = np.linspace(0.0, 1.0, n_steps)
@@ -105,7 +105,7 @@ class TaskPriority(Method):
         search.judge(fit.motion)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
-        """Largest errors of both tasks, and shares of the time in which they were beyond their bounds."""
+        """Return the largest errors of L1 and L2, and the shares of the time in which they exceeded their bounds, by name."""
         middles = group_means(scene)
         absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
         relative = np.zeros(len(time))
@@ -121,12 +121,13 @@ class TaskPriority(Method):
 
 
 class Controller:
-    """The controller of a scene, step by step.
+    """The controller that moves the hands of a scene step by step.
 
     Parameters
     ----------
-    method : its numbers
-    period : of the control step [s]
+    method : method that holds the controller's parameters
+    scene : scene with the hands, their constraints and limits
+    period : control period [s]
     """
 
     def __init__(self, method: TaskPriority, scene: Scene, period: float):
@@ -140,12 +141,19 @@ class Controller:
         )
 
     def velocities(self, hands: Array, reference: Array) -> Iterator[tuple[Array, float, Array]]:
-        """Velocities of the steps (n_manipulators, n_dims) [m/s], the slack of each [m/s], and what was followed [m].
+        """Yield for every step the velocities of the hands, the slack of the inequalities, and the reference followed.
 
         Parameters
         ----------
-        hands : array, shape (n_steps, n_manipulators, n_dims), [m]; who asks writes where the step has led
-        reference : array of the same shape, [m]
+        hands : array, shape (n_steps, n_manipulators, n_dims), positions [m], into which the caller writes the result
+            of each step before asking for the next
+        reference : array, shape (n_steps, n_manipulators, n_dims), reference positions [m]
+
+        Yields
+        ------
+        velocity : array, shape (n_manipulators, n_dims) [m/s]
+        slack : largest amount by which an inequality had to be relaxed [m/s]
+        here : array, shape (n_manipulators, n_dims), reference at the current phase [m]
         """
         scene, before, phase = self.scene, np.zeros(reference.shape[1:]), 0.0
         reach = REACH + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
@@ -161,7 +169,7 @@ class Controller:
             phase = next_phase
 
     def _fastest(self, reference: Array) -> float:
-        """Speed with which hands and obstacles may approach each other [m/s]."""
+        """Return an upper bound of the speed at which hands and obstacles approach each other [m/s]."""
         scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
         time = np.linspace(0.0, scene.duration, len(reference))
         coming = np.linalg.norm(scene.obstacle_velocities(time), axis=2).max(initial=0.0)
@@ -169,12 +177,12 @@ class Controller:
 
     @staticmethod
     def _at(reference: Array, phase: float) -> Array:
-        """The reference at a phase, counted in steps; array, shape (n_manipulators, n_dims), [m]."""
+        """Return the reference at a phase, which counts in steps; array, shape (n_manipulators, n_dims), [m]."""
         k = min(int(phase), len(reference) - 2)
         return reference[k] + (phase - k) * (reference[k + 1] - reference[k])
 
     def _next_phase(self, hands: Array, reference: Array, phase: float, k: int) -> float:
-        """The phase after step k: it waits for middles that lag behind, and makes up for it later."""
+        """Return the phase after step k, which advances more slowly while middles lag behind, and catches up later."""
         last = len(reference) - 1.0
         off = self.middles @ (hands - self._at(reference, phase)).ravel()
         lag = float(np.abs(off).max())
@@ -184,7 +192,7 @@ class Controller:
     def _tasks(
         self, hands: Array, wanted: Array, slope: Array, before: Array, time: float
     ) -> list[PriorityTask]:
-        """L1 to L3 at one instant."""
+        """Return the tasks L1 to L3 at one instant."""
         method, size = self.method, hands.size
         matrix, target = [np.zeros((0, size))], [np.zeros(0)]
         for c in self.scene.distances:
@@ -209,16 +217,17 @@ class Controller:
         ]
 
     def _reachable(self, wanted: Array, before: Array) -> Array:
-        """Velocities of middles nearest to what is wanted in direction, within the limits; arrays, shape (n,), [m/s].
+        """Shorten the wanted velocities of the middles to what the limits allow; arrays, shape (n,), [m/s].
 
-        Without this, what is far out of reach lets the limits decide where to go.
+        Speeds are shortened without a change of direction, then the changes from the velocities `before` likewise.
+        Otherwise, wanted velocities far beyond the limits would leave the direction to the limits.
         """
         wanted, before = (v.reshape(-1, self.scene.n_dims) for v in (wanted, before))
         wanted = _shortened(wanted, INSIDE * self.scene.speed_limit)
         return (before + _shortened(wanted - before, INSIDE * self.acceleration * self.period)).ravel()
 
     def _difference(self, first: int, second: int, direction: Array) -> Array:
-        """The row of the velocity of one hand less that of another along a direction; array, shape (1, n)."""
+        """Return the row that gives the velocity of one hand relative to another along a direction; array, shape (1, n)."""
         row = np.zeros((len(self.scene.manipulators), self.scene.n_dims))
         row[first], row[second] = direction, -direction
         return row.reshape(1, -1)
@@ -226,7 +235,10 @@ class Controller:
     def _limited(
         self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
     ) -> tuple[Array, float]:
-        """The solution within the limits: balls, bounded by tangents where a solution leaves them."""
+        """Solve the tasks within the limits of speed and acceleration; return velocities and slack [m/s].
+
+        The limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again.
+        """
         speed, change = self.scene.speed_limit, self.acceleration * self.period
         velocity, slack = before, 0.0
         for _ in range(ROUNDS):
@@ -248,6 +260,6 @@ class Controller:
 
 
 def _shortened(vectors: Array, most: float) -> Array:
-    """Vectors (n, n_dims) no longer than `most`."""
+    """Return vectors, (n, n_dims), shortened to at most the length `most`."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors * np.minimum(1.0, most / np.maximum(lengths, 1e-12))

@@ -1,4 +1,4 @@
-"""Jointly taught primitives: one for every hand, on one phase, which all compared systems begin with."""
+"""Jointly taught primitives, one for every hand on a common phase, with which all compared methods begin."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ N_BASIS = 30  # shape weights a dimension
 
 
 def taught_primitives(search: Search, basis: MotionBasis | None = None) -> CoordinatedDMP:
-    """The demonstration carried to every hand (paper, III-B), or straight lines of minimum jerk without one.
+    """Return the demonstration transferred to every hand (paper, III-B), or straight lines of minimum jerk.
 
     Parameters
     ----------
-    search : whose objective says the coordinates, those of free hands
-    basis : with `N_BASIS` shape weights unless given
+    search : search whose objective is in coordinates of free hands
+    basis : basis of the primitives; one with `N_BASIS` shape weights unless given
 
     Raises
     ------
     OptionError
-        If the scene goes on from another movement: what was taught begins at rest.
+        If the scene goes on from another movement: taught movements begin at rest.
     """
     scene, coordinates = search.scene, search.objective.coordinates
     if any(group.start_twist.any() for group in scene.groups):
@@ -48,7 +48,7 @@ def taught_primitives(search: Search, basis: MotionBasis | None = None) -> Coord
 
 
 def group_means(scene: Scene) -> Array:
-    """Means over the hands of every rigid group; array, shape (n_groups, n_manipulators)."""
+    """Return the matrix that averages over the hands of every rigid group, shape (n_groups, n_manipulators)."""
     means = np.zeros((len(scene.groups), len(scene.manipulators)))
     for g, group in enumerate(scene.groups):
         means[g, list(group.members)] = 1.0 / len(group.members)

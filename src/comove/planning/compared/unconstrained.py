@@ -1,10 +1,10 @@
-"""Jointly taught primitives, optimised on the paper's cost (4) without its constraint (7b); reference [22].
+"""The method of reference [22]: jointly taught primitives, optimised on the cost (4) without the constraint (7b).
 
     minimise over all w   J(y_1(0..T), .., y_M(0..T))
 
-Each hand has its own weights, all have one phase. Obstacles are what the hands touch, as (4) is printed: neither the
-load between them nor any demand on their distance enters. The search is that of the other methods, separable CMA-ES
-on orthonormalised weights.
+Each hand has its own weights, and all share one phase. Obstacles count where a hand touches them, as (4) is printed:
+neither the load between the hands nor any constraint on their distance enters. The search is that of the other methods,
+separable CMA-ES on orthonormalised weights.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
 
 @dataclass(frozen=True)
 class Unconstrained(Method):
-    """Jointly taught primitives without coordination.
+    """A method that optimises jointly taught primitives without coordination.
 
     Attributes
     ----------
     n_basis : shape weights a dimension
-    schedule : of one run of the optimiser
-    restarts : runs at most, from what was taught and then from that with random bumps that make room, until no hand
-        touches anything
+    schedule : schedule of one run of the optimiser
+    restarts : largest number of runs: the first from the taught primitives, the others from these with random bumps
+        that avoid the obstacles; no run follows one in which no hand touches anything
     """
 
     name: ClassVar[str] = "unconstrained"
@@ -46,7 +46,7 @@ class Unconstrained(Method):
     restarts: int = 20
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Optimise until no hand touches anything, and have the best of J judged; nothing is ever planned."""
+        """Optimise until no hand touches anything, and have the best motion verified; no path is planned."""
         basis = motion_basis(self.n_basis, "velocity")
         best = start = taught = taught_primitives(search, basis)
         objective, least = hands_alone(search.objective), np.inf
@@ -64,13 +64,13 @@ class Unconstrained(Method):
 
 
 def hands_alone(objective: Objective) -> Objective:
-    """The objective as the hands alone feel it: as points, without a load and without demands on each other."""
+    """Return the objective for the hands alone: points without a load and without constraints between them."""
     alone = replace(objective.coordinates, together=())
     return replace(objective, scene=without_load(objective.scene), coordinates=alone)
 
 
 def without_load(scene: Scene) -> Scene:
-    """The same hands among the same obstacles; nothing ties them."""
+    """Return the scene with the same hands and obstacles, but without load and constraints."""
     n = len(scene.manipulators)
     points = np.repeat(np.arange(n), 2).reshape(n, 2)
     return replace(scene, body=Body(points, np.zeros(n), n), constraints=())
