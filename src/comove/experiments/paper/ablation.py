@@ -51,6 +51,7 @@ VARIANTS: dict[str, tuple[str, Method]] = {
         "the demonstration as it is, not first led through the environment",
         Paper(threading=False),
     ),
+    "16-basis": ("16 basis functions a coordinate, not 8", Paper(n_basis=16)),
     "exponential": ("the exponential phase of (1b)", Paper(phase=ExponentialPhase())),
     "printed": ("none of all this: Algorithm 1 with (3), (5), (6)", Printed()),
 }
