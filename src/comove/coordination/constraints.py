@@ -236,7 +236,9 @@ def _jacobian(poses: Poses, constraints: Sequence[Constraint]) -> Array:
 
 
 def _moved(poses: Poses, step: Array) -> Poses:
-    """Return the poses after translations and rotations; `step` has the shape (n_steps, 6 n_manipulators) [m, rad]."""
+    """Return the poses after translations and rotations; `step` has the shape (n_steps, 6 n_manipulators) [m,
+    rad].
+    """
     step = step.reshape(len(step), -1, 6)
     turned = quaternion_product(exponential(step[..., 3:]), poses.orientations)
     return Poses(poses.manipulators, poses.positions + step[..., :3], turned)

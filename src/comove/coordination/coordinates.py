@@ -437,7 +437,9 @@ def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArra
 
 @numba.njit(cache=True, error_model="numpy")
 def place(blocks, q, size):
-    """Return the nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3) [m]."""
+    """Return the nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3)
+    [m].
+    """
     n_rollouts, n_columns, n_steps = q.shape
     nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
     row = np.empty(n_columns)

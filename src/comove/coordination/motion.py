@@ -62,7 +62,9 @@ class CoordinatedMotion:
 
     @classmethod
     def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
-        """Return the minimum-jerk motion from start to goal, which ignores obstacles; in load coordinates by default."""
+        """Return the minimum-jerk motion from start to goal, which ignores obstacles; in load coordinates by
+        default.
+        """
         coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "jerk")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
         return cls(scene, coordinates, basis, coordinates.boundary(), weights)
@@ -118,7 +120,9 @@ class CoordinatedMotion:
         return advance(state, dt, rate)
 
     def hands_at(self, state: DMPState) -> tuple[Array, Array]:
-        """Return positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators, n_dims)."""
+        """Return positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators,
+        n_dims).
+        """
         rate = state.rate / state.duration
         q = np.stack([state.position, state.slope * rate, np.zeros_like(state.position)])[:, None]
         position, velocity, _ = self.coordinates.motion(q)[
@@ -160,7 +164,9 @@ class CoordinatedMotion:
         return replace(state, position=self._configuration(state.position, hands))
 
     def _configuration(self, near: Array, hands: ArrayLike) -> Array:
-        """Return the configuration of given hands that continues another one, `near`: in roll, whole turns and sign."""
+        """Return the configuration of given hands that continues another one, `near`: in roll, whole turns and
+        sign.
+        """
         if len(near) != self.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
         hands = numbers(hands)

@@ -131,7 +131,9 @@ class Clouds:
         return centers
 
     def _others(self, points: Array, time: float) -> Array:
-        """Return the points, in space, that belong neither to the load nor to a known obstacle and are not far away."""
+        """Return the points, in space, that belong neither to the load nor to a known obstacle and are not far
+        away.
+        """
         scene, body = self.scene, self.scene.body
         near_by = (points >= scene.lower - AROUND) & (points <= scene.upper + AROUND)  # and a number
         points = points[np.logical_and.reduce(near_by.T)]
@@ -244,7 +246,9 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Return points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3) [m]."""
+    """Return points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3)
+    [m].
+    """
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []
     for axis, h in enumerate(half):

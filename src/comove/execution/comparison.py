@@ -192,7 +192,9 @@ def _row(compared: Compared) -> dict[str, Any]:
 def loose_run(
     scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
 ) -> LooseRecord:
-    """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles that move as in the file."""
+    """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles that move as in the
+    file.
+    """
     time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
     poses = [poses_of(scene, h) for h in hands]
     return LooseRecord(

@@ -264,7 +264,9 @@ class Executor:
         return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
 
     def _truth(self, time: Array) -> tuple[Array, Array]:
-        """Return the true positions of the obstacles, and how far they strayed from their chords between the steps."""
+        """Return the true positions of the obstacles, and how far they strayed from their chords between the
+        steps.
+        """
         centers = self.sight.true(time)
         if self.sight.certain:
             return centers, self.scene.obstacle_sags(time)
@@ -409,7 +411,9 @@ class Executor:
         return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
 
     def _shortest(self, now: float) -> float:
-        """Return the duration of the first plan to try [s]: the scene's remaining time, or more if the path needs it."""
+        """Return the duration of the first plan to try [s]: the scene's remaining time, or more if the path needs
+        it.
+        """
         way = self._hands(self.goal) - self._hands(self.poses)
         way = float(np.linalg.norm(way, axis=1).max())
         enough = max(

@@ -202,14 +202,18 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
 
 
 def _still(tracks: Tracks) -> Tracks:
-    """Return tracks of which nothing is seen now, with size 0, so that any points seen again count as another size."""
+    """Return tracks of which nothing is seen now, with size 0, so that any points seen again count as another
+    size.
+    """
     return tracks._replace(size=np.zeros(len(tracks.size)))
 
 
 def _measured(
     before: Tracks, points: Array, part: Numbers, heirs: Numbers, time: float, scanner: Scanner
 ) -> Tracks:
-    """Return one track per part: the state of the track that it continues, corrected by the positions of its points."""
+    """Return one track per part: the state of the track that it continues, corrected by the positions of its
+    points.
+    """
     n, old = len(heirs), np.maximum(heirs, 0)
     size = np.bincount(part, minlength=n).astype(float)
     middle = np.stack([np.bincount(part, weights=column, minlength=n) for column in points.T], axis=1)

@@ -62,7 +62,9 @@ class _Listener(event.Listener):
 
 
 def _counts(event: event.Event) -> bool:
-    """Return whether an event counts: not that of code lifted out of a kernel, which is never cached and costs little."""
+    """Return whether an event counts: not that of code lifted out of a kernel, which is never cached and costs
+    little.
+    """
     return not isinstance(event.data["dispatcher"], LiftedCode)
 
 

@@ -308,7 +308,9 @@ def _heads(table):
 
 @numba.njit(cache=True, error_model="numpy")
 def _directions(table, j, point, by_reference, normal, away, carried):
-    """Return the level of obstacle `j`, and write its normal n, r / (n^T r) and its velocity there in the last three."""
+    """Return the level of obstacle `j`, and write its normal n, r / (n^T r) and its velocity there in the last
+    three.
+    """
     level, _, nx, ny, nz = level_at(table, j, point[0], point[1], point[2])
     normal[0], normal[1], normal[2] = nx, ny, nz
     away[:] = normal

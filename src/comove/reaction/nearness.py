@@ -97,7 +97,9 @@ def load_points(scene: Scene, n_points: int) -> LoadPoints:
 
 
 def _on_faces(corners: Array, n_points: int) -> Array:
-    """Return a grid (n, 3) on the faces of a box, corners included, given by its corners, array of shape (8, 3) [m]."""
+    """Return a grid (n, 3) on the faces of a box, corners included, given by its corners, array of shape (8, 3)
+    [m].
+    """
     halves = 0.5 * (corners[[1, 2, 4]] - corners[0])
     lengths = np.linalg.norm(halves, axis=1)
     spacing = lengths.max() / max(1, (n_points - 1) // 4)

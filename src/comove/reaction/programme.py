@@ -336,7 +336,9 @@ class TwistProgramme:
         return np.ascontiguousarray(x[:n]), info["lam"]
 
     def _blocking(self, multipliers: Array) -> int:
-        """Return the owner of the row with the largest multiplier, `NOTHING` where no obstacle and no border hinders."""
+        """Return the owner of the row with the largest multiplier, `NOTHING` where no obstacle and no border
+        hinders.
+        """
         owner = self._desk.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:

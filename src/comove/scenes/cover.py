@@ -569,7 +569,9 @@ def _left_out(triangles, planes, first, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _is_beyond(polygon, planes, tolerance):
-    """Return whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), by `tolerance` [m] or more."""
+    """Return whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), by `tolerance` [m] or
+    more.
+    """
     for plane in planes:
         least = np.inf
         for p in polygon:
@@ -639,7 +641,9 @@ def _lines(points, first, middle, field, origin, step, most):
 
 @numba.njit(cache=True, error_model="numpy")
 def _line(a, b, field, origin, step, most):
-    """Return how far the line between two points leaves the solid [m]; any larger value where it is more than `most`."""
+    """Return how far the line between two points leaves the solid [m]; any larger value where it is more than
+    `most`.
+    """
     dx, dy, dz = (b[0] - a[0]) / step, (b[1] - a[1]) / step, (b[2] - a[2]) / step
     x, y, z = (a[0] - origin[0]) / step, (a[1] - origin[1]) / step, (a[2] - origin[2]) / step
     n = min(MOST_SAMPLES, 2 + int(np.sqrt(dx * dx + dy * dy + dz * dz)))

@@ -112,7 +112,9 @@ def fit_angle(grasps: Array, hands: Array) -> Array:
 
 
 def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Return the unit vectors (..., 3) along which `grasps` (n, 3) on the x axis are nearest to `hands` (..., n, 3)."""
+    """Return the unit vectors (..., 3) along which `grasps` (n, 3) on the x axis are nearest to `hands` (..., n,
+    3).
+    """
     direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 

@@ -21,7 +21,9 @@ UNTURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Wrong(ValueError):
-    """A value has the right type but breaks the rules of the file; `args` are the message and what to write instead."""
+    """A value has the right type but breaks the rules of the file; `args` are the message and what to write
+    instead.
+    """
 
 
 def no_minus_zero(number: float) -> float:

@@ -35,7 +35,9 @@ class Flaw(NamedTuple):
 
 
 class Family(NamedTuple):
-    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the depth of the place."""
+    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the depth of the
+    place.
+    """
 
     tag: str
     models: dict[str, type[BaseModel]]

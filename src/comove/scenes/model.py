@@ -95,7 +95,9 @@ Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pai
 
 
 class Workspace(Part):
-    """The box in which load and hands must stay [m]; corners of two numbers make the scene planar, of three spatial."""
+    """The box in which load and hands must stay [m]; corners of two numbers make the scene planar, of three
+    spatial.
+    """
 
     lower: Vector
     upper: Vector
@@ -371,7 +373,9 @@ class GraspPart(Part):
 
 
 class LeastJerkObjective(Part):
-    """An objective that asks for smooth motions near the demonstration; see `comove.planning.objectives.LeastJerk`."""
+    """An objective that asks for smooth motions near the demonstration; see
+    `comove.planning.objectives.LeastJerk`.
+    """
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -385,7 +389,9 @@ class LeastTimeObjective(Part):
 
 
 class PaperObjective(Part):
-    """The objective of equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the demonstration's shape."""
+    """The objective of equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the demonstration's
+    shape.
+    """
 
     type: Literal["paper"]
     goal: NotNegative = 1.0

@@ -328,7 +328,9 @@ def _is_solid(corners: Array) -> bool:
 
 
 def _load_shape(file: SceneFile, holders: tuple[int, ...], cover: Cover | None) -> tuple[Array | None, Array]:
-    """Return grasps and corners of the load in its own frame; grasps are None where the hands' start determines them."""
+    """Return grasps and corners of the load in its own frame; grasps are None where the hands' start determines
+    them.
+    """
     load, names = file.load, file.names
     if load.shape == "bar":
         half, first = load.length / 2, names.index((load.held_by or names)[0])

@@ -272,7 +272,9 @@ class Scene:
         return ~np.isin(self.owners, self.surfaces.owner)
 
     def by_row(self, of_obstacles: Array) -> Array:
-        """Return values given by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows, ...)."""
+        """Return values given by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows,
+        ...).
+        """
         several = len(self.owners) > len(self.first_rows)
         return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
 

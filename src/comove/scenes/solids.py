@@ -300,7 +300,9 @@ def hull_distance(table, j, solid, cutoff, normal, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _core_support(table, j, x, y, z):
-    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z), from its centre [m]."""
+    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z), from its centre
+    [m].
+    """
     kind = table[j, 0]
     if kind == SPHERE:
         return 0.0, 0.0, 0.0

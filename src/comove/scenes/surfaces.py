@@ -312,7 +312,9 @@ def box_gap(surfaces, box, points, others, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def triangle_gap(triangle, points, normal):
-    """Return the gap [m] along the unit vector `normal`, which points from the hull of points (n, 3) to the triangle."""
+    """Return the gap [m] along the unit vector `normal`, which points from the hull of points (n, 3) to the
+    triangle.
+    """
     least, most = np.inf, -np.inf
     for i in range(3):
         along = normal[0] * triangle[i, 0] + normal[1] * triangle[i, 1] + normal[2] * triangle[i, 2]

@@ -83,7 +83,9 @@ def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces
 
 
 def _without_rims(faces: Faces) -> NDArray[np.bool_]:
-    """Return which triangles remain when those with an edge that no other shares are removed, until there are none."""
+    """Return which triangles remain when those with an edge that no other shares are removed, until there are
+    none.
+    """
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
     side = side.reshape(3, -1).T  # of every triangle, by number
@@ -104,7 +106,9 @@ def _without_rims(faces: Faces) -> NDArray[np.bool_]:
 
 
 def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
-    """Return the triangles with vertices at one place merged and unused ones removed, and how far vertices moved [m]."""
+    """Return the triangles with vertices at one place merged and unused ones removed, and how far vertices moved
+    [m].
+    """
     used, place = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], place.reshape(faces.shape)
     low = vertices.min(axis=0)

@@ -93,7 +93,9 @@ class Record:
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
     def holds(self, c: PairConstraint) -> bool:
-        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps too."""
+        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps
+        too.
+        """
         return any({c.first, c.second} <= set(own) for own in self.scene.nodes_of_groups)
 
 
@@ -334,6 +336,8 @@ _MEASURES: dict[type, Callable[..., float]] = {
 
 
 def _relative(record: Record | RecordSamples, c: PairConstraint) -> tuple[Array, Array]:
-    """Return one hand relative to the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,) [m]."""
+    """Return one hand relative to the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,)
+    [m].
+    """
     nodes, bulges = record.nodes, record.bulges
     return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]

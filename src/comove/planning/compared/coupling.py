@@ -12,8 +12,8 @@ hands to their distance D, and F_c the coupling learned in former epochs, at eve
     F_c,i+1(k) = Q (F_c,i(k) + L c F_i(k + 1)).
 
 The transformed system is linear, so the position of a hand is that of the uncoupled primitive plus a deviation that
-obeys the same equation without goal and forcing. C is held over a control period and the deviation is advanced exactly, as a
-controller in discrete time would see it; C' is an impulse at each change of C.
+obeys the same equation without goal and forcing. C is held over a control period and the deviation is advanced
+exactly, as a controller in discrete time would see it; C' is an impulse at each change of C.
 
 The control period bounds the gains from above. Along u the three numbers (deviation, its z, last C) obey a linear
 recursion; `spectral_radius` gives the factor by which it grows in a step.

@@ -1,8 +1,9 @@
 """Fits of integrated motions by the curves that are verified, stored and drawn.
 
-A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it. If
-what is left is small (`END_ERROR`, `END_SPEED`), a correction of minimum jerk over its last part leads it to the goal;
-else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are needed.
+A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it.
+If what is left is small (`END_ERROR`, `END_SPEED`), a correction of minimum jerk over its last part leads it to the
+goal; else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are
+needed.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     level k = 1, 2, ..:   minimise |A_k x - b_k|^2   such that   G x >= h   and   A_j x = A_j x_j for j < k,
 
-where x_j is the solution of level j. The equalities hold by writing x = x_j + N z, where N spans the null space of all
-former tasks, so that every level is a smaller programme (Escande et al., 2014, solve the same in one sweep). Where
-G x >= h has no solution, h is first reduced by the slack of least sum of squares.
+where x_j is the solution of level j. The equalities hold by writing x = x_j + N z, where N spans the null space of
+all former tasks, so that every level is a smaller programme (Escande et al., 2014, solve the same in one sweep).
+Where G x >= h has no solution, h is first reduced by the slack of least sum of squares.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ which is finite only inside the bound. With the control law
     e' = rho'/rho e - k rho eps / (1 - xi^2)        eps' = -k eps / (1 - xi^2)^2
 
 eps decays at least as fast as exp(-k t), so that an error that begins inside the bound stays inside; a small error
-decays like exp(-k t). In discrete time the pull removes at most half of the error in a step, which also draws an error
-back that was forced outside.
+decays like exp(-k t). In discrete time the pull removes at most half of the error in a step, which also draws an
+error back that was forced outside.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 CMA-ES optimises in two stages, on the scene of the first manipulator alone:
 
-1. the coefficients of a combination of movements that avoids the obstacles, w_d = sum_k c_kd w_kd (see `combination`);
+1. the coefficients of a combination of movements that avoids the obstacles, w_d = sum_k c_kd w_kd (see
+   `combination`);
 2. the weights of the resulting movement, on the cost (4).
 
 The source builds its movement for an environment, without a load and without a second hand; it is verified likewise.

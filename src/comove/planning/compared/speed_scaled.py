@@ -2,8 +2,9 @@
 
 The middle of the hands of a rigid group (the absolute motion) moves as robot and human agree; the positions of the
 hands relative to it (the relative motion) remain as taught, as in the source's bimanual task. The human is simulated:
-she wants another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path. After
-the last cycle the robot executes the learned motion alone, in the scene's duration. For the laws see `cooperation`.
+she wants another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path.
+After the last cycle the robot executes the learned motion alone, in the scene's duration. For the laws see
+`cooperation`.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     minimise over all w   J(y_1(0..T), .., y_M(0..T))
 
 Each hand has its own weights, and all share one phase. Obstacles count where a hand touches them, as (4) is printed:
-neither the load between the hands nor any constraint on their distance enters. The search is that of the other methods,
-separable CMA-ES on orthonormalised weights.
+neither the load between the hands nor any constraint on their distance enters. The search is that of the other
+methods, separable CMA-ES on orthonormalised weights.
 """
 
 from __future__ import annotations
