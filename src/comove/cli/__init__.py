@@ -1,4 +1,4 @@
-"""The command line. One short file a verb; the only place that maps names to objects."""
+"""The command line: one short file per verb. Only these files map names on the command line to objects."""
 
 from comove.cli.app import main
 

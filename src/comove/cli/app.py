@@ -1,4 +1,4 @@
-"""The application: verbs, exit codes, and how errors and warnings are told."""
+"""The application: verbs, exit codes, and the output of errors and warnings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Command = Callable[..., int | None]
 
 
 def sub_application(name: str, about: str) -> typer.Typer:
-    """A group of verbs, `comove NAME VERB`."""
+    """Return a new group of verbs, `comove NAME VERB`."""
     group = typer.Typer(name=name, help=about, **STYLE)
     group.callback(help=about)(lambda: None)  # so that a single verb is still named
     app.add_typer(group)
@@ -40,7 +40,7 @@ def sub_application(name: str, about: str) -> typer.Typer:
 
 
 def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Command], Callable[..., None]]:
-    """Register a command: it returns its exit code and may raise `ComoveError` for bad input."""
+    """Return a decorator that registers a command, which returns its exit code and may raise `ComoveError`."""
 
     def register(function: Command) -> Callable[..., None]:
         @wraps(function)
@@ -63,7 +63,7 @@ verb = verb_of(app)
 
 
 def since_process_start() -> float:
-    """Seconds since this process began."""
+    """Return the time since this process began [s]."""
     try:
         with open("/proc/self/stat", encoding="ascii") as stat:
             ticks = int(stat.read().rsplit(")", 1)[1].split()[19])
@@ -93,7 +93,7 @@ def options(
 
 
 def main() -> None:
-    """Entry point of the `comove` command: whatever happens ends in an exit code of the contract."""
+    """Run the `comove` command; it always ends in one of the documented exit codes."""
     guard_streams()
     _unwind_when_ended()
     try:
@@ -123,7 +123,7 @@ def main() -> None:
 
 
 def _unwind_when_ended() -> None:
-    """Let signals that end a process do so as an interruption does: what it was writing is taken away."""
+    """Make signals that end a process act like an interruption, so that unfinished files are removed."""
 
     def leave(number: int, _: object) -> None:
         raise SystemExit(128 + number)
@@ -135,7 +135,7 @@ def _unwind_when_ended() -> None:
 
 
 def _told(error: BaseException) -> int:
-    """Say in one sentence what ended the command; its exit code."""
+    """Print in one sentence what ended the command; return its exit code."""
     words, code = " ".join(str(error).split()), BAD_INPUT
     if isinstance(error, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
@@ -166,7 +166,7 @@ def _told(error: BaseException) -> int:
 
 
 def _report(error: BaseException) -> str:
-    """Write down what helps to mend a defect; says where."""
+    """Write a file that helps to correct a defect; return where it is."""
     import platform
     import tempfile
     import traceback

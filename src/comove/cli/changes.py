@@ -1,4 +1,4 @@
-"""Options that stand for what a scene file says of durations and limits."""
+"""Options that replace durations and limits of a scene file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def changes_of(
     jerk: float | None = None,
     clearance: float | None = None,
 ) -> dict[str, Any]:
-    """Return what `Scene.load` takes for changes, of the options that were given."""
+    """Return the options that were given as the argument `changes` of `Scene.load`."""
     limits = {"speed": speed, "acceleration": acceleration, "jerk": jerk, "clearance": clearance}
     limits = {key: value for key, value in limits.items() if value is not None}
     changes: dict[str, Any] = {} if duration is None else {"duration": duration}

@@ -1,4 +1,4 @@
-"""What is told on standard error while one waits: progress where it is a terminal, and what is compiled anyway."""
+"""Output on standard error during long work: a progress bar on terminals, and a note on compilation in any case."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ONCE = "compiling, once after installation"
 
 
 def time_spent() -> float:
-    """Seconds since this process began, less those in which kernels were compiled."""
+    """Return the time since this process began [s], without the time of compiling kernels."""
     from comove.planning.compiling import IN_ALL
 
     return since_process_start() - IN_ALL.seconds
@@ -21,12 +21,12 @@ def time_spent() -> float:
 
 @contextmanager
 def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterator[Any]:
-    """A callback for `solve` that shows generation, cost, constraint and the best so far; None without a terminal.
+    """Yield a callback for `solve` that shows generation, cost, constraint and best so far; None without a terminal.
 
     Parameters
     ----------
-    budget : the bar's length [s]; no bar but while something is compiled unless given
-    doing : what is done before the callback says more
+    budget : length of the bar [s]; without it, a bar is shown only during compilation
+    doing : text shown before the first call of the callback
     """
     from comove.planning.compiling import IN_ALL, compiling
 
@@ -39,7 +39,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
 
 
 class _Line:
-    """Says once that kernels are compiled, and nothing else."""
+    """A line that says once that kernels are being compiled; the progress display without a terminal."""
 
     progress = None
     said = False
@@ -50,11 +50,11 @@ class _Line:
             print(f"{ONCE}: one to three minutes that do not count", file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Nothing is left to be taken away."""
+        """Do nothing, as there is nothing to remove."""
 
 
 class _Bar:
-    """A bar with the time elapsed, which begins anew after something was compiled."""
+    """A bar that shows the elapsed time, and begins anew after a compilation."""
 
     def __init__(self, budget: float | None, doing: str):
         from rich.console import Console

@@ -1,4 +1,4 @@
-"""Recordings as people name them: a file, or lasa:SHAPE:DEMO; and the options of learning."""
+"""Recordings on the command line, a file or lasa:SHAPE:DEMO, and the options of learning."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
 
 
 class PhaseName(StrEnum):
-    """The canonical systems."""
+    """Names of the canonical systems."""
 
     exponential = "exponential"
     linear = "linear"
@@ -76,7 +76,7 @@ def reading_options(
     rate: float | None,
     clean: bool,
 ) -> dict:
-    """What `Demonstration.load` takes beside the choice of a movement; nothing where nothing was said."""
+    """Return the options for `Demonstration.load`, except the choice of a movement; only those that were given."""
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     said = {"unit": unit, "columns": names, "delimiter": delimiter, "time": time, "rate": rate}
     return {key: value for key, value in said.items() if value is not None} | (
@@ -85,7 +85,7 @@ def reading_options(
 
 
 def require_metres(recording, demo: str) -> None:
-    """Refuse to keep a movement that nobody's arm can make, unless its unit was said."""
+    """Raise if the numbers of a recording do not look like metres, unless its unit was given."""
     from comove.demonstrations.cleaning import unit_hint
 
     if hint := unit_hint(recording.position, recording.unit):
@@ -100,15 +100,15 @@ def require_metres(recording, demo: str) -> None:
 def read_recordings(
     demo: str, manipulator: str | None, episode: str | None, topic: str | None, options: dict | None = None
 ) -> list:
-    """The movements of a recording, each with where it comes from and what to call it.
+    """Return the movements of a recording, each with its source and a name.
 
     Parameters
     ----------
-    options : as `reading_options` gives them
+    options : result of `reading_options`
 
     Returns
     -------
-    list of (Demonstration, source, name); one where a choice was made or there is nothing to choose
+    list of (Demonstration, source, name); one entry if a choice was made or only one movement exists
     """
     from comove.demonstrations import Demonstration
 
@@ -135,7 +135,7 @@ def read_recordings(
 def read_recording(
     demo: str, manipulator: str | None, episode: str | None, topic: str | None, options: dict | None = None
 ) -> tuple:
-    """The only movement of a recording, or the one that was chosen; (Demonstration, source, name)."""
+    """Return the only movement of a recording, or the chosen one; (Demonstration, source, name)."""
     from comove.demonstrations import Demonstration
 
     found = read_recordings(demo, manipulator, episode, topic, options)
@@ -150,7 +150,7 @@ def read_recording(
 def learning_options(
     n_basis: int, variant: str, phase: PhaseName | None, period: float | None, poses: bool
 ) -> dict:
-    """What `learn` takes."""
+    """Return the keyword arguments of `learn`."""
     from comove.primitives import ExponentialPhase, LinearPhase
 
     phases = {PhaseName.linear: LinearPhase(), PhaseName.exponential: ExponentialPhase()}
@@ -164,7 +164,7 @@ def learning_options(
 
 
 def recording_of(primitive):
-    """The recording that a primitive was learned from, None unless it is there and the very same."""
+    """Return the recording from which a primitive was learned; None if it is missing or has changed."""
     from comove.errors import ComoveError
     from comove.primitives.files import checksum
 
@@ -180,12 +180,12 @@ def recording_of(primitive):
 
 
 def file_name(text: str) -> str:
-    """A name for a primitive out of any text."""
+    """Return a valid name for a primitive, made from any text."""
     return re.sub(r"[^\w.+-]+", "-", text).strip("-.+")[:100] or "movement"
 
 
 def check_target(path: Path) -> None:
-    """Make sure, before anything takes time, that a primitive may be written to `path`."""
+    """Check, before a long computation, that a primitive can be written to `path`."""
     from comove.demonstrations.files import require_target
     from comove.primitives.files import is_primitive
 
@@ -197,7 +197,7 @@ def check_target(path: Path) -> None:
 
 
 def learned_text(primitive) -> str:
-    """What was learned, and how well, in a few lines for people."""
+    """Return a few readable lines about a learned primitive and how well it fits."""
     dmp, p = primitive.positions, primitive.provenance
     what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
     what += " and orientation" if primitive.kind == "pose" else ""
@@ -218,7 +218,7 @@ def learned_text(primitive) -> str:
 
 
 def check_picture(path: Path | None) -> None:
-    """Make sure, before anything takes time, that a picture may be written to `path`, if one is wanted."""
+    """Check, before a long computation, that a picture can be written to `path`, if one is wanted."""
     from comove.demonstrations.files import require_target
     from comove.errors import OptionError
 
@@ -230,7 +230,7 @@ def check_picture(path: Path | None) -> None:
 
 
 def save_picture(figure, path: Path) -> None:
-    """Write a figure, or say in one sentence why not."""
+    """Write a figure, or raise an error that says in one sentence why that is impossible."""
     from comove.demonstrations.files import whole_path
     from comove.errors import OptionError
     from comove.views import save

@@ -100,7 +100,7 @@ def run(
 
 
 def check_period(period: float) -> None:
-    """Refuse a control period that nobody can keep."""
+    """Raise if a control period is too short to be kept."""
     if 0 < period < SHORTEST:
         raise OptionError(
             f"{period} s is too short", key="--period", way_out=f"give {SHORTEST:g} s or more, such as 0.01"
@@ -108,7 +108,7 @@ def check_period(period: float) -> None:
 
 
 def check_steps(budget: float, period: float) -> None:
-    """Refuse a run of more steps than can be taken and kept."""
+    """Raise if a run has more steps than can be computed and stored."""
     if budget / period > MAX_STEPS:
         raise OptionError(
             f"{budget:g} s in steps of {period:g} s are more than {MAX_STEPS:,} steps",
@@ -118,7 +118,7 @@ def check_steps(budget: float, period: float) -> None:
 
 
 def run_text(summary: dict[str, Any], folder: Path) -> str:
-    """A run's summary for people."""
+    """Return a readable summary of a run."""
     verdict = "arrived, verified" if summary["verified"] else "NOT VERIFIED"
     clearance = summary["clearance_min"]
     nothing = "nothing to hit"
@@ -138,7 +138,7 @@ def run_text(summary: dict[str, Any], folder: Path) -> str:
 
 
 def comparison_text(table: dict[str, Any], folder: Path) -> str:
-    """All methods on one scene for people."""
+    """Return a readable table of all methods on one scene."""
     lines = ["", "", f"  {'':24s}{'distance off':>14s}{'clearance':>14s}{'goal missed by':>18s}{'time':>10s}"]
     for row in table["methods"]:
         clearance = "-" if row["clearance_min"] is None else f"{1e3 * row['clearance_min']:.2f} mm"

@@ -45,7 +45,7 @@ def show(
 
 
 def summary_text(summary: dict[str, Any], folder: Path) -> str:
-    """A result's summary for people."""
+    """Return a readable summary of a result."""
     verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
     lines = [f"{summary.get('scene')}: {verdict}"]
     lines += [f"  - {reason}" for reason in summary.get("reasons") or []]
@@ -76,7 +76,7 @@ def summary_text(summary: dict[str, Any], folder: Path) -> str:
 
 
 def _smoothness(summary: dict[str, Any]) -> list[str]:
-    """How smooth the motion is, in words; nothing where the result does not say."""
+    """Return lines about the smoothness of the motion; none if the result holds no such measures."""
     measures = summary.get("smoothness")
     if not measures:
         return []
@@ -89,7 +89,7 @@ def _smoothness(summary: dict[str, Any]) -> list[str]:
 
 
 def _followed(summary: dict[str, Any]) -> list[str]:
-    """How near the motion is to what was taught, in words; nothing where nothing was followed."""
+    """Return lines about the distance of the motion from the demonstration; none if there was no demonstration."""
     near = summary.get("demonstration")
     if not near:
         return []
@@ -101,7 +101,7 @@ def _followed(summary: dict[str, Any]) -> list[str]:
 
 
 def _weighted(summary: dict[str, Any], name: str) -> str:
-    """By what a term of the cost was weighted, where that is not the usual weight."""
+    """Return the weight of a cost term in words, empty if it is the usual weight."""
     from comove.planning import PaperCost
 
     usual = vars(PaperCost()).get(name)

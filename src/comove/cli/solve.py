@@ -29,7 +29,7 @@ COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority",
 
 
 class ObstacleMode(StrEnum):
-    """How obstacles enter: as hard constraints, or as a term of the objective (4)."""
+    """The ways in which obstacles enter: as hard constraints, or as a term of the objective (4)."""
 
     constraint = "constraint"
     cost = "cost"
@@ -150,10 +150,10 @@ def solve(
 
 
 def from_library(library: Library, scene: Scene, method: Method, seed: int, budget: float) -> tuple[str, DMP]:
-    """Return what a library offers for a scene, in words, and the movement.
+    """Return a description of the movement that a library offers for a scene, and the movement itself.
 
-    The paper's pipeline (III) combines several for one hand in the environment, after [6], and gives that to all; its
-    methods get this. Others get the one that suits best.
+    The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
+    result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
     """
     from comove.planning import Paper, Printed, best_movement, combine
     from comove.planning.compared.single import alone
@@ -170,7 +170,7 @@ def from_library(library: Library, scene: Scene, method: Method, seed: int, budg
 
 
 def require_taught(resemblance: float | None, dmp: object, scene: Path) -> None:
-    """Refuse a resemblance to nothing."""
+    """Raise if a resemblance is given but there is no demonstration."""
     if resemblance and dmp is None:
         raise OptionError(
             "the scene has no demonstration to resemble",
@@ -181,9 +181,9 @@ def require_taught(resemblance: float | None, dmp: object, scene: Path) -> None:
 
 
 def budget_left(budget: float, saving: float, scene) -> float:
-    """What is left of a budget for the search [s], half of it at least.
+    """Return the part of a budget that is left for the search [s], at least half of it.
 
-    Kept back is what saving takes, more where there is much to draw and where others use the machine as well.
+    The time for saving is kept back; it is longer if there is much to draw, or if others use the machine as well.
     """
     from comove.cli.progress import time_spent
 
@@ -193,17 +193,17 @@ def budget_left(budget: float, saving: float, scene) -> float:
 
 
 def check_budget(budget: float) -> None:
-    """Refuse a budget that is no time."""
+    """Raise if a budget is not a positive, finite time."""
     if not 0 < budget < float("inf"):
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
 
 
 def objective_of(name: str | None, resemblance: float | None, weights: str | None, scene, smooth: bool):
-    """The objective that the command line names, or else the scene; None where `solve` is to choose.
+    """Return the objective named by the command line, or else by the scene; None if `solve` shall choose.
 
     Parameters
     ----------
-    smooth : whether the method finds smooth motions; else what the scene says of them is passed over
+    smooth : whether the method finds smooth motions; otherwise smooth objectives of the scene are ignored
     """
     from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.objectives import objective_of_scene
@@ -237,7 +237,7 @@ def objective_of(name: str | None, resemblance: float | None, weights: str | Non
 
 
 def _weights(text: str) -> dict[str, float]:
-    """The weights of equation (4) by name."""
+    """Return the weights of equation (4) by name."""
     try:
         goal, velocity, obstacle = map(float, text.split(","))
     except ValueError:
@@ -248,7 +248,7 @@ def _weights(text: str) -> dict[str, float]:
 
 
 def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
-    """Return the method of a name, one of those `known`."""
+    """Return the method with the given name, one of those `known`."""
     from comove.planning import Comove, Paper, Printed, Projection
     from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 
@@ -261,7 +261,7 @@ def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Met
 
 
 def write_result(solution, folder: Path, dmp=None) -> dict:
-    """Files and pictures of a solution; returns the contents of solution.json."""
+    """Write the files and pictures of a solution; return the contents of solution.json."""
     from comove.cli.progress import time_spent
     from comove.planning import carried_demonstration
     from comove.results import write_solution

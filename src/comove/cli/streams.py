@@ -1,8 +1,8 @@
-"""Standard streams that can fail without being taken for a verdict.
+"""Standard streams whose failures are not mistaken for a verdict.
 
-A reader who has heard enough (`comove show DIR | head -1`) ends the command quietly, a full disk behind standard
-output ends it with a sentence; both by exit codes of their own. What cannot be said on standard error is left unsaid:
-the exit code says it too.
+A reader that closes the pipe early (`comove show DIR | head -1`) ends the command quietly; a full disk behind
+standard output ends it with a message; both with exit codes of their own. Messages that cannot be written to standard
+error are dropped, as the exit code tells the same.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _IN, _OUT, _ERR = 0, 1, 2
 
 
 class _Output(io.FileIO):
-    """Standard output: what goes wrong with it ends the process, by its own exit code."""
+    """Standard output whose failures end the process, with an exit code of their own."""
 
     def write(self, data) -> int:
         while True:
@@ -41,7 +41,7 @@ class _Output(io.FileIO):
 
 
 class _Messages(io.FileIO):
-    """Standard error: what cannot be told is dropped."""
+    """Standard error that drops messages which cannot be written."""
 
     def write(self, data) -> int:
         try:
@@ -52,10 +52,10 @@ class _Messages(io.FileIO):
 
 
 def guard_streams() -> None:
-    """Put guarded streams in the place of standard output and standard error.
+    """Replace standard output and standard error by guarded streams.
 
-    Whatever the encoding, what it lacks is written as `\\xe4` is. A stream that was closed from the start goes
-    nowhere, so that no file that is opened later is taken for it.
+    Characters that the encoding lacks are written as `\\xe4` is. A stream that was closed from the start is connected
+    to the null device, so that no file opened later takes its number.
     """
     for number in (_IN, _OUT, _ERR):
         try:

@@ -76,7 +76,7 @@ def verify(
 
 
 def _options_of(stored, scene: Path, loaded) -> str | None:
-    """The options that make of a scene file the scene that was solved; None where there are none."""
+    """Return the options that turn a scene file into the scene that was solved; None if there are none."""
     from comove.errors import InputError
     from comove.results.folder import SCENE
     from comove.scenes import Scene
@@ -107,9 +107,9 @@ def _options_of(stored, scene: Path, loaded) -> str | None:
 
 
 def _joints_verdict(folder: Path, scene, file: Path, named: str | None):
-    """The judgement on a robot's motion, None where the folder holds none.
+    """Return the verdict on a robot's motion, None if the folder holds none.
 
-    The robot is the one that the command or the scene names. A folder may name a bundled one only: a description of
+    The robot is the one that the command or the scene names. A folder may name only a bundled robot: a description of
     its own choice could allow anything.
     """
     if not (folder / "robot.json").exists() and not (folder / "joints.npz").exists():

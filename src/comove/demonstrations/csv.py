@@ -352,9 +352,7 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
 
 
 def _parse(path: Path, names: list[str], row: int, lines: list[str]) -> NDArray[np.float64] | None:
-    """Parse lines, the first of which is `row`; return finite numbers (n_rows, n_columns), or None if there are
-    none.
-    """
+    """Parse lines from row `row` on; return finite numbers, shape (n_rows, n_columns), or None if there are none."""
     with contextlib.suppress(ValueError):
         # Blank and commented lines are rare: only where the parser stumbles they are looked for.
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2) if all(lines) else None

@@ -43,9 +43,7 @@ T = TypeVar("T")
 
 @contextlib.contextmanager
 def draft(target: Path) -> Iterator[Path]:
-    """Make an empty folder beside `target`, which is removed when the block ends, with all its content at that
-    time.
-    """
+    """Make an empty folder beside `target`; it is removed with its content when the block ends."""
     tidy(target)
     path, lock = _new(target)
     try:
@@ -96,9 +94,7 @@ def _renameat2() -> Callable[..., int] | None:
 
 
 def _stepped_aside(draft: Path, target: Path) -> bool:
-    """Replace the target by two renames, between which a writer may die; return False if another writer was
-    faster.
-    """
+    """Replace the target by two renames, between which a writer may die; return False if another was faster."""
     old = draft.with_suffix(OLD)
     try:
         os.rename(target, old)

@@ -47,8 +47,7 @@ def resample(
 def slerp(
     time: NDArray[np.float64], orientation: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate orientations along the shortest turn between neighbours, at constant speed; samples are met
-    exactly.
+    """Interpolate orientations along the shortest turn between neighbours, at constant speed; samples are exact.
 
     Parameters
     ----------

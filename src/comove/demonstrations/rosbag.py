@@ -213,9 +213,7 @@ def _opened(path: Path) -> Iterator[_Bag]:
 
 @contextlib.contextmanager
 def _telling(path: Path) -> Iterator[None]:
-    """Convert all exceptions that the library raises on a damaged bag, assertions included, to a
-    `DemonstrationError`.
-    """
+    """Convert the library's exceptions on a damaged bag, assertions included, to a `DemonstrationError`."""
     try:
         yield
     except (DemonstrationError, Warning):

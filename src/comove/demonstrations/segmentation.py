@@ -197,9 +197,7 @@ def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDA
 
 
 def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float) -> NDArray[np.bool_]:
-    """Fill stops shorter than `min_pause` [s], also at the ends of the recording, so that movements continue through
-    them.
-    """
+    """Fill the gaps between movements shorter than `min_pause` [s], also those at the ends of the recording."""
     if not moving.any():
         return moving
     gaps = _runs(~moving)

@@ -147,9 +147,7 @@ def _lines(path: Path) -> list[tuple[int, str]]:
 def _header(
     path: Path, lines: list[tuple[int, str]], columns: Sequence[str] | None, delimiter: str | None
 ) -> tuple[int, str, list[str]]:
-    """Return the number of the first row below the header, the separator, and the names (numbers if there are
-    none).
-    """
+    """Return the number of the first row below the header, the separator, and the names, or numbers without names."""
     wanted = [name for name in columns or POSITIONS[:1] if not name.isdigit()]
     seen: list[str] = []
     for number, line in lines[:PREAMBLE]:

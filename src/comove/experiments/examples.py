@@ -1,4 +1,4 @@
-"""The example scenes that come with the package."""
+"""The example scenes of the package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")
 
 
 def example_path(name: str) -> Path:
-    """Where an example's scene file is."""
+    """Return the path of an example's scene file."""
     return Path(str(files("comove") / "examples" / f"{name}.yaml"))
 
 
@@ -24,7 +24,7 @@ def example(name: str) -> Scene:
 
 
 def copy_examples(folder: Path) -> None:
-    """Leave the scene files in a folder, to be tried and changed; what is there already is kept.
+    """Copy the example scene files to a folder, for users to try and change; existing files are kept.
 
     Raises
     ------

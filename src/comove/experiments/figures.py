@@ -12,11 +12,11 @@ from comove.views import draw_progress, draw_side_by_side, save
 
 
 def draw_figures(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict[str, str]:
-    """Draw the figures into `folder`; returns what each shows.
+    """Draw the figures into `folder`; return a description of each.
 
     Parameters
     ----------
-    solutions : of the examples "wide", "narrow", and "narrow-free", which does without the demonstration
+    solutions : solutions of the examples "wide" and "narrow", and of "narrow-free", solved without the demonstration
     dmp : the demonstrated movement
     """
     alone = single(example("wide"))
@@ -50,7 +50,7 @@ def draw_figures(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict
 
 
 def single(scene: Scene) -> Scene:
-    """The scene with one free hand in place of the load."""
+    """Return the scene with one free hand in place of the load."""
     data = scene.file.model_dump(exclude_defaults=True)
     hands = [scene.start.mean(axis=0), scene.goal.mean(axis=0)]
     data.pop("load", None)

@@ -1,4 +1,4 @@
-"""Tables of reports in Markdown."""
+"""Tables in Markdown, for reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table, a line a row.
+    """Return a table with one line per row.
 
     >>> print(table(["system", "runs"], [["comove", "50"]]))
     | system | runs |

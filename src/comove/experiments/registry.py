@@ -1,4 +1,4 @@
-"""All systems that are compared, by name."""
+"""The systems of the comparison, by name."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ SYSTEMS: dict[str, System] = OWN | PEERS
 
 
 def systems_named(names: list[str]) -> dict[str, System]:
-    """The systems of these names.
+    """Return the systems with these names.
 
     Raises
     ------
     OptionError
-        If one is not there.
+        If a name is unknown.
     """
     for name in names:
         if name not in SYSTEMS:

@@ -1,4 +1,4 @@
-"""Intervals for what was measured: shares by Wilson, medians and slopes by the bootstrap."""
+"""Confidence intervals of measured values: shares by Wilson, medians and slopes by the bootstrap."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SEED = 0  # of all resamples
 
 
 class Interval(NamedTuple):
-    """An estimate and the interval that holds the truth with `CONFIDENCE`; NaN where there is nothing."""
+    """An estimate with its confidence interval of level `CONFIDENCE`; NaN if there are no values."""
 
     value: float
     low: float
@@ -29,7 +29,7 @@ NOTHING = Interval(np.nan, np.nan, np.nan)
 
 
 def wilson(successes: int, n: int) -> Interval:
-    """The share of successes, with Wilson's score interval (1927)."""
+    """Return the share of successes, with Wilson's score interval (1927)."""
     if n == 0:
         return NOTHING
     z, p = float(norm.ppf(0.5 + CONFIDENCE / 2)), successes / n
@@ -39,22 +39,22 @@ def wilson(successes: int, n: int) -> Interval:
 
 
 def median(values: ArrayLike) -> float:
-    """The median of values that may be infinite; array, shape (n,), n > 0."""
+    """Return the median of values that may be infinite; array, shape (n,), n > 0."""
     return float(_medians(np.asarray(values, dtype=float)[None])[0])
 
 
 def median_interval(values: ArrayLike) -> Interval:
-    """The median, with a bootstrap interval; values may be infinite (never).
+    """Return the median, with a bootstrap interval; values may be infinite.
 
     Parameters
     ----------
-    values : array, shape (n,), independent of each other: one a scene
+    values : array, shape (n,), independent of each other: one per scene
     """
     return _bootstrapped(np.asarray(values, dtype=float), _medians)
 
 
 def mean_interval(values: ArrayLike) -> Interval:
-    """The mean, with a bootstrap interval; array, shape (n,)."""
+    """Return the mean, with a bootstrap interval; array, shape (n,)."""
     return _bootstrapped(np.asarray(values, dtype=float), lambda drawn: drawn.mean(axis=1))
 
 
@@ -69,7 +69,7 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
 
 
 def _medians(rows: Array) -> Array:
-    """Of every row; infinite where one of the two in the middle is."""
+    """Return the median of every row; infinite if one of the two middle values is."""
     rows = np.sort(rows, axis=1)
     n = rows.shape[1]
     low, high = rows[:, (n - 1) // 2], rows[:, n // 2]
@@ -77,14 +77,14 @@ def _medians(rows: Array) -> Array:
 
 
 def _tails(values: Array) -> tuple[float, float]:
-    """Quantiles of resamples, taken from among them, as they may be infinite."""
+    """Return the quantiles of resamples without interpolation, because the resamples may be infinite."""
     outside = 0.5 * (1 - CONFIDENCE)
     low, high = np.quantile(values, [outside, 1 - outside], method="inverted_cdf")
     return float(low), float(high)
 
 
 def slope_interval(x: ArrayLike, times: ArrayLike) -> Interval:
-    """Exponent e of ``time ~ x^e``: the slope of the line through the medians, both axes logarithmic.
+    """Return the exponent e of ``time ~ x^e``: the slope of the line through the medians on logarithmic axes.
 
     Parameters
     ----------

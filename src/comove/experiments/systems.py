@@ -1,7 +1,7 @@
-"""What is compared: systems that get a problem and a clock, offer hands as they find them, and are judged alike.
+"""Systems of the comparison: each gets a problem and a clock, offers motions when it finds them, and is judged alike.
 
-Whoever made it, an offer is a row of samples between which hands go straight. One judge looks at all of them
-(`comove.verification.record`) after the clock has stopped.
+An offer is a row of samples between which hands move on straight lines, whatever the system. One judge checks all of
+them (`comove.verification.record`) after the clock has stopped.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ FIRST_LOOK = 0.3  # s
 
 @dataclass(frozen=True, eq=False)
 class SystemProblem:
-    """What a system is asked.
+    """Holds the problem that a system has to solve.
 
     Attributes
     ----------
-    scene : what to solve
-    demonstration : a movement to begin with, if there is one
-    seed : of all random numbers
-    budget : time for it [s]
+    scene : scene to solve
+    demonstration : a movement from which to begin, if there is one
+    seed : seed of all random numbers
+    budget : time for the solution [s]
     """
 
     scene: Scene
@@ -49,12 +49,12 @@ class SystemProblem:
 
     @property
     def instants(self) -> Array:
-        """Of the samples of an offer, in shares of the duration; array, shape (N_SAMPLES,)."""
+        """Return the times of the samples of an offer, in shares of the duration; array, shape (N_SAMPLES,)."""
         return np.linspace(0.0, 1.0, N_SAMPLES)
 
 
 class Offers:
-    """Takes down what a system offers, and when; its clock begins with it."""
+    """A record of the offers of a system and their times; its clock starts when it is made."""
 
     def __init__(self) -> None:
         self.started = time.perf_counter()
@@ -62,45 +62,48 @@ class Offers:
 
     @property
     def seconds(self) -> float:
-        """Since the beginning."""
+        """Return the time since the beginning [s]."""
         return time.perf_counter() - self.started
 
     def take(self, hands: Array, seconds: float | None = None) -> None:
-        """Take down an offer, array of shape (N_SAMPLES, n_manipulators, n_dims), [m], found now unless said."""
+        """Record an offer, array of shape (N_SAMPLES, n_manipulators, n_dims), [m].
+
+        `seconds` is when it was found; by default now.
+        """
         self.taken.append((self.seconds if seconds is None else seconds, np.array(hands, dtype=float)))
 
 
 class System(ABC):
-    """Something that solves scenes.
+    """A system that solves scenes.
 
     Attributes
     ----------
-    name : as tables call it
-    version : of the tool behind it; empty where it is comove's own
+    name : name in tables
+    version : version of the tool behind it; empty for comove's own
     """
 
     name: str
     version: str = ""
 
     def refuses(self, scene: Scene) -> str:
-        """Why it is not made for a scene, in words; empty where it is."""
+        """Return why it is not made for a scene, in words; empty if it is."""
         return ""
 
     def warm_up(self, problem: SystemProblem) -> None:  # noqa: B027  most have nothing to do
-        """Load and compile what a first run would have to wait for; the clock does not run."""
+        """Load and compile before the clock runs everything that would delay the first run."""
 
     @abstractmethod
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Solve the problem within its budget and offer what is found, the best last."""
+        """Solve the problem within its budget and offer the motions found, the best last."""
 
 
 @dataclass(frozen=True)
 class OwnSystem(System):
-    """A method of `comove.solve`.
+    """A system that runs a method of `comove.solve`.
 
     Attributes
     ----------
-    method : which
+    method : the method
     planner : whether it may plan
     """
 
@@ -109,12 +112,12 @@ class OwnSystem(System):
     planner: bool = True
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Compile the kernels, those of the method itself too."""
+        """Compile the kernels, including those of the method itself."""
         load_kernels(problem.scene.n_dims, bool(problem.scene.moving.any()))
         _first_look(self, problem.scene.n_dims)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Offer every motion that was the best so far, and at the end what `solve` hands out."""
+        """Offer every motion that was the best so far, and at the end the result of `solve`."""
         found: list[tuple[float, object]] = []
 
         def note(progress: Progress) -> None:
@@ -139,7 +142,7 @@ class OwnSystem(System):
 
 @lru_cache(maxsize=32)
 def _first_look(system: OwnSystem, n_dims: int) -> None:
-    """Let a method begin on a bar beside a ball, so that it is compiled."""
+    """Start a method on a bar beside a ball, so that it is compiled."""
     start, goal = ([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)] for x in (0.2, 0.8))
     scene = Scene.from_dict(
         {
@@ -159,23 +162,23 @@ def _first_look(system: OwnSystem, n_dims: int) -> None:
 
 @dataclass(frozen=True)
 class SystemOutcome:
-    """What came of one run.
+    """Holds the result of one run.
 
     Attributes
     ----------
-    verified : whether what was offered last is
-    reasons : why not, in words
-    seconds : until the system ended [s]
-    first_verified : until the first offer that is verified [s]; None without any
+    verified : whether the last offer is verified
+    reasons : reasons why it is not, in words
+    seconds : time until the system ended [s]
+    first_verified : time until the first verified offer [s]; None if there is none
     history : (seconds, cost) of the offers that were verified and better than those before
-    cost : J of equation (4) in unit duration, of the last offer, as all that follows
-    path_length : of all hands together [m]
-    acceleration_max : from step to step [m/s^2]
-    jerk_max : from step to step [m/s^3]
-    jerk_ratio : squared jerk of all hands, integrated, over that of straight motions of minimum jerk
-    duration : of the motion [s]
-    distance_error_max : [m]
-    clearance_min : certified [m]
+    cost : J of equation (4) in unit duration, of the last offer, like all that follows
+    path_length : length of the paths of all hands together [m]
+    acceleration_max : largest acceleration, from step to step [m/s^2]
+    jerk_max : largest jerk, from step to step [m/s^3]
+    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
+    duration : duration of the motion [s]
+    distance_error_max : largest error of a distance [m]
+    clearance_min : certified clearance [m]
     """
 
     verified: bool
@@ -194,7 +197,7 @@ class SystemOutcome:
 
 
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
-    """Run a system and judge what it offers; None where it offers nothing."""
+    """Run a system and judge its offers; return None if it offers nothing."""
     system.warm_up(problem)
     offers = Offers()
     system.run(problem, offers)
@@ -229,12 +232,12 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
 
 
 def report_of(problem: SystemProblem, hands: Array) -> RecordReport:
-    """What the judge says of an offer."""
+    """Return the judge's report on an offer."""
     return judge(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
 def cost_of(scene: Scene, hands: Array) -> float:
-    """J of equation (4) in unit duration, of samples; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+    """Compute J of equation (4) in unit duration, of samples; array, shape (n_steps, n_manipulators, n_dims) [m]."""
     n = len(hands)
     to_goal = ((hands - scene.goal) ** 2).sum() / n
     effort = (np.diff(hands, axis=0) ** 2).sum() * (n - 1) ** 2 / n

@@ -1,4 +1,4 @@
-"""Many small jobs on a few processes, each with one numerical thread."""
+"""Parallel processing of many small jobs on a few processes, each with one numerical thread."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def run_all(
     prepare: Callable[[], None],
     tell: Callable[[int], None] = lambda done: None,
 ) -> list[Made]:
-    """Results in the order of the jobs.
+    """Return the results of all jobs, in their order.
 
     Ctrl-C raises `KeyboardInterrupt` here at once; the processes are ended.
 
     Parameters
     ----------
-    function : of a job; a module's own, as it is sent to other processes
-    processes : how many
-    prepare : what each of them does first
-    tell : called with the number of jobs that are done
+    function : function of a job; it must belong to a module, because it is sent to other processes
+    processes : number of processes
+    prepare : function that each process calls first
+    tell : function called with the number of jobs that are done
     """
     others = set(multiprocessing.active_children())
     with _one_thread():
@@ -64,7 +64,7 @@ def _begin(prepare: Callable[[], None]) -> None:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let processes that begin meanwhile use one numerical thread each."""
+    """Restrict processes that begin within the block to one numerical thread each."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:

@@ -1,4 +1,4 @@
-"""Black-box optimisers; they know no robot."""
+"""Black-box optimisers, independent of robots."""
 
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
 from comove.optimisers.ccmaes import (

@@ -4,15 +4,15 @@ Samples are ranked by
 
     L(x) = f(x) + sum_j mu_j h_j(x) + rho_j/2 h_j(x)^2
 
-(inequalities that are inactive, mu_j + rho_j h_j <= 0, count -mu_j^2 / (2 rho_j); Hestenes, 1969; Powell, 1969;
-Rockafellar, 1973; with CMA-ES: Arnold and Porter, 2015; Atamna, Auger and Hansen, 2017). There the multipliers
-follow mu += rho h(mean) slowly. Here they are those of the quadratic programme
+(inactive inequalities, mu_j + rho_j h_j <= 0, contribute -mu_j^2 / (2 rho_j); Hestenes, 1969; Powell, 1969;
+Rockafellar, 1973; with CMA-ES: Arnold and Porter, 2015; Atamna, Auger and Hansen, 2017). In these papers the
+multipliers slowly follow mu += rho h(mean). Here they are those of the quadratic programme
 
     min_z  g z + kappa/2 |z|^2   subject to   c + G z <= 0,
 
-in the units z of the search distribution, whose g, c and G are linear models learned from the samples; kappa is
-the Lagrangian's curvature as the models' residuals show it, and sets the penalties rho_j as well. The step of that
-programme, repaired to be feasible by the same models, joins the samples (injection: Hansen, 2011).
+in the units z of the search distribution. g, c and G are linear models learned from the samples; kappa is the
+Lagrangian's curvature, estimated from the models' residuals, and determines the penalties rho_j as well. The step of
+that programme, made feasible by the same models, joins the samples (injection: Hansen, 2011).
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
 @dataclass(frozen=True)
 class AugmentedLagrangian:
-    """The augmented Lagrangian with modelled multipliers: the method for smooth constraints.
+    """The augmented Lagrangian with modelled multipliers, a method that suits smooth constraints.
 
     Objective and constraints are evaluated on both sides of the constraints' boundaries.
 
     Attributes
     ----------
-    penalty : rho_j in units of the curvature; times `growth` for every run that diverged before
-    growth : see there
-    learning : how far multipliers go towards the programme's in a generation
-    integral : how far they follow rho h(mean), as in the classical rule
-    adaptation : how far penalties go towards their target, in logarithm
-    repairs : evaluations of the constraints at most, to make the programme's step feasible
+    penalty : rho_j in units of the curvature
+    growth : factor on `penalty` for every earlier run that diverged
+    learning : share of the way to the programme's multipliers that the multipliers go in a generation
+    integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
+    adaptation : share of the logarithmic way to their target that the penalties go in a generation
+    repairs : largest number of evaluations of the constraints to make the programme's step feasible
     """
 
     penalty: float = 0.5
@@ -62,12 +62,12 @@ class AugmentedLagrangian:
     repairs: int = 8
 
     def start(self, start: Start) -> AugmentedLagrangianRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         return AugmentedLagrangianRun(self, start)
 
 
 class AugmentedLagrangianRun:
-    """One run; see `AugmentedLagrangian`. Each generation: samples, then the repaired step of the programme."""
+    """One run of `AugmentedLagrangian`; each generation consists of samples and the programme's repaired step."""
 
     def __init__(self, settings: AugmentedLagrangian, start: Start) -> None:
         n = len(start.x)
@@ -84,11 +84,11 @@ class AugmentedLagrangianRun:
         self._sample()
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return self._request
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request."""
+        """Receive the values at the points of the last request."""
         self._then(objective, constraints)
 
     def _wait(self, request: Request, then: Callable) -> None:
@@ -122,7 +122,7 @@ class AugmentedLagrangianRun:
         self._propose()
 
     def _update(self, local: Local) -> None:
-        """Multipliers and penalties from the models around the mean."""
+        """Update multipliers and penalties from the models around the mean."""
         start, settings = self._start, self.settings
         gradient = local.slope[-1]
         self._shift = np.where(
@@ -160,7 +160,7 @@ class AugmentedLagrangianRun:
         self._penalties *= (target / self._penalties + TINY) ** settings.adaptation
 
     def _with_bounds(self, rows: Array, missed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The programme's constraints and which are equalities: the models', and the bounds."""
+        """Return the programme's constraints, from models and bounds, and which of them are equalities."""
         start, es = self._start, self._es
         if not start.bounded:
             return rows, missed, start.equality
@@ -171,7 +171,7 @@ class AugmentedLagrangianRun:
         return rows, missed, free
 
     def _remember_curvature(self, local: Local, multipliers: Array, stationary: Array) -> None:
-        """The Lagrangian's curvature: of its models' residuals, and at least half of its slope."""
+        """Record the Lagrangian's curvature: estimated from the models' residuals, and at least half of its slope."""
         n = len(stationary)
         residual = np.abs(local.residual[:, -1] + local.residual[:, :-1] @ multipliers)
         bent = 1.4826 * local.inflation * np.median(residual) / np.sqrt(n / 2)
@@ -181,7 +181,7 @@ class AugmentedLagrangianRun:
         del self._curvatures[: -self._memory]
 
     def _sound(self, local: Local) -> bool:
-        """Whether models, curvature, multipliers and penalties are numbers that one can go on with."""
+        """Return whether models, curvature, multipliers and penalties are finite, so that the run can continue."""
         numbers = local.slope.ravel(), self._curvatures[-1:], self._multipliers, self._penalties
         return bool(self._curvatures) and all(np.isfinite(x).all() for x in numbers)
 
@@ -191,7 +191,7 @@ class AugmentedLagrangianRun:
 
     @np.errstate(over="ignore", invalid="ignore")
     def _lagrangian(self, objective: Array, constraints: Array) -> Array:
-        """L at points; arrays, shapes (n_points,), (n_points, m) -> (n_points,); infinite where not finite."""
+        """Compute L at points; arrays, shapes (n_points,), (n_points, m) -> (n_points,); infinite if not finite."""
         mu, rho = self._multipliers, self._penalties
         h = constraints - self._shift
         active = self._start.equality | (mu + rho * h > 0)
@@ -202,7 +202,7 @@ class AugmentedLagrangianRun:
     # --- The programme's step, repaired ---
 
     def _propose(self) -> None:
-        """The step of the programme, or in every other generation the best sample, made feasible."""
+        """Take the programme's step or, in every other generation, the best sample, and begin to make it feasible."""
         if self._es.generation % 2:
             self._origin = self._es.z[np.argmin(self._values)]
         else:
@@ -212,7 +212,7 @@ class AugmentedLagrangianRun:
         self._repair()
 
     def _repair(self) -> None:
-        """Ask for the constraints at the models' feasible point nearest to the origin."""
+        """Request the constraints at the models' feasible point nearest to the origin."""
         start, es = self._start, self._es
         m = len(start.equality)
         margin = np.zeros(len(self._offset))

@@ -1,25 +1,27 @@
 """Constrained CMA-ES: fading records of violated constraints shorten the steps towards them.
 
 The paper, section III-A, equations (5) and (6), after Arnold and Hansen, "A (1+1)-CMA-ES for constrained
-optimisation" (2012), carried to (mu/mu, lambda) selection. Samples that violate constraints are drawn again, from a
-distribution that each of them has shortened, until all are feasible; only then is the objective asked for.
+optimisation" (2012), extended to (mu/mu, lambda) selection. Samples that violate constraints each shorten the
+distribution, and are drawn again from it until all are feasible; only then is the objective evaluated.
 
 Forms of the reduction, for a sample x = m + sigma A z that violates a_0 constraints j:
 
 - `PrintedForm`: equation (6), C <- C - beta/a_0 sum_j v_j v_j^T / |v_j|^2, with records v_j of steps A z,
-  equation (5). Not invariant under scaling, and C soon stops being positive definite; the run then says so.
+  equation (5). Not invariant under scaling, and C soon stops being positive definite; the run then ends and reports
+  it.
 - `FactorForm`: A <- A - beta/a_0 sum_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j (Arnold and Hansen, 2012), which
-  keeps the bracket's eigenvalues at 1 - beta or more. Records are carried along with A: v_j <- A' A^-1 v_j. Steps
-  that were recorded before a reduction are longer along what it shortens, so that records left as they are
-  (`StaleForm`) point there ever more, and the same directions are shortened again whatever is violated now. With one
-  sample an iteration, as Arnold and Hansen have it, records fade faster than that; with a population that is drawn
-  again and again they do not.
-- `MatrixForm`: the same with records u_j of z itself, M <- M - beta/a_0 sum_j (M u_j) u_j^T / |u_j|^2: neither
-  inverse nor decomposition, as M is learned by MA-ES.
-- `NoForm`: none; samples that violate constraints are drawn again from the same distribution.
+  keeps the bracket's eigenvalues at 1 - beta or more. Records are transformed along with A: v_j <- A' A^-1 v_j.
+  Without that (`StaleForm`), steps recorded before a reduction are too long in the direction that it shortens. The
+  records then turn towards this direction more and more, and it is shortened again whatever is violated now. With one
+  sample per iteration, as in Arnold and Hansen, records fade faster than this effect grows; with a population that is
+  drawn repeatedly they do not.
+- `MatrixForm`: the same with records u_j of z itself, M <- M - beta/a_0 sum_j (M u_j) u_j^T / |u_j|^2: it needs
+  neither inverse nor decomposition, as M is learned by MA-ES.
+- `NoForm`: no reduction; samples that violate constraints are drawn again from the same distribution.
 
-A start that violates constraints moves viability boundaries b_j >= 0 from the samples' violations to zero
-(Arampatzis et al., 2019), and then begins cleanly. Equalities are bands |h_j| <= b_j that shrink to the tolerance.
+If the start violates constraints, viability boundaries b_j >= 0 are moved from the samples' violations to zero
+(Arampatzis et al., 2019), and the run then begins anew. Equalities are bands |h_j| <= b_j that shrink to the
+tolerance.
 """
 
 from __future__ import annotations
@@ -44,17 +46,17 @@ FOLLOWED = 0.3  # of the samples' spread in |h|, by which a band may leave half 
 
 @dataclass(frozen=True)
 class Reduction:
-    """How steps towards violated constraints are shortened: learning rate c_v and size beta, both over n + 2."""
+    """Rates of the reduction: learning rate c_v (`fading`) and size beta (`size`), both divided by n + 2 in use."""
 
     fading: float = 1.0
     size: float = 0.1
 
 
 class PrintedForm(FullCovariance):
-    """Equation (6) as it is printed, on the covariance matrix."""
+    """Equation (6) exactly as printed, which acts on the covariance matrix."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """C <- C - sum_j share_j v_j v_j^T / |v_j|^2; raises LinAlgError once C is not positive definite."""
+        """Reduce C <- C - sum_j share_j v_j v_j^T / |v_j|^2; raises LinAlgError once C is not positive definite."""
         hit = shares > 0
         steps, shares = records[hit], shares[hit]
         lengths = (steps**2).sum(axis=1)
@@ -66,15 +68,15 @@ class PrintedForm(FullCovariance):
         return records
 
     def record(self, z: Array, y: Array) -> Array:
-        """What records are made of: the steps."""
+        """Return the quantity to be recorded: the steps."""
         return y
 
 
 class FactorForm(FullCovariance):
-    """The reduction of a factor A of the covariance (Arnold and Hansen, 2012), records carried along."""
+    """The reduction that acts on a factor A of the covariance (Arnold and Hansen, 2012), with transformed records."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j; returns the records that go with it."""
+        """Reduce A <- A - sum_j share_j v_j w_j^T / (w_j^T w_j), w_j = A^-1 v_j; return the new records."""
         if self._age > 0:  # what was learned since A was last made
             self._decompose()
         whitened, hit = self.whitened(records), shares > 0
@@ -85,26 +87,26 @@ class FactorForm(FullCovariance):
         return self._carried(records, whitened @ factor)
 
     def _carried(self, before: Array, along: Array) -> Array:
-        """Records after a reduction, of those before it and those carried along."""
+        """Return the records after a reduction: here those transformed along with A."""
         return along
 
     def record(self, z: Array, y: Array) -> Array:
-        """What records are made of: the steps."""
+        """Return the quantity to be recorded: the steps."""
         return y
 
 
 class StaleForm(FactorForm):
-    """The factor form with records that stay what they were when their samples were drawn."""
+    """The factor form whose records are not transformed by later reductions."""
 
     def _carried(self, before: Array, along: Array) -> Array:
         return before
 
 
 class MatrixForm(TransformationMatrix):
-    """The reduction of the transformation matrix, with records in the space of z."""
+    """The reduction that acts on the transformation matrix, with records in the space of z."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """M <- M - sum_j share_j (M u_j) u_j^T / |u_j|^2."""
+        """Reduce M <- M - sum_j share_j (M u_j) u_j^T / |u_j|^2; return the records."""
         hit = shares > 0
         directions, shares = records[hit], shares[hit]
         directions = directions / np.sqrt((directions**2).sum(axis=1, keepdims=True))
@@ -112,34 +114,35 @@ class MatrixForm(TransformationMatrix):
         return records
 
     def record(self, z: Array, y: Array) -> Array:
-        """What records are made of: the samples before scaling."""
+        """Return the quantity to be recorded: the samples before scaling."""
         return z
 
 
 class NoForm(FullCovariance):
-    """No reduction."""
+    """A covariance that is not reduced."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
-        """Nothing."""
+        """Leave the covariance unchanged; return the records."""
         return records
 
     def record(self, z: Array, y: Array) -> Array:
-        """What records are made of: the steps."""
+        """Return the quantity to be recorded: the steps."""
         return y
 
 
 @dataclass(frozen=True)
 class CCMAES:
-    """Constrained CMA-ES, for constraints of which little more is known than whether they are met.
+    """Constrained CMA-ES, a method for constraints that give little more information than whether they are met.
 
     Attributes
     ----------
-    form : of the reduction: `MatrixForm`, `FactorForm`, `StaleForm`, `PrintedForm` or `NoForm`
-    reduction : its rates
-    passes : times at most that the infeasible samples of a generation are drawn again
-    stalls : generations in a row without any feasible sample, after which the run has stalled
-    patience : times the usual number of generations without progress, after which a run has stagnated
-    shrinkage : of the bands of equalities in a generation, at most; not faster than the mean can follow
+    form : form of the reduction: `MatrixForm`, `FactorForm`, `StaleForm`, `PrintedForm` or `NoForm`
+    reduction : rates of the reduction
+    passes : largest number of times that the infeasible samples of a generation are drawn again
+    stalls : number of successive generations without any feasible sample after which the run has stalled
+    patience : factor on the usual number of generations without progress after which a run has stagnated
+    shrinkage : strongest factor on the bands of equalities in a generation; they do not shrink faster than the mean
+        follows
     """
 
     form: Callable[[int], MatrixForm | FactorForm | PrintedForm | NoForm] = MatrixForm
@@ -150,12 +153,12 @@ class CCMAES:
     shrinkage: float = 0.9
 
     def start(self, start: Start) -> CCMAESRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         return CCMAESRun(self, start)
 
 
 class CCMAESRun:
-    """One run; see `CCMAES`. Each generation: samples, drawn again until feasible; then their objective.
+    """One run of `CCMAES`. Each generation: samples, drawn again until feasible; then their objective.
 
     Attributes
     ----------
@@ -176,18 +179,18 @@ class CCMAESRun:
         self._sample()
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return self._request
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request."""
+        """Receive the values at the points of the last request."""
         if constraints is not None:
             self._constraints_told(constraints)
         else:
             self._objective_told(objective)
 
     def _reset(self, mean: Array) -> None:
-        """Begin with a round distribution and empty records."""
+        """Begin with an isotropic distribution and empty records."""
         n = len(mean)
         form = self.settings.form(n)
         self._es = CMAES(
@@ -245,7 +248,7 @@ class CCMAESRun:
             self._stall()
 
     def _stall(self) -> None:
-        """No sample is feasible: forget what they taught, go where they violate least, widen the bands."""
+        """Undo the reductions of a generation without feasible samples, go to the least violation, widen bands."""
         self._stalled += 1
         if self._stalled >= self.settings.stalls:
             self.reason = Reason.STALLED
@@ -256,7 +259,7 @@ class CCMAESRun:
         self._sample()
 
     def _resample(self) -> None:
-        """Draw the violators again, from the shortened distribution."""
+        """Draw the infeasible samples again, from the shortened distribution."""
         es = self._es
         z = es.rng.standard_normal((len(self._open), len(es.mean)))
         es.z[self._open] = z
@@ -265,7 +268,7 @@ class CCMAESRun:
         self._ask_open()
 
     def _begin_bands(self, constraints: Array) -> None:
-        """Bands and boundaries where half of the first samples lie inside."""
+        """Set bands and boundaries such that half of the first samples lie inside."""
         equality, tolerance = self._start.equality, self._start.tolerance
         finite = np.where(np.isfinite(constraints), constraints, np.inf)
         self.bands = np.where(equality, np.maximum(np.median(np.abs(finite), axis=0), tolerance), 0.0)
@@ -275,13 +278,13 @@ class CCMAESRun:
         self._viable = not self.boundaries.any()
 
     def _missed(self, constraints: Array) -> Array:
-        """How far bands and boundaries are missed; NaN is far; array, shape (n_points, m)."""
+        """Return the distances outside bands and boundaries, infinite for NaN; array, shape (n_points, m)."""
         signed = np.where(self._start.equality, np.abs(constraints), constraints)
         missed = signed - self.bands - self.boundaries
         return np.where(np.isnan(missed), np.inf, missed)
 
     def _learn(self, samples: Array, violated: NDArray[np.bool_]) -> None:
-        """Equations (5) and (6) for all violating samples at once, in their order."""
+        """Apply equations (5) and (6) for all violating samples at once, in their order."""
         es, n = self._es, len(self._es.mean)
         settings = self.settings.reduction
         fading, size = settings.fading / (n + 2), settings.size / (n + 2)

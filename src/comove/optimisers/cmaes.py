@@ -1,4 +1,4 @@
-"""CMA-ES (Algorithm 1 of the paper): ask for samples, tell their values."""
+"""CMA-ES (Algorithm 1 of the paper) with an interface of asking for samples and telling their values."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ Array = NDArray[np.float64]
 
 
 class CMAES:
-    """Minimiser by covariance matrix adaptation, without constraints and without a stopping rule.
+    """A minimiser by covariance matrix adaptation, without constraints and without a stopping rule.
 
     Equations are Algorithm 1's of the paper (after Hansen, arXiv 1604.00772). Objects may be copied and
-    pickled between any two calls, and go on with exactly the same samples.
+    pickled between any two calls, and continue with exactly the same samples.
 
     Parameters
     ----------
     mean : array, shape (n,)
-        Where to begin.
+        First mean.
     sigma : float
         First step size.
     rng : numpy.random.Generator
         Source of all samples.
     parameters : Parameters
-        Constants; Hansen's unless given.
+        Constants; by default Hansen's.
     covariance : Covariance
-        What is learned of the distribution's shape: a `FullCovariance` unless given.
+        Model of the distribution's shape; by default a `FullCovariance`.
 
     Raises
     ------
     OptionError
-        If the mean is no vector of finite numbers, or the step size is not positive.
+        If the mean is not a vector of finite numbers, or the step size is not positive.
     """
 
     def __init__(
@@ -56,21 +56,21 @@ class CMAES:
         self.z = self.y = np.zeros((0, n))
 
     def ask(self) -> Array:
-        """Sample a generation (line 4); array, shape (population, n)."""
+        """Draw the samples of a generation (line 4); array, shape (population, n)."""
         self.z = self.rng.standard_normal((self.parameters.population, len(self.mean)))
         self.y = self.covariance.scaled(self.z)
         return self.mean + self.sigma * self.y
 
     def whitened(self, x: Array) -> Array:
-        """Points in units of the distribution: (x - mean) = sigma A z; arrays, shape (n_points, n)."""
+        """Return points in units z of the distribution, (x - mean) = sigma A z; arrays, shape (n_points, n)."""
         return self.covariance.whitened((x - self.mean) / self.sigma)
 
     def standard_deviations(self) -> Array:
-        """Of the samples along the axes; array, shape (n,)."""
+        """Return the standard deviations of the samples along the axes; array, shape (n,)."""
         return self.sigma * self.covariance.standard_deviations()
 
     def inject(self, index: int, x: Array) -> None:
-        """Put a point from elsewhere in a sample's place, not farther than samples go (Hansen, 2011)."""
+        """Replace a sample by another point, moved closer if samples are rarely as far away (Hansen, 2011)."""
         z = self.whitened(x[None])[0]
         root = np.sqrt(len(z))
         z *= min(1.0, (root + 2 * root / (len(z) + 2)) / (np.linalg.norm(z) + 1e-300))
@@ -101,7 +101,7 @@ class CMAES:
 
 
 def check_start(mean: object, sigma: object) -> tuple[Array, float]:
-    """The first mean and step size, checked; the caller's array is left alone."""
+    """Return the first mean as a new array and the first step size, after checking both."""
     try:
         start = np.array(mean, dtype=float)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""What CMA-ES learns of the shape of its search distribution, in three forms.
+"""Three models of the covariance of the search distribution of CMA-ES.
 
 All turn standard normal samples z into steps y = A z with covariance A A^T, and learn from ranked samples.
 """
@@ -19,19 +19,19 @@ class Covariance(Protocol):
     """A covariance that can be sampled and learned."""
 
     def scaled(self, z: Array) -> Array:
-        """Steps of standard normal samples; arrays, shape (n_samples, n)."""
+        """Return the steps of standard normal samples; arrays, shape (n_samples, n)."""
 
     def whitened(self, y: Array) -> Array:
-        """Standard normal samples of steps, the inverse of `scaled`."""
+        """Return the standard normal samples of steps, the inverse of `scaled`."""
 
     def learn(self, parameters: Parameters, z: Array, y: Array, path: Path) -> None:
         """Update from samples and their steps, best first; arrays, shape (population, n)."""
 
     def standard_deviations(self) -> Array:
-        """Of the steps along the axes of the search space; array, shape (n,)."""
+        """Return the standard deviations of the steps along the axes of the search space; array, shape (n,)."""
 
     def axis_ratio(self) -> float:
-        """Longest over shortest principal axis."""
+        """Return the ratio of the longest to the shortest principal axis."""
 
 
 class Path:
@@ -49,7 +49,7 @@ class Path:
 
 
 class FullCovariance:
-    """A covariance matrix, decomposed only as often as it changes noticeably.
+    """A covariance matrix that is decomposed only as often as it changes noticeably.
 
     Algorithm 1 of the paper, line 11. A is the symmetric root of the covariance.
     """
@@ -96,7 +96,7 @@ class FullCovariance:
 
 
 class DiagonalCovariance:
-    """Variances along the axes only (Ros and Hansen, 2008): for large or well-scaled search spaces."""
+    """A covariance that has variances along the axes only (Ros and Hansen, 2008): for large or well-scaled spaces."""
 
     def __init__(self, n: int) -> None:
         self.variances = np.ones(n)
@@ -123,7 +123,7 @@ class DiagonalCovariance:
 
 
 class TransformationMatrix:
-    """The matrix A itself, learned without any decomposition (MA-ES; Beyer and Sendhoff, 2017)."""
+    """A covariance whose factor A itself is learned, without any decomposition (MA-ES; Beyer and Sendhoff, 2017)."""
 
     def __init__(self, n: int) -> None:
         self.matrix = np.eye(n)

@@ -3,7 +3,7 @@
 Two points whose violation is at most epsilon are compared by their objective, all others by their violation, and
 epsilon falls to zero (Takahama and Sakai, 2006). Some infeasible samples are repaired by Gauss-Newton steps
 x <- x - J^+ v of the violations v (Chootinan and Chen, 2006; with matrix adaptation: Hellwig and Beyer, 2018). The
-Jacobian J is not differenced but learned from the samples that were evaluated anyway.
+Jacobian J does not need finite differences: it is learned from the samples, which are evaluated in any case.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EpsilonLevel:
-    """Epsilon-level ranking with repair: robust where constraints are rough, slower than the Lagrangian elsewhere.
+    """Epsilon-level ranking with repair, which is robust for rough constraints but else slower than the Lagrangian.
 
     Attributes
     ----------
-    quantile : of the first generation's violations, where epsilon begins
+    quantile : quantile of the first generation's violations that gives the first epsilon
     horizon : generations after which epsilon is zero
     repaired : share of the infeasible samples that are repaired, in every generation
-    repeats : Gauss-Newton steps of a repair
+    repeats : number of Gauss-Newton steps of a repair
     """
 
     quantile: float = 0.2
@@ -40,16 +40,16 @@ class EpsilonLevel:
     repeats: int = 3
 
     def start(self, start: Start) -> EpsilonLevelRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         return EpsilonLevelRun(self, start)
 
 
 class EpsilonLevelRun:
-    """One run; see `EpsilonLevel`. Each generation: constraints, repairs, then the objective.
+    """One run of `EpsilonLevel`. Each generation: constraints, repairs, then the objective.
 
     Attributes
     ----------
-    epsilon : violation that counts as none
+    epsilon : violation up to which a point counts as feasible
     """
 
     def __init__(self, settings: EpsilonLevel, start: Start) -> None:
@@ -64,11 +64,11 @@ class EpsilonLevelRun:
         self._sample()
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return self._request
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request."""
+        """Receive the values at the points of the last request."""
         if constraints is None:
             self._objective_told(objective)
         else:
@@ -110,20 +110,20 @@ class EpsilonLevelRun:
             self._request = Request(self._x, objective=True, known=self._values)
 
     def _jacobian(self) -> Array | None:
-        """Slopes of the constraints in the space of x; array, shape (m, n)."""
+        """Return the slopes of the constraints in the space of x, array, shape (m, n); None for too few points."""
         if len(self._model) < 3:
             return None
         return self._model.around_mean(self._es).slope @ self._es.covariance.inverse_root / self._es.sigma
 
     def _corrections(self, missed: Array) -> Array:
-        """J^+ v of every row of violations, over the rows' violated constraints; array, shape (n_points, n)."""
+        """Compute J^+ v per row of violations, J of the violated constraints only; array, shape (n_points, n)."""
         masked = self._slope[None] * (missed != 0)[:, :, None]
         square = masked.transpose(0, 2, 1) @ masked  # n by n, however many constraints there are
         pulled = masked.transpose(0, 2, 1) @ missed[:, :, None]
         return (np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ pulled)[:, :, 0]
 
     def _total(self, constraints: Array) -> Array:
-        """Sum of violations of every point; array, shape (n_points,)."""
+        """Return the sum of violations of every point; array, shape (n_points,)."""
         return self._start.violation(constraints).sum(axis=1)
 
     def _objective_told(self, objective: Array) -> None:

@@ -1,4 +1,4 @@
-"""What a method of constrained minimisation is: it starts runs, and runs ask and are told."""
+"""The interface of methods of constrained minimisation: a method starts runs, and a run is asked and told."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Request:
-    """Points at which something is to be evaluated.
+    """Points that are to be evaluated.
 
     Attributes
     ----------
     x : array, shape (n_points, n)
-    objective, constraints : what is wanted at these points
-    known : constraint values at these points where they are known already; array, shape (n_points, m)
+    objective, constraints : whether the objective and the constraints are to be evaluated
+    known : constraint values at these points if they are known already; array, shape (n_points, m)
     """
 
     x: Array
@@ -32,7 +32,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Start:
-    """What a run is given.
+    """Holds the input of a run.
 
     Attributes
     ----------
@@ -40,10 +40,10 @@ class Start:
     sigma : first step size
     rng : source of all random numbers of the run
     equality : which constraints are equalities; array of bool, shape (m,)
-    tolerance : by which an equality may be missed
+    tolerance : largest absolute value of an equality that counts as met
     lower, upper : bounds of x, infinite where there are none; arrays, shape (n,)
-    population : samples a generation, None for the method's own
-    failures : runs before this one that diverged
+    population : samples per generation, None for the method's own
+    failures : number of earlier runs that diverged
     """
 
     x: Array
@@ -58,44 +58,44 @@ class Start:
 
     @property
     def bounded(self) -> bool:
-        """Whether any variable has a bound."""
+        """Return whether any variable has a bound."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
     def violation(self, constraints: Array) -> Array:
-        """How far each constraint is missed, NaN counted as infinitely; arrays, shape (.., m)."""
+        """Return the violation of each constraint, infinite for NaN; arrays, shape (.., m)."""
         missed = np.where(self.equality, np.abs(constraints) - self.tolerance, constraints)
         return np.where(np.isnan(missed), np.inf, np.maximum(missed, 0.0))
 
 
 class OptimiserRun(Protocol):
-    """One run of a method, from a start to a reason to end; may be copied and pickled at any time."""
+    """One run of a method, from its start until it has a reason to end; may be copied and pickled at any time."""
 
     reason: Reason | None
 
     def ask(self) -> Request:
-        """What to evaluate next; asking twice gives the same."""
+        """Return the next request for evaluations; repeated calls return the same request."""
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
+        """Receive the values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
 
 
 class ConstrainedMethod(Protocol):
-    """A way to minimise under constraints: a frozen description that starts runs."""
+    """A method of constrained minimisation: a frozen description that starts runs."""
 
     def start(self, start: Start) -> OptimiserRun:
-        """Begin a run."""
+        """Return a new run of the method."""
 
 
 @dataclass
 class Patience:
-    """Rules by which a run ends, watched over the generations.
+    """Rules that end a run, checked after every generation.
 
     Attributes
     ----------
     sigma : first step size
-    window : generations over which the spread must shrink
-    smallest_step : relative to the first step size
-    smallest_spread : of the values of a generation
+    window : number of generations over which the spread must shrink
+    smallest_step : smallest step size relative to the first
+    smallest_spread : smallest spread of the values of a generation
     """
 
     sigma: float
@@ -106,11 +106,11 @@ class Patience:
 
     @classmethod
     def of(cls, start: Start, population: int, times: float = 1.0) -> Patience:
-        """The rules for a run: more generations where there are more variables than samples, `times` the usual."""
+        """Return the rules for a run; the window grows with variables per sample, and by the factor `times`."""
         return cls(start.sigma, window=int(times * (100 + 50 * len(start.x) / population)))
 
     def reason(self, deviations: Array, axis_ratio: float, values: Array) -> Reason | None:
-        """Whether to end after a generation with these values, array of shape (population,)."""
+        """Return the reason to end after a generation with these values, array of shape (population,), or None."""
         finite = values[np.isfinite(values)]
         if len(finite) > 1:
             low, high = np.quantile(finite, [0.25, 0.75])

@@ -1,4 +1,4 @@
-"""The one door: `minimise`."""
+"""The function `minimise`, the main entry point of this package."""
 
 from __future__ import annotations
 
@@ -48,29 +48,30 @@ def minimise(
     f
         Objective: array, shape (n_points, n) -> array, shape (n_points,). NaN counts as infeasible.
     x0, sigma0
-        Where to begin, array of shape (n,), and the first step size: the optimum should lie within a few steps.
+        First mean, array of shape (n,), and first step size: the optimum should lie within a few steps.
     constraints
         h: array, shape (n_points, n) -> array, shape (n_points, m); h <= 0 is feasible, NaN is not.
     equality
         Which constraints are equalities, h = 0; array of bool, shape (m,).
     tolerance
-        By which an equality may be missed.
+        Largest absolute value of an equality that counts as met.
     bounds
         Lowest and highest x, a pair of numbers or arrays of shape (n,); nothing outside is evaluated.
     method, restarts, population, seed
         As in `Minimiser`.
     target
-        End as soon as a feasible point is at least as good.
+        Objective value at which the search ends, as soon as a feasible point is at least as good.
     max_evaluations
-        Of the objective and of the constraints, each; 10000 n unless given. Restarts go on until they are used.
+        Largest number of evaluations of the objective and of the constraints, each; 10000 n by default. Restarts
+        continue until they are used.
     max_seconds
-        Of wall time.
+        Longest wall time [s].
     callback
-        Called with the `Minimiser` after every batch of evaluations; ends the search where it returns True.
+        Function called with the `Minimiser` after every batch of evaluations; the search ends if it returns True.
     vectorized
-        Where False, f is (n,) -> float and h is (n,) -> (m,), called by `map`.
+        If False, f is (n,) -> float and h is (n,) -> (m,), called by `map`.
     map
-        For functions that are not vectorized: a map such as a process pool's; results do not depend on it.
+        The map for functions that are not vectorized, such as a process pool's; results do not depend on it.
 
     Returns
     -------
@@ -82,8 +83,8 @@ def minimise(
     OptionError
         If arguments or returned values have the wrong shape or range, or no constraint value is ever finite.
     Exception
-        Whatever f or h raise comes through; once the search has begun, its attribute `search` is the `Minimiser`, to
-        be saved or continued.
+        Exceptions of f or h are passed on; once the search has begun, their attribute `search` is the `Minimiser`,
+        which can be saved or continued.
     """
     begun = time.perf_counter()
     for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
@@ -152,12 +153,12 @@ def _ended(search: Minimiser, reason: Reason) -> Result:
 
 
 def _no_constraints(x: Array) -> Array:
-    """No column for any point."""
+    """Return an empty row of constraints for every point."""
     return np.zeros((len(x), 0))
 
 
 def _one_by_one(function: Callable | None, map: Callable) -> Callable | None:
-    """A function of many points from a function of one."""
+    """Return a function of many points that calls a function of one point."""
     if function is None:
         return None
     return _OneByOne(function, map)
@@ -172,7 +173,7 @@ class _OneByOne:
 
 
 def _count(h: Callable, x0: Array) -> int:
-    """How many constraints there are, from their values at x0."""
+    """Return the number of constraints, from their values at x0."""
     told = h(x0[None].copy())
     try:
         values = np.asarray(told, dtype=float)

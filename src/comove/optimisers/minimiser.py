@@ -1,4 +1,4 @@
-"""A whole search, ask and tell: runs of a method, restarts, and the best point seen."""
+"""A whole search with an ask-and-tell interface: runs of a method, restarts, and the best point."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ HUGE = 1e100  # finite values beyond are told to methods as this: products of th
 
 @dataclass(frozen=True)
 class Result:
-    """What a search found.
+    """Holds the result of a search.
 
     Attributes
     ----------
     x : the best point with every h <= 0 (equalities within their tolerance) ever seen, otherwise the least
         violated; array, shape (n,)
-    fun : objective there; NaN where it was not evaluated there
-    violation : sum of all violations there; 0 for a feasible point
-    n_objective, n_constraint : evaluations
-    history : every time that the best improved: evaluations of objective and constraints, objective, violation;
-        array, shape (n_improvements, 4)
-    reason : why the search ended
+    fun : objective at `x`; NaN if it was not evaluated there
+    violation : sum of all violations at `x`; 0 for a feasible point
+    n_objective, n_constraint : numbers of evaluations
+    history : a row for every improvement of the best point: evaluations of objective and constraints, objective,
+        violation; array, shape (n_improvements, 4)
+    reason : reason for the end of the search
     """
 
     x: Array
@@ -50,37 +50,37 @@ class Result:
 
     @property
     def feasible(self) -> bool:
-        """Whether every constraint is met."""
+        """Return whether every constraint is met."""
         return self.violation == 0.0
 
 
 class Minimiser:
-    """Minimise an objective under constraints by asking for values and being told them.
+    """A constrained minimiser that asks for values and is told them.
 
-    Copies and pickles go on with exactly the same samples.
+    Copies and pickles continue with exactly the same samples.
 
     Parameters
     ----------
     x0 : array, shape (n,)
-        Where to begin.
+        First mean.
     sigma0 : float
-        First step size: the optimum should lie within a few of them.
+        First step size: the optimum should lie within a few steps.
     n_constraints : int
-        How many constraints h there are; h <= 0 is feasible.
+        Number of constraints h; h <= 0 is feasible.
     equality : array of bool, shape (n_constraints,)
-        Which of them are equalities, h = 0; none unless given.
+        Which of them are equalities, h = 0; none by default.
     tolerance : float
-        By which an equality may be missed.
+        Largest absolute value of an equality that counts as met.
     bounds : pair of arrays, each of shape (n,) or a number
-        Lowest and highest x; no point outside is ever asked for.
-    method : Method
-        An `AugmentedLagrangian` where there are constraints, otherwise `Plain`, unless given.
+        Lowest and highest x; no point outside is ever requested.
+    method : ConstrainedMethod
+        By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
-        `BIPOP` unless given.
+        Rule of restarts; by default `BIPOP`.
     population : int
-        Samples a generation of the first run; the method's own unless given.
+        Samples per generation of the first run; by default the method's own number.
     seed : int
-        Of all random numbers.
+        Seed of all random numbers.
 
     Raises
     ------
@@ -130,23 +130,23 @@ class Minimiser:
         self._begin(Setting(population), np.clip(self._x0, self._lower, self._upper))
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return (self._restoration or self._run).ask()
 
     def tell(self, objective: Array | None = None, constraints: Array | None = None) -> None:
-        """Values at the points of the last request.
+        """Receive the values at the points of the last request.
 
         Parameters
         ----------
         objective
-            Where it was asked for; array, shape (n_points,).
+            Values if the objective was requested; array, shape (n_points,).
         constraints
-            Where they were asked for; array, shape (n_points, n_constraints); <= 0 is feasible.
+            Values if the constraints were requested; array, shape (n_points, n_constraints); <= 0 is feasible.
 
         Raises
         ------
         OptionError
-            If something that was asked for is missing or has another shape.
+            If requested values are missing or have another shape.
         """
         request = self.ask()
         n_points = len(request.x)
@@ -170,11 +170,11 @@ class Minimiser:
 
     @property
     def best_fun(self) -> float:
-        """Objective of the best feasible point; NaN without one."""
+        """Return the objective of the best feasible point; NaN if there is none."""
         return self._best_fun if self._least_violation == 0.0 else np.nan
 
     def result(self, reason: Reason | None = None) -> Result:
-        """What was found so far."""
+        """Return the result so far."""
         return Result(
             x=self._best_x.copy(),
             fun=self._best_fun,
@@ -224,7 +224,7 @@ class Minimiser:
             )
 
     def _end_run(self, reason: Reason) -> None:
-        """Begin again, elsewhere, or end."""
+        """Restart from another point, or end the search."""
         self.check_finite()
         self._failures += reason is Reason.DIVERGED
         population = self._setting.population or default_population(len(self._x0))
@@ -272,7 +272,7 @@ def _check_whole(key: str, value: object, least: int) -> None:
 
 
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
-    """A copy of told values, in the right shape."""
+    """Return a copy of the told values, after a check of their shape."""
     meaning = f" ({SIGN})" if name == "constraints" else ""
     try:
         told = np.array(values)
@@ -295,12 +295,12 @@ def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _moderate(values: Array) -> Array:
-    """The same, finite values at most `HUGE`: no product that a method forms of them overflows."""
+    """Limit finite values to `HUGE` in absolute value, so that products of them do not overflow."""
     return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
 def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
-    """Lowest and highest x as arrays, shape (n,), infinite where there is no bound."""
+    """Return the lowest and highest x as arrays, shape (n,), infinite where there is no bound."""
     if bounds is None:
         return np.full(n, -np.inf), np.full(n, np.inf)
     try:

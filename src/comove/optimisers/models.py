@@ -1,4 +1,4 @@
-"""Linear models of objective and constraints, learned from points that were evaluated anyway."""
+"""Linear models of objective and constraints, learned from the points evaluated by the search."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Local:
     ----------
     value : array, shape (n_outputs,)
     slope : array, shape (n_outputs, n)
-    residual : of the points that taught the model; array, shape (n_points, n_outputs)
-    inflation : by which residuals understate errors, as slopes were fitted to the same points
+    residual : residuals at the points to which the model was fitted; array, shape (n_points, n_outputs)
+    inflation : factor by which residuals underestimate errors, because the slopes were fitted to the same points
     """
 
     value: Array
@@ -36,10 +36,10 @@ class Local:
 
 
 class LinearModel:
-    """Slopes that are corrected, as little as explains the newest points, from generation to generation.
+    """A linear model whose slopes are corrected in each generation, as little as explains the newest points.
 
-    A block form of Broyden's update (1965) in the metric of the search distribution: directions that the newest
-    points do not show keep their slope. Picklable.
+    A block form of Broyden's update (1965) in the metric of the search distribution: the slope stays in directions
+    about which the newest points give no information. Picklable.
     """
 
     def __init__(self, n: int, capacity: int) -> None:
@@ -49,7 +49,10 @@ class LinearModel:
         self._slope: Array | None = None
 
     def add(self, x: Array, values: Array) -> None:
-        """Remember evaluated points; arrays, shapes (n_points, n), (n_points, n_outputs). Non-finite are left out."""
+        """Store evaluated points; arrays, shapes (n_points, n), (n_points, n_outputs).
+
+        Points with values that are not finite are left out.
+        """
         finite = np.isfinite(values).all(axis=1)
         x, values = x[finite], values[finite]
         if self._values is None:
@@ -62,14 +65,14 @@ class LinearModel:
         return len(self._x)
 
     def around(self, whitened: Array, unwhiten: Array, whiten: Array) -> Local:
-        """Learn from the remembered points.
+        """Fit linear models to the stored points.
 
         Parameters
         ----------
         whitened
-            The remembered points in units of the distribution; array, shape (n_points, n).
+            The stored points in units of the distribution; array, shape (n_points, n).
         unwhiten, whiten
-            Matrices from its units to the space of x and back; arrays, shape (n, n).
+            Matrices from these units to the space of x and back; arrays, shape (n, n).
         """
         z, values = whitened, self._values
         n = z.shape[1]
@@ -88,18 +91,21 @@ class LinearModel:
         return Local(mean - center @ correction, slope, residual, inflation)
 
     def around_mean(self, es: CMAES) -> Local:
-        """`around` the mean of a search with a `FullCovariance`."""
+        """Fit linear models `around` the mean of a search with a `FullCovariance`."""
         covariance, sigma = es.covariance, es.sigma
         return self.around(es.whitened(self.points), sigma * covariance.root, covariance.inverse_root / sigma)
 
     @property
     def points(self) -> Array:
-        """The remembered points; array, shape (n_points, n)."""
+        """Return the stored points; array, shape (n_points, n)."""
         return self._x
 
 
 def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Bounds as rows of unit length G and misses c of c + G z <= 0, for x = mean + root z; finite bounds only."""
+    """Return finite bounds as constraints c + G z <= 0, for x = mean + root z.
+
+    The rows G have unit length; c holds the violations at the mean.
+    """
     length = np.sqrt((root**2).sum(axis=1))
     unit = root / length[:, None]
     above, below = np.isfinite(upper), np.isfinite(lower)
@@ -109,9 +115,9 @@ def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Ar
 
 @nb.njit(cache=True)
 def nearest_feasible(rows: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
-    """Multipliers l of the shortest step d = -G^T l onto {z : c + G z <= 0}.
+    """Compute the multipliers l of the shortest step d = -G^T l onto {z : c + G z <= 0}.
 
-    The dual of a least-distance programme, by the active-set method of Lawson and Hanson (1974), slightly
+    The dual of a least-distance programme is solved by the active-set method of Lawson and Hanson (1974), slightly
     regularised so that contradicting constraints give a compromise.
 
     Parameters
@@ -119,7 +125,7 @@ def nearest_feasible(rows: Array, missed: Array, free: NDArray[np.bool_]) -> Arr
     rows
         G, rows of unit length (or zero); array, shape (m, n).
     missed
-        c, by how much each constraint is missed at the start; array, shape (m,).
+        c, violation of each constraint at the start; array, shape (m,).
     free
         Which constraints are equalities, with multipliers of either sign; array, shape (m,).
     """

@@ -19,10 +19,10 @@ class Parameters:
     Attributes
     ----------
     n : dimension of the search space
-    population : samples a generation, K
-    weights : array, shape (population,), of the samples from best to worst; the positive ones add up to 1
-    mu : samples with a positive weight, K_0
-    mu_eff : variance-effective number of those
+    population : samples per generation, K
+    weights : array, shape (population,), weights of the samples from best to worst; the positive ones add up to 1
+    mu : number of samples with a positive weight, K_0
+    mu_eff : variance-effective number of samples with a positive weight
     c_sigma, d_sigma : learning rate and damping of the step size
     c_c : learning rate of the evolution path
     c_1, c_mu : learning rates of the rank-one and the rank-mu update (c_cov and c_mu of the paper)
@@ -43,18 +43,18 @@ class Parameters:
     def default(
         cls, n: int, population: int | None = None, *, active: bool = False, separable: bool = False
     ) -> Parameters:
-        """The constants that Hansen recommends.
+        """Return the constants that Hansen recommends.
 
         Parameters
         ----------
         n
             Dimension of the search space.
         population
-            Samples a generation; 4 + 3 ln n unless given.
+            Samples per generation; 4 + 3 ln n by default.
         active
-            Bad samples count with negative weights (Jastrebski and Arnold, 2006), which unlearns bad directions.
+            Whether bad samples get negative weights (Jastrebski and Arnold, 2006), which shortens bad directions.
         separable
-            Only n variances are learned, faster by (n + 2)/3 (Ros and Hansen, 2008).
+            Whether only n variances are learned, faster by (n + 2)/3 (Ros and Hansen, 2008).
 
         Raises
         ------
@@ -94,15 +94,15 @@ class Parameters:
 
     @property
     def expected_length(self) -> float:
-        """Mean length of a standard normal vector, E|N(0, I)|, to third order."""
+        """Return the mean length of a standard normal vector, E|N(0, I)|, to third order."""
         return np.sqrt(self.n) * (1 - 1 / (4 * self.n) + 1 / (21 * self.n**2))
 
     @property
     def lazy_gap(self) -> int:
-        """Generations for which a decomposition of the covariance stays good enough."""
+        """Return the number of generations for which a decomposition of the covariance remains accurate enough."""
         return max(1, int(0.5 / (self.n * (self.c_1 + self.c_mu) + 1e-23)))
 
 
 def default_population(n: int) -> int:
-    """Samples a generation that suit n dimensions."""
+    """Return the recommended number of samples per generation for n dimensions."""
     return 4 + int(3 * np.log(n))

@@ -1,4 +1,4 @@
-"""Algorithm 1 of the paper with its equations (3), (5) and (6), line by line: what is printed, and nothing else."""
+"""Algorithm 1 of the paper with its equations (3), (5) and (6), line by line, without any addition."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ Array = NDArray[np.float64]
 
 
 class PrintedCCMAES:
-    """A run: sample, constrain and draw again until no sample violates anything, adapt.
+    """A run of the algorithm: sample, constrain and draw again until no sample violates a constraint, then adapt.
 
     The paper leaves its constants open: those of CMA-ES are Hansen's (arXiv 1604.00772), c_v and beta are Arnold and
     Hansen's (2012), 1/(n + 2) and 0.1/(n + 2). The factor c_mu of (3), which the paper does not list, belongs to
-    c_cov; its 1/rho^2 belongs to other constants than these, with which what (3) adds does not make up for what it
-    takes away.
+    c_cov. The factor 1/rho^2 in (3) belongs to other constants than these: with these, the terms that (3) adds do not
+    balance those that it subtracts.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class PrintedCCMAES:
         self._p_sigma, self._p_c = np.zeros(n), np.zeros(n)
 
     def sample(self, which: NDArray[np.bool_] | None = None) -> Array:
-        """Sample all points, or those to be drawn again (line 4).
+        """Draw all samples, or only those selected by `which` (line 4).
 
         Raises
         ------
         LinAlgError
-            Where the covariance is not positive definite any more, so that there is nothing to sample from.
+            If the covariance is no longer positive definite, so that no samples can be drawn.
 
         Returns
         -------
@@ -75,7 +75,7 @@ class PrintedCCMAES:
             self.covariance -= self.size / a.sum() * unit.T @ unit
 
     def adapt(self, values: Array) -> None:
-        """Lines 6 to 11, with the values J(w_k) to be minimised; array, shape (K,)."""
+        """Carry out lines 6 to 11 with the values J(w_k), which are to be minimised; array, shape (K,)."""
         p = self.parameters
         alpha = p.weights[: p.mu]
         rho = 1.0 / np.sqrt((alpha**2).sum())

@@ -1,4 +1,4 @@
-"""Why a search ended, and what to change."""
+"""Reasons for the end of a search, with advice."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Reason(Enum):
-    """Why a run or the whole search ended; the value says what to change."""
+    """Reason for the end of a run or of the whole search; the value describes it and gives advice."""
 
     CONVERGED = (
         "the steps or the differences between samples are below the tolerance; restarts may find better"

@@ -1,4 +1,4 @@
-"""When and how a search begins again after a run has ended."""
+"""Rules that decide when and how a search restarts after a run has ended."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ LARGEST = 10_000  # samples a generation
 
 @dataclass(frozen=True)
 class Setting:
-    """How a run differs from the first.
+    """Settings of a run in which it differs from the first.
 
     Attributes
     ----------
-    population : samples a generation; None for the method's own
-    sigma : first step size, in units of the user's
+    population : samples per generation; None for the method's own
+    sigma : first step size, relative to the user's
     local : whether it explores a neighbourhood with few samples
     """
 
@@ -29,7 +29,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that has ended: its setting, its samples a generation, and what it cost in evaluations."""
+    """A run that has ended: its setting, its samples per generation, and its cost in evaluations."""
 
     setting: Setting
     population: int
@@ -37,36 +37,36 @@ class Ended:
 
 
 class Restarts(Protocol):
-    """Decides about the next run."""
+    """A rule that decides on the next run."""
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """The next run after these; None to end."""
+        """Return the setting of the next run after these, or None to end."""
 
 
 @dataclass(frozen=True)
 class NoRestarts:
-    """One run, no more."""
+    """The rule that ends the search after one run."""
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Nothing follows."""
+        """Return None, as no run follows."""
         return None
 
 
 @dataclass(frozen=True)
 class IPOP:
-    """Every run has more samples a generation than the one before (Auger and Hansen, 2005).
+    """The rule that every run has more samples per generation than the one before (Auger and Hansen, 2005).
 
     Attributes
     ----------
-    factor : by which the population grows
-    limit : restarts at most
+    factor : growth of the population from run to run
+    limit : largest number of restarts
     """
 
     factor: float = 2.0
     limit: int = 1000
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """A larger population."""
+        """Return a setting with a larger population, or None at the limit."""
         if len(ended) > self.limit:
             return None
         return Setting(int(min(self.factor * ended[-1].population, LARGEST)))
@@ -74,17 +74,17 @@ class IPOP:
 
 @dataclass(frozen=True)
 class BIPOP:
-    """Large populations take turns with small ones of small steps, at equal cost (Hansen, 2009).
+    """The rule that large populations alternate with small ones of small steps, at equal cost (Hansen, 2009).
 
     Attributes
     ----------
-    limit : restarts at most
+    limit : largest number of restarts
     """
 
     limit: int = 1000
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Whichever of the two has cost less since the first run."""
+        """Return a setting of the kind, large or small, that has cost less since the first run; None at the limit."""
         if len(ended) > self.limit:
             return None
         first = ended[0].population

@@ -1,4 +1,4 @@
-"""From an infeasible point to a feasible one near it, by Gauss-Newton steps."""
+"""Gauss-Newton steps from an infeasible point to a feasible one near it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ LONGEST = 10.0  # step sizes that one step may take
 
 
 class Restoration:
-    """Steps d of least length with h(x) + J d <= 0, slopes by finite differences; asks and is told like a run.
+    """A search for a feasible point by the shortest steps d with h(x) + J d <= 0; it is asked and told like a run.
+
+    Slopes are finite differences.
 
     Attributes
     ----------
     x : the least violated point so far; array, shape (n,)
-    done : whether it is feasible or nothing better is found
+    done : whether it is feasible or no improvement is found
     """
 
     def __init__(self, start: Start) -> None:
@@ -33,18 +35,18 @@ class Restoration:
         self._then = self._here_told
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return self._request
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request."""
+        """Receive the values at the points of the last request."""
         if constraints is None:
             self.done = True
         else:
             self._then(constraints)
 
     def _end(self) -> None:
-        """What was found is evaluated once, so that the best point has an objective."""
+        """Request the objective at the point found, so that the best point has one."""
         self._request = Request(self.x[None], objective=True, known=self._values[None])
 
     def _here_told(self, constraints: Array) -> None:

@@ -1,4 +1,4 @@
-"""The plain methods: no constraints, a projection that the user supplies, a static penalty."""
+"""The simple methods: without constraints, with a projection supplied by the user, or with a static penalty."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ OUT = 1e6  # weight of violations that a projection leaves
 
 @dataclass(frozen=True)
 class Plain:
-    """CMA-ES without constraints; bounds are kept by a penalty on the distance to the nearest point inside.
+    """CMA-ES without constraints, which keeps bounds by a penalty on the distance to the nearest point inside.
 
     Attributes
     ----------
-    active : bad samples count with negative weights
-    separable : learn variances along the axes only
+    active : whether bad samples get negative weights
+    separable : whether only variances along the axes are learned
     """
 
     active: bool = True
     separable: bool = False
 
     def start(self, start: Start) -> PlainRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         return PlainRun(start, self, None, 0.0)
 
 
 @dataclass(frozen=True)
 class Penalty:
-    """CMA-ES on f + weight * sum of squared violations: simple, inexact, and scale-dependent.
+    """CMA-ES that minimises f + weight * sum of squared violations: simple, inexact, and scale-dependent.
 
     Attributes
     ----------
-    weight : of the squared violations
+    weight : weight of the squared violations
     """
 
     weight: float = 1e3
 
     def start(self, start: Start) -> PlainRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         if not 0 < self.weight < np.inf:
             raise OptionError(f"weight = {self.weight}", way_out="give a positive weight of the penalty")
         return PlainRun(start, Plain(), None, self.weight)
@@ -68,15 +68,16 @@ class ProjectionRepair:
     project: Callable[[Array], Array]
 
     def start(self, start: Start) -> PlainRun:
-        """Begin a run."""
+        """Return a new run of the method."""
         return PlainRun(start, Plain(), self.project, OUT)
 
 
 @dataclass(frozen=True)
 class Affine:
-    """The projection onto {x : A x = b} along the shortest way.
+    """A function that projects points orthogonally onto {x : A x = b}.
 
-    Raises `OptionError` where that set is empty, or A and b are no matrix and vector of numbers that fit.
+    Raises `OptionError` if that set is empty, or A and b are not a matrix and a vector of numbers with matching
+    shapes.
 
     Attributes
     ----------
@@ -100,12 +101,12 @@ class Affine:
         object.__setattr__(self, "_inverse", inverse)
 
     def __call__(self, x: Array) -> Array:
-        """The nearest points that meet the equalities; arrays, shape (n_points, n)."""
+        """Return the nearest points that satisfy the equalities; arrays, shape (n_points, n)."""
         return x - (x @ self.matrix.T - self.right) @ self._inverse.T
 
 
 def _numbers(values: object) -> Array:
-    """An array of finite numbers; one of no dimension where they are none."""
+    """Convert values to an array of finite numbers; return a zero-dimensional NaN if that is impossible."""
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -114,7 +115,7 @@ def _numbers(values: object) -> Array:
 
 
 class PlainRun:
-    """One run of CMA-ES on values that are known once the samples are evaluated."""
+    """One run of CMA-ES in which the values are known once the samples are evaluated."""
 
     def __init__(
         self, start: Start, settings: Plain, project: Callable[[Array], Array] | None, weight: float
@@ -135,7 +136,7 @@ class PlainRun:
         self._ask()
 
     def ask(self) -> Request:
-        """What to evaluate next."""
+        """Return the next request for evaluations."""
         return self._request
 
     def _ask(self) -> None:
@@ -145,7 +146,7 @@ class PlainRun:
         self._request = Request(points, objective=True, constraints=len(self._start.equality) > 0)
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Values at the points of the last request."""
+        """Receive the values at the points of the last request."""
         es, start = self._es, self._start
         values = np.array(objective, dtype=float)
         if constraints is not None:

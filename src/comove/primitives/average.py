@@ -74,6 +74,8 @@ def average(
     ------
     DemonstrationError
         If there are fewer than two, or their coordinates differ.
+    OptionError
+        If the variant is rhythmic, or the demonstrations are not a list of recordings.
     """
     if Variant.named(variant) is Variant.RHYTHMIC:
         raise OptionError(

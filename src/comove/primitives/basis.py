@@ -121,7 +121,8 @@ def motion_basis(
     Raises
     ------
     ValueError
-        If `n_basis` is not between 1 and 200.
+        If `n_basis` is not between 1 and 200, or the metric of jerk is combined with another phase, other kernels
+        or a fading goal.
     """
     if not 1 <= n_basis <= 200:
         raise ValueError(f"n_basis = {n_basis}: give 1 to 200 shape weights")

@@ -312,9 +312,7 @@ def rank(
 
 
 def shape_distance(a: Movement, b: Movement) -> float:
-    """Compute the distance between the shapes of two movements, whatever their position, size, rotation and
-    duration.
-    """
+    """Compute the distance between the shapes of two movements, whatever their place, size, rotation and duration."""
     curves = _curve(a), _curve(b)
     if curves[0].shape != curves[1].shape:
         raise OptionError(

@@ -164,9 +164,7 @@ def _solved(
 
 
 def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: int) -> Array | None:
-    """Solve ``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, the first `n_equal` rows with
-    equality.
-    """
+    """Solve ``min |z - weights|^2`` subject to ``lower <= rows z <= upper``, first `n_equal` rows with equality."""
     import daqp
 
     # Equations are met by elimination, exactly; the programme is left with the inequalities.

@@ -93,9 +93,7 @@ class Curve:
     bridge: Bridge | None = None
 
     def at(self, s: float) -> Array:
-        """Return position and two derivatives by the phase, at the phase `s` in durations; array, shape (3,
-        n_dims).
-        """
+        """Return position and two derivatives by the phase `s`, which is in durations; array, shape (3, n_dims)."""
         inside = s - floor(s) if self.periodic else max(s, 0.0)
         values = values_at(self.knots, self.force, self.goal, np.array([inside]))[:, 0]
         return values if self.bridge is None else values + self.bridge.at(s)

@@ -352,9 +352,7 @@ class PoseDMP:
         return PoseState(replace(state.translation, goal=goal.position), turning, aside)
 
     def displaced(self, state: PoseState, pose: Pose) -> PoseState:
-        """Return the state of a body that was pushed to `pose`; a fixed axis allows only the nearest rotation about
-        it.
-        """
+        """Return the state of a body pushed to `pose`; with a fixed axis, by the nearest rotation about it."""
         pose = self._checked("pose", pose, tilted=True)
         undisturbed = self._orientation(state.turning.position)
         aside = rotations.turn_between(pose.orientation, undisturbed, state.aside.position)
@@ -393,9 +391,7 @@ class PoseDMP:
         return vector if self.axis is None else np.array([vector @ self.axis])
 
     def _require_no_leap(self, name: str, pose: Pose, near: Array, turn: Array) -> None:
-        """Raise if the coordinates are far from `near` although the body hardly turned; this happens near whole
-        turns.
-        """
+        """Raise if coordinates are far from `near` although the body hardly turned, as happens near whole turns."""
         turned = rotations.turn_between(pose.orientation, self._orientation(near))
         if np.linalg.norm(turn - near) > np.pi + np.linalg.norm(turned):
             raise OptionError(

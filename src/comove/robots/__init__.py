@@ -1,4 +1,4 @@
-"""Robots: models, inverse kinematics of several arms, limits, timing and checks of joint motions."""
+"""Models, inverse kinematics of several arms, limits, timing and checks of joint motions of robots."""
 
 from comove.errors import ExtraError
 

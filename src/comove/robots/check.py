@@ -1,4 +1,4 @@
-"""What a search hands its motions to: arms follow exactly, and the judge of joint motions speaks."""
+"""Check of candidate motions during a search: the arms follow the hands exactly, and the joint motion is judged."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from comove.robots.search.tracking import Miss, track
 
 @dataclass(frozen=True, eq=False)
 class RobotMotion:
-    """What a robot does with a motion of the hands.
+    """A joint motion that follows a motion of the hands, and the verdict on it.
 
     Attributes
     ----------
-    joints : as near as the arms come
-    verdict : of the judge
+    joints : joint motion that comes nearest to the motion of the hands
+    verdict : verdict of the judge on `joints`
     """
 
     joints: JointMotion
@@ -30,7 +30,7 @@ class RobotMotion:
 
 
 class RobotCheck:
-    """A check of `comove.verification`: can the robot carry this motion out?
+    """A check, as `comove.verification` runs it, that tells whether the robot can carry out a motion of the hands.
 
     Parameters
     ----------
@@ -42,7 +42,8 @@ class RobotCheck:
         self._last: tuple[CoordinatedMotion, RobotMotion] | None = None
 
     def prepare(self) -> None:
-        """Compile kernels, or load them from the cache, and look at both ends, ahead of the clock.
+        """Compile the kernels, or load them from the cache, and solve both ends, before the clock of the search
+        starts.
 
         Raises
         ------
@@ -58,11 +59,11 @@ class RobotCheck:
         track(self.task, straight)
 
     def __call__(self, motion: CoordinatedMotion) -> tuple[str, ...]:
-        """Reasons against `motion`; none if the robot can do it."""
+        """Return the reasons against `motion`; none if the robot can carry it out."""
         return self.carried_out(motion).verdict.reasons
 
     def carried_out(self, motion: CoordinatedMotion) -> RobotMotion:
-        """The joints that follow a motion, judged; the last answer is remembered."""
+        """Compute and judge the joints that follow a motion; the last result is cached."""
         if self._last is None or self._last[0] is not motion:
             joints, miss = track(self.task, motion)
             if miss is not None:

@@ -1,4 +1,4 @@
-"""A robot's description: which URDFs stand where, which arms they have, and what a URDF cannot say.
+"""Robot descriptions: the URDF models and their bases, the arms, and settings that a URDF cannot hold.
 
 ```yaml
 name: two_arms
@@ -13,13 +13,14 @@ limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, effo
 acceleration: 5.0              # rad/s^2, of joints that `limits` does not name
 springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
 servo: {stiffness: [2000, 2000, 2000, 2000, 1500, 1500, 400]}   # N m/rad, of a simulator's motors, by joint
-uncertainty: {position: 0.002, rotation_deg: 0.1}   # by which each base may stand elsewhere
+uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the place of each base
 ```
 
-`name`, `models` and `arms` are required. `tip` is a frame of the model; `tool` is the grasp frame in it: what is at
-a hand's place in the scene, z the direction of approach, fingers open along y. The joints between base and tip move,
-but for those in `posture`; `home` has one value for each of them, from the base to the tip (the middle of its limits
-unless given), and is where redundancy is drawn to. `limits` replace what the URDF says, key by key. Paths are
+`name`, `models` and `arms` are required. `tip` is a frame of the model; `tool` is the grasp frame in it, which is
+placed at the hand's pose in the scene: z is the direction of approach, and fingers open along y. The joints between
+base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to the
+tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
+URDF, key by key.  Paths are
 relative to the description, or ``package://NAME/...``.
 """
 
@@ -62,7 +63,7 @@ Point = Annotated[Vector, AfterValidator(_point)]
 
 
 class Placement(Part):
-    """A frame in another one: `position` [m] and orientation, w first."""
+    """Pose of a frame in another one: `position` [m] and orientation, w first."""
 
     position: Point = (0.0, 0.0, 0.0)
     quaternion_wxyz: Quaternion = UNTURNED
@@ -75,27 +76,29 @@ def _prefix(prefix: str) -> str:
 
 
 class ModelSource(Part):
-    """A URDF and where its base stands in the scene; `prefix` goes before every name in it."""
+    """A URDF and the pose of its base in the scene; `prefix` is put before every name in it."""
 
     urdf: str
     srdf: str | None = None
-    """Tells which pairs of links need not be kept apart."""
+    """File that lists the pairs of links that need not be kept apart."""
     base: Placement = Placement()
     prefix: Annotated[str, AfterValidator(_prefix)] = ""
 
 
 class ArmDescription(Part):
-    """An arm: its last frame, the grasp frame in it (z the approach), the joints' values at home [rad or m]."""
+    """An arm: its last frame, the grasp frame in that frame (z along the approach), and the joint values at home [rad
+    or m].
+    """
 
     tip: str
     tool: Placement = Placement()
     home: Vector | None = None
     fingers: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
-    """Joints that close on the load; `posture` says how wide they are while it is carried."""
+    """Joints that close on the load; `posture` holds their values while it is carried."""
 
 
 class JointLimits(Part):
-    """What a joint keeps where its URDF says nothing or too much [rad or m, s, N m or N]."""
+    """Limits of a joint that replace those of the URDF [rad or m, s, N m or N]."""
 
     lower: Number | None = None
     upper: Number | None = None
@@ -105,30 +108,30 @@ class JointLimits(Part):
 
 
 class Servo(Part):
-    """Position servos of a simulator: `stiffness` by joint, the same for every arm [N m/rad, N/m]."""
+    """Position servos of a simulator: `stiffness` by joint, equal for all arms [N m/rad, N/m]."""
 
     stiffness: Sizes
 
 
 class Uncertainty(Part):
-    """How far the bases may stand from where the description says."""
+    """Tolerances of the places of the bases: `position` [m] and `rotation_deg` [deg]."""
 
     position: NotNegative = 0.0
     rotation_deg: NotNegative = 0.0
 
 
 class RobotFile(Part):
-    """A robot description as written."""
+    """A robot description as written in its file."""
 
     name: Name
     models: Annotated[tuple[ModelSource, ...], BeforeValidator(as_tuple), at_least(1, "model")]
     arms: dict[Name, ArmDescription]
     posture: dict[str, Number] = Field(default={})
-    """Values of joints that do not move [rad or m]; those nearest to 0 where not named."""
+    """Values of joints that do not move [rad or m]; joints that are not named stay nearest to 0."""
     acceleration: Positive = 5.0
     limits: dict[str, JointLimits] = Field(default={})
     springs: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(default={})
-    """Share of the own weight's torque at a joint that springs hold, by joint; a URDF knows no springs."""
+    """Share of the torque due to the arm's own weight that springs hold, by joint; a URDF has no springs."""
     servo: Servo | None = None
     uncertainty: Uncertainty = Uncertainty()
 
@@ -138,12 +141,12 @@ __all__ = ["RobotFile", "bundled_robots", "find_description", "load_description"
 
 
 def bundled_robots() -> tuple[str, ...]:
-    """Names of the descriptions that come with the package."""
+    """Return the names of the descriptions that come with the package."""
     return tuple(sorted(path.stem for path in BUNDLED.glob("*.yaml")))
 
 
 def find_description(robot: str | Path, folder: Path | None = None) -> Path:
-    """The file of a robot: the name of a bundled one, or a path (relative to `folder`, if given).
+    """Return the file of a robot, given the name of a bundled one or a path (relative to `folder`, if given).
 
     Raises
     ------
@@ -177,7 +180,7 @@ def load_description(path: Path) -> RobotFile:
     Raises
     ------
     RobotError
-        One message that names file, key, line, value and way out of the first three errors.
+        If there are errors; the message names file, key, line, value and way out of the first three.
     """
     try:
         data, lines = read_yaml(path)

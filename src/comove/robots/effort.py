@@ -1,11 +1,12 @@
-"""What a joint motion asks of the motors: inverse dynamics with the load's mass at the hands, by Pinocchio.
+"""Motor torques of a joint motion: inverse dynamics with the load's mass at the hands, by Pinocchio.
 
-Torques are *sampled*, at 100 Hz or finer and in the middle between; nothing bounds them in between rigorously. The
-largest departure of a middle from the mean of its neighbours is added to every sample: a torque that is a quadratic
-in time between two samples exceeds them and their middle by no more than a quarter of it.
+Torques are *sampled*, at 100 Hz or finer and in the middle between two samples; between these instants there is no
+rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
+torque that is a quadratic in time between two samples exceeds them and the middle value by at most a quarter of it.
 
-The load counts as points at its holders' grasps that share its mass equally unless other shares are given. Friction
-is left out; rotor inertias count where the model has them. Springs hold their share of the arms' own weight.
+The load is modelled as point masses at its holders' grasps, which share its mass equally unless other shares are
+given. Friction is neglected; rotor inertias count where the model has them. Springs hold their share of the arms'
+own weight.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ STEP = 0.01  # s, between samples at most
 
 
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
-    """The robot's model with point masses at the arms' grasps, array of shape (n_arms,) [kg]."""
+    """Return a copy of the robot's model with point masses at the arms' grasps, array of shape (n_arms,) [kg]."""
     model = robot.model.copy()
     for arm, mass in zip(arms, masses, strict=True):
         tip = model.frames[model.getFrameId(arm.tip)]
@@ -38,11 +39,12 @@ def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
 
 
 def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
-    """The largest share of its effort limit that a joint uses, with the margin for between the samples.
+    """Compute the largest share of its effort limit that a joint uses, with the margin for instants between samples.
 
     Parameters
     ----------
-    arms, masses : who carries what, array of shape (n_arms,) [kg]
+    arms : the arms that carry
+    masses : array, shape (n_arms,), mass that each arm carries [kg]
     curve : joint positions by time [s], cubic between samples
     """
     time = sampling(curve.x)
@@ -54,13 +56,15 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
 
 
 def sampling(samples: Array) -> Array:
-    """Instants at which torques are computed, every second one in the middle of its neighbours [s]."""
+    """Return the instants at which torques are computed, every second one in the middle of its neighbours [s]."""
     parts = np.ceil(np.diff(samples) / STEP - 1e-9).astype(int)
     return subdivided(samples, 2 * parts)[0]
 
 
 def worst(robot: Robot, time: Array, torque: Array) -> Extreme:
-    """The largest share of an effort limit, by torques of shape (n_steps, n_joints) at the times of `sampling`."""
+    """Find the largest share of an effort limit, given torques of shape (n_steps, n_joints) at the times of
+    `sampling`.
+    """
     bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
     share = (np.abs(torque) + bulge) / robot.effort
     place = np.unravel_index(first_largest(share), share.shape)
@@ -68,7 +72,7 @@ def worst(robot: Robot, time: Array, torque: Array) -> Extreme:
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:
-    """What motors do; all arrays of shape (n_steps, n_joints) [N m, N for prismatic joints].
+    """Compute the motors' torques; all arrays of shape (n_steps, n_joints) [N m, N for prismatic joints].
 
     Parameters
     ----------

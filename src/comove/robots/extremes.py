@@ -1,6 +1,6 @@
-"""Extremes of a joint motion, exact at every instant, and bounds of it over any stretch of time.
+"""Extremes of a joint motion, exact at every instant, and bounds of it over any time interval.
 
-Between two samples a joint follows a cubic: its position is extreme at a sample or where a quadratic vanishes, its
+Between two samples a joint follows a cubic: its position is extreme at a sample or at a root of a quadratic, its
 velocity at a sample or at the vertex of a parabola, and its acceleration at a sample.
 """
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Extreme(NamedTuple):
-    """A value, the joint that has it, by its column, and when [s]."""
+    """An extreme value, the column of the joint that has it, and its time [s]."""
 
     value: float
     joint: int
@@ -26,12 +26,12 @@ class Extreme(NamedTuple):
 
 
 def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
-    """The least distance of a joint from its limits, negative beyond them [rad, m for prismatic joints].
+    """Compute the least distance of a joint from its limits, negative beyond them [rad, m for prismatic joints].
 
     Parameters
     ----------
-    curve : cubics, positions by time [s]
-    lower, upper : arrays, shape (n_joints,)
+    curve : joint positions by time [s], cubic between samples
+    lower, upper : arrays, shape (n_joints,), position limits
     """
     time, position = places(curve)
     margin = np.minimum(position - lower, upper - position)
@@ -39,19 +39,21 @@ def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
 
 
 def largest_velocity(curve: PPoly, limit: Array) -> Extreme:
-    """The largest share of its velocity limit, array of shape (n_joints,), that a joint uses."""
+    """Compute the largest share of its velocity limit, array of shape (n_joints,), that a joint uses."""
     speed, time = fastest(curve)
     return _worst(speed / limit, time)
 
 
 def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
-    """The largest share of its acceleration limit, array of shape (n_joints,), that a joint uses."""
+    """Compute the largest share of its acceleration limit, array of shape (n_joints,), that a joint uses."""
     acceleration = np.abs(curve(curve.x, 2))
     return _worst(acceleration / limit, np.broadcast_to(curve.x[:, None], acceleration.shape))
 
 
 def fastest(curve: PPoly) -> tuple[Array, Array]:
-    """Largest speed of every joint between every two samples, and when; arrays, shape (n_intervals, n_joints)."""
+    """Compute the largest speed of every joint between every two samples, and its time; arrays, shape (n_intervals,
+    n_joints).
+    """
     cubic, square, slope, _ = curve.c
     width = np.diff(curve.x)[:, None]
     vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)
@@ -63,7 +65,7 @@ def fastest(curve: PPoly) -> tuple[Array, Array]:
 
 
 def places(curve: PPoly) -> tuple[Array, Array]:
-    """Times and positions at samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
+    """Compute times and positions at the samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
     cubic, square, slope, start = curve.c
     width = np.diff(curve.x)[:, None]
     # Roots of 3 cubic s^2 + 2 square s + slope without cancellation; none is found where there is none.
@@ -78,13 +80,13 @@ def places(curve: PPoly) -> tuple[Array, Array]:
 
 
 def _worst(values: Array, time: Array) -> Extreme:
-    """The largest of `values`; arrays, shape (n_places, n_joints)."""
+    """Return the largest of `values`; arrays, shape (n_places, n_joints)."""
     place = np.unravel_index(first_largest(values), values.shape)
     return Extreme(float(values.max()), int(place[1]), float(time[place]))
 
 
 def _over(numerator: Array, denominator: Array) -> Array:
-    """The quotient, 0 where it is not finite."""
+    """Divide, with 0 where the quotient is not finite."""
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         quotient = numerator / denominator
     return np.where(np.isfinite(quotient), quotient, 0.0)
@@ -95,8 +97,8 @@ def subdivided(samples: Array, parts: NDArray[np.int64]) -> tuple[Array, NDArray
 
     Returns
     -------
-    time : array, shape (n_steps,), the samples included [s]
-    interval : array, shape (n_steps - 1,), between which two samples each piece lies
+    time : array, shape (n_steps,), instants, the samples included [s]
+    interval : array, shape (n_steps - 1,), index of the sample interval in which each piece lies
     """
     interval = np.repeat(np.arange(len(parts)), parts)
     within = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -105,14 +107,14 @@ def subdivided(samples: Array, parts: NDArray[np.int64]) -> tuple[Array, NDArray
 
 
 class Ranges:
-    """Largest values over any stretch of time of what is bounded from one instant to the next.
+    """Table that returns the largest values of given bounds over any time interval.
 
-    Maxima over 1, 2, 4, ... neighbours are kept, two of which cover any stretch.
+    It stores the maxima over 1, 2, 4, ... neighbouring pieces; two of them cover any interval.
 
     Parameters
     ----------
     time : array, shape (n + 1,), increasing [s]
-    bounds : array, shape (n, width), what holds between two instants
+    bounds : array, shape (n, width), bounds that hold between two neighbouring instants
     """
 
     def __init__(self, time: Array, bounds: Array):
@@ -123,7 +125,7 @@ class Ranges:
             self._tables.append(np.maximum(last[:-half], last[half:]))
 
     def over(self, begin: Array, end: Array) -> Array:
-        """Largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
+        """Return the largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
         last = len(self.time) - 2
         first = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, last)
         final = np.maximum(np.clip(np.searchsorted(self.time, end, side="left") - 1, 0, last), first)

@@ -1,4 +1,4 @@
-"""A robot as its models tell it: kinematics, limits, collision geometry, by Pinocchio."""
+"""Robot model built from a description: kinematics, limits and collision geometry, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Arm:
 
     Attributes
     ----------
-    name : that of the manipulator it is
-    tip : frame of the model
-    columns : array, shape (n_joints,), where its joints stand in the robot's vector
+    name : name of the manipulator in a scene
+    tip : name of the arm's last frame in the model
+    columns : array, shape (n_joints,), indices of the arm's joints in the robot's joint vector q
     tool : array, shape (4, 4), the grasp frame in the tip frame
-    home : array, shape (n_joints,) [rad]
+    home : array, shape (n_joints,), joint positions at home [rad, m for prismatic joints]
     fingers : names of joints that close on the load
     """
 
@@ -59,19 +59,19 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One or several manipulators, their joints in one vector q, array of shape (n_joints,).
+    """One or several manipulators whose joints form one vector q, array of shape (n_joints,).
 
     Attributes
     ----------
-    description : what it was made from; its posture names all joints that do not move
+    description : RobotFile from which the robot was built; its posture names all joints that do not move
     model : pinocchio.Model of the moving joints; all others are locked
     collision : pinocchio.GeometryModel with the pairs that can collide
-    arms : in the description's order
-    lower, upper : arrays, shape (n_joints,) [rad, m for prismatic joints]
+    arms : the arms, in the order of the description
+    lower, upper : position limits, arrays, shape (n_joints,) [rad, m for prismatic joints]
     velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad/s, rad/s^2, N m]
-    relief : array, shape (n_joints,), share of the own weight's torque that springs hold
-    sha256 : of the description, the models and the meshes they collide with
-    sources : the models' texts (URDF), completed and prefixed, with their placements
+    relief : array, shape (n_joints,), share of the torque due to the robot's own weight that springs hold
+    sha256 : checksum of the description, the models and their collision meshes
+    sources : URDF texts of the models, with limits and prefixes filled in, and their placements
     """
 
     description: RobotFile
@@ -101,24 +101,24 @@ class Robot:
 
     @property
     def name(self) -> str:
-        """Of the description."""
+        """Return the name of the description."""
         return self.description.name
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Of the moving joints, in the order of q."""
+        """Return the names of the moving joints, in the order of q."""
         return tuple(self.model.names[1:])
 
     @property
     def home(self) -> Array:
-        """All arms at home; array, shape (n_joints,) [rad]."""
+        """Return the joint positions with all arms at home; array, shape (n_joints,) [rad]."""
         q = np.zeros(len(self.lower))
         for arm in self.arms:
             q[arm.columns] = arm.home
         return q
 
     def arm(self, name: str) -> Arm:
-        """The arm of a manipulator's name.
+        """Return the arm of the manipulator called `name`.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class Robot:
         )
 
     def tool_pose(self, q: Array, arm: Arm) -> Array:
-        """The arm's grasp frame in the scene; array, shape (4, 4)."""
+        """Compute the pose of the arm's grasp frame in the scene; array, shape (4, 4)."""
         data = self._data
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
         return data.oMf[self.model.getFrameId(arm.tip)].homogeneous @ arm.tool
@@ -159,7 +159,7 @@ def _assemble(description: RobotFile, file: Path) -> Robot:
 
 
 def _joined(sources: tuple[Source, ...], file: Path) -> tuple[Any, Any]:
-    """All models as one, each on its base, and their collision geometry."""
+    """Build all models as one, each on its base, and their collision geometry."""
     model, collision = _built(sources[0])
     _move_base(model, collision, _se3(sources[0].base))
     for source in sources[1:]:
@@ -181,7 +181,7 @@ def _frame_names(model: Any) -> set[str]:
 
 
 def _built(source: Source) -> tuple[Any, Any]:
-    """Model and collision geometry, with the pairs that can collide."""
+    """Build the model and the collision geometry, with the pairs that can collide."""
     failure = None
     with tempfile.TemporaryDirectory() as folder, errors_of_reader() as errors:
         try:
@@ -203,13 +203,13 @@ def _built(source: Source) -> tuple[Any, Any]:
 
 
 def _reason(error: Exception) -> str:
-    """What Pinocchio or coal say is wrong, without where in their code."""
+    """Return the reason that Pinocchio or coal gives for an error, without the place in their code."""
     text = str(error).partition("message: ")[2] or str(error)
     return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
 
 
 def _check_bodies(model: Any, geometry: Any, path: Path) -> None:
-    """Refuse sizes and masses that no robot has."""
+    """Refuse collision bodies and masses of impossible size."""
     for item in geometry.geometryObjects:
         item.geometry.computeLocalAABB()
         radius = item.geometry.aabb_radius
@@ -237,7 +237,7 @@ def _compare_all_but_adjacent(model: Any, geometry: Any) -> None:
 
 
 def _drop_rigid(geometry: Any) -> None:
-    """Forget pairs of bodies that have become one by locking joints."""
+    """Drop the collision pairs of bodies that locked joints connect rigidly."""
     joints = np.array([item.parentJoint for item in geometry.geometryObjects], dtype=int)
     compared = np.zeros((len(joints), len(joints)), dtype=bool)
     for pair in geometry.collisionPairs:
@@ -270,13 +270,13 @@ def _require_known(named: Iterable[str], known: list[str], key: str, file: Path)
 
 
 def _near(name: str, names: list[str]) -> str:
-    """Which name was probably meant, and all of them where they are few."""
+    """Return the most similar names, and all names where there are few."""
     guess, known, listed = near_name(name, names).partition("known: ")
     return guess + (known + listed if len(names) <= MAX_NAMES else f"{len(names)} are known")
 
 
 def _chains(description: RobotFile, model: Any, file: Path) -> dict[str, list[str]]:
-    """Joints of each arm from its base to its tip, those that stay apart."""
+    """List the joints of each arm from its base to its tip, without those that `posture` holds."""
     chains: dict[str, list[str]] = {}
     for name, arm in description.arms.items():
         tip = _frame(model, arm.tip, f"arms.{name}.tip", file)
@@ -312,7 +312,7 @@ def _chains(description: RobotFile, model: Any, file: Path) -> dict[str, list[st
 
 
 def _frame(model: Any, name: str, key: str, file: Path) -> Any:
-    """The frame of a name."""
+    """Return the frame called `name`."""
     found = [frame for frame in model.frames if frame.name == name]
     if len(found) == 1:
         return found[0]
@@ -327,7 +327,9 @@ def _frame(model: Any, name: str, key: str, file: Path) -> Any:
 def _with_posture(
     description: RobotFile, model: Any, mimics: dict[str, Mimic], chains: dict[str, list[str]], file: Path
 ) -> RobotFile:
-    """The description with the values of joints that it does not name: as they mimic others, or nearest to 0."""
+    """Complete the posture of the description: joints that it does not name follow their <mimic>, or stay nearest to
+    0.
+    """
     moving = {joint for chain in chains.values() for joint in chain}
     posture = dict(description.posture)
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
@@ -355,7 +357,7 @@ def _with_posture(
 
 
 def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
-    """Joints that go along with others, after those that they follow; none follows itself."""
+    """Sort joints that mimic others so that each comes after the joint it follows; none follows itself."""
 
     def followed(name: str) -> int:
         n = 0
@@ -367,7 +369,7 @@ def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
 
 
 def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
-    """The configuration in which joints that do not move are locked, as Pinocchio writes it."""
+    """Return the configuration, as Pinocchio writes it, in which the joints that do not move are locked."""
     q = pin.neutral(model)
     for name, value in description.posture.items():
         joint = model.joints[model.getJointId(name)]
@@ -394,7 +396,9 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
 
 
 def _range(model: Any, joint: Any) -> list[float]:
-    """Limits of a joint that does not move; nothing else depends on them, so their order does not matter."""
+    """Return the limits of a joint that does not move, sorted; nothing else depends on them, so their order does not
+    matter.
+    """
     return sorted((model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]))
 
 
@@ -407,7 +411,7 @@ def _reduced(
     sha256: str,
     file: Path,
 ) -> Robot:
-    """The robot with every joint but the arms' locked."""
+    """Build the robot with every joint locked but those of the arms."""
     moving = {joint for chain in chains.values() for joint in chain}
     for name in moving:
         _require_limited(model.joints[model.getJointId(name)], name, file)
@@ -445,7 +449,7 @@ def _require_limited(joint: Any, name: str, file: Path) -> None:
 
 
 def _limits(description: RobotFile, model: Any, names: list[str], file: Path) -> dict[str, Array]:
-    """Limits of the moving joints; arrays, shape (n_joints,)."""
+    """Collect and check the limits of the moving joints; arrays, shape (n_joints,)."""
     limits = {
         "lower": np.array(model.lowerPositionLimit),
         "upper": np.array(model.upperPositionLimit),
@@ -502,7 +506,7 @@ def _acceleration(description: RobotFile, name: str) -> float:
 
 
 def _warn_of_gaps(robot: Robot, file: Path) -> None:
-    """Say what the models leave out, so that nobody takes silence for safety."""
+    """Warn of arms whose models have no collision bodies or no masses."""
     bodies = {item.parentJoint for item in robot.collision.geometryObjects}
     for arm in robot.arms:
         joints = [robot.model.getJointId(robot.joint_names[column]) for column in arm.columns]

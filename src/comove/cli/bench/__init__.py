@@ -1,4 +1,4 @@
-"""`comove bench`: one short file a verb."""
+"""The verbs of `comove bench`, one short file each."""
 
 from comove.cli.bench import ablation, draw, export, report, run, scaling
 

@@ -1,4 +1,4 @@
-"""The sub-application, and what its verbs share."""
+"""The sub-application `comove bench`, and functions shared by its verbs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Store = Annotated[Path, typer.Argument(metavar="STORE", help="File of runs (SQLi
 
 
 def on_one_thread() -> None:
-    """Keep libraries that are loaded from now on to one thread, as the workers of `comove bench run` are."""
+    """Restrict libraries that are loaded from now on to one thread, like the workers of `comove bench run`."""
     from comove.experiments.workers import ONE_THREAD
 
     os.environ.update(ONE_THREAD)
 
 
 def names_of(given: list[str]) -> list[str]:
-    """Names as people write them, with commas between or one option each, each once."""
+    """Return the distinct names in options that may be repeated or hold several names with commas."""
     return list(dict.fromkeys(name.strip() for text in given for name in text.split(",") if name.strip()))

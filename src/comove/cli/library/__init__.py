@@ -1,4 +1,4 @@
-"""`comove library`: one short file a verb."""
+"""The verbs of `comove library`, one short file each."""
 
 from comove.cli.library import add, combine, find, list, remove, show
 

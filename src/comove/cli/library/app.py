@@ -1,4 +1,4 @@
-"""The sub-application, and what its verbs share."""
+"""The sub-application `comove library`, and options shared by its verbs."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def find(
 
 
 def _numbers(option: str, text: str | None) -> list[float] | None:
-    """Coordinates as people write them, with commas between."""
+    """Return the coordinates in a text with commas between them; None for None."""
     if text is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""`comove robot`: one short file a verb."""
+"""The verbs of `comove robot`, one short file each."""
 
 from comove.cli.robot import export, send, simulate, solve
 

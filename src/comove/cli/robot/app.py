@@ -1,4 +1,4 @@
-"""The sub-application, and what its verbs share."""
+"""The sub-application `comove robot`, and options shared by its verbs."""
 
 from __future__ import annotations
 

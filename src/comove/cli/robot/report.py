@@ -1,4 +1,4 @@
-"""What the verbs of robots say."""
+"""Texts and checks shared by the verbs of `comove robot`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from comove.errors import InputError, RobotError
 
 
 def robot_named(name: str | None, scene, file: Path):
-    """The robot that the command line names, or else the scene; and its description's name or path."""
+    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
     from comove.robots import Robot, bundled_robots, find_description
 
     named = name if name is not None else scene.file.robot
@@ -32,7 +32,7 @@ def robot_named(name: str | None, scene, file: Path):
 
 @contextmanager
 def of_scene(file: Path) -> Iterator[None]:
-    """Name the scene's file in what is told of it."""
+    """Add the scene's file to errors that name no file."""
     try:
         yield
     except InputError as error:
@@ -41,7 +41,7 @@ def of_scene(file: Path) -> Iterator[None]:
 
 
 def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
-    """A joint motion's measures for people."""
+    """Return a readable summary of a joint motion's measures."""
     number, length = (lambda key, write=write: write(measures.get(key)) for write in (_number, _millimetres))
     rows = [
         ("joints", f"{number('joint_margin_min')} rad from their limits at least"),
@@ -71,7 +71,7 @@ def _millimetres(value: float | None) -> str:
 
 
 def stored_motion(folder: Path):
-    """The joint motion of a result folder, judged anew.
+    """Return the joint motion of a result folder, after verifying it again.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def stored_motion(folder: Path):
 
 
 def simulation_text(summary: dict, folder: Path) -> str:
-    """A simulation's measures for people."""
+    """Return a readable summary of a simulation's measures."""
     verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
     lines = [f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"]
     lines += [f"  - {reason}" for reason in summary["reasons"]]

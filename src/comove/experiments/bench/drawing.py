@@ -1,8 +1,8 @@
-"""Scenes drawn around a movement, so that every one of them is known to be feasible and no planner has a say in it.
+"""Scenes drawn around a movement, so that each is known to be feasible and the choice does not favour any planner.
 
-First the load, the walls' openings and an orientation in which the load fits each of them; then poses: the start,
-one before and one behind each wall, the goal; then walls around the openings; then clutter, wherever it stays clear
-of what the load sweeps. What the judge does not accept is drawn again.
+First the load is drawn, then the openings of the walls and an orientation in which the load fits each of them; then
+poses: the start, one before and one behind each wall, the goal; then walls around the openings; then clutter that
+stays clear of the volume swept by the load. Scenes that the judge does not accept are drawn again.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ NAMES = "abcd"
 
 @dataclass(frozen=True)
 class Difficulty:
-    """What scenes are drawn from.
+    """Ranges from which scenes are drawn.
 
     Attributes
     ----------
-    ratio : of an opening, in bar lengths; of a window for a frame, its narrow side in widths of the frame
-    width : of an opening for a frame, in widths of the frame across its narrowest direction
-    walls, clutter, manipulators : fewest and most
-    thickness : of walls [m]
-    corridor : between walls, beside what the load needs to turn [m]
-    size : of clutter [m]
-    spare : what the witness keeps from everything, at least [m]
+    ratio : size of an opening in bar lengths; for a frame, the narrow side of a window in widths of the frame
+    width : width of an opening for a frame, in widths of the frame across its narrowest direction
+    walls, clutter, manipulators : smallest and largest number
+    thickness : thickness of walls [m]
+    corridor : distance between walls in addition to the space in which the load turns [m]
+    size : size of clutter [m]
+    spare : smallest clearance of the witness [m]
     """
 
     ratio: Range
@@ -73,16 +73,16 @@ DIFFICULTIES = {
 
 
 def drawn(name: str, difficulty: Difficulty, n_dims: int, seed: list[int]) -> tuple[dict[str, Any], Array]:
-    """A scene, as a scene file holds it, and the poses of its witness, as rows.
+    """Draw a scene, and return the contents of its scene file and the poses of its witness.
 
     Parameters
     ----------
-    seed : of all random numbers, one or several
+    seed : seed of all random numbers, one or several
 
     Returns
     -------
     data : contents of a scene file
-    rows : array, shape (n_poses, 3 or 7), as `Witness.from_rows` takes them
+    rows : array, shape (n_poses, 3 or 7), in the format of `Witness.from_rows`
     """
     rng = np.random.default_rng(seed)
     while True:
@@ -103,7 +103,7 @@ class _Draft:
         self.length, self.rows = self._around_walls()
 
     def _around_walls(self) -> tuple[float, Array]:
-        """Draw the walls; how long the workspace is [m], and the poses."""
+        """Draw the walls; return the length of the workspace [m] and the poses."""
         d, rng, aside = self.difficulty, self.rng, self.reach + self.difficulty.spare + ROOM
         x, found = 2 * aside + ENDS + rng.uniform(*d.corridor), [self._end(aside)]
         for wall in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
@@ -132,13 +132,13 @@ class _Draft:
         return [*center, *np.round(turn, 5)]
 
     def _opening(self) -> tuple[Array, Array, Array]:
-        """An opening and how the load fits it.
+        """Draw an opening and an orientation in which the load fits it.
 
         Returns
         -------
-        opening : array, shape (n_dims - 1,), its sizes across the way [m]
+        opening : array, shape (n_dims - 1,), its sizes across the direction of travel [m]
         turn : array, shape (4,), an orientation of the load
-        off : array, shape (n_dims - 1,), where the middle of what the load takes up is then, from its centre [m]
+        off : array, shape (n_dims - 1,), middle of the load's extent in this orientation, relative to its centre [m]
         """
         d, rng = self.difficulty, self.rng
         need = 2 * (self.radius + d.spare) + 0.001
@@ -162,7 +162,7 @@ class _Draft:
         raise AssertionError("the best pose fits")
 
     def _best(self, along: Array, opening: Array) -> Array:
-        """A pose in which the load is as narrow as it can be across the way: along x, flat along the narrow side."""
+        """Return an orientation in which the load is narrowest: along x, flat along the opening's narrow side."""
         rng = self.rng
         turn = np.array([np.cos(along / 2), 0, 0, np.sin(along / 2)])
         flip = np.array([0.0, 0, 0, 1]) if rng.random() < 0.5 else np.array([1.0, 0, 0, 0])
@@ -173,7 +173,7 @@ class _Draft:
         return turn
 
     def data(self) -> dict[str, Any]:
-        """Contents of a scene file."""
+        """Return the contents of a scene file."""
         center, quaternion = poses(self.rows)
         hands = [
             np.round(center[end] + self.held @ matrices(quaternion[end]).T, 10)[:, : self.n_dims]
@@ -199,7 +199,7 @@ class _Draft:
         }
 
     def feasible(self, obstacles: list[dict[str, Any]] | None = None) -> bool:
-        """Whether the judge accepts the witness, with room to spare, among all obstacles or only these."""
+        """Return whether the judge accepts the witness with a margin, among all obstacles or only the given ones."""
         data = self.data()
         try:
             scene = Scene.from_dict(data if obstacles is None else data | {"obstacles": obstacles})
@@ -209,7 +209,7 @@ class _Draft:
         return not report.reasons and report.clearance_min >= self.difficulty.spare
 
     def cluttered(self) -> bool:
-        """Add clutter near the way, clear of it; False where there is no room for it."""
+        """Add clutter near the path but clear of it; return False if there is no room for it."""
         d, rng = self.difficulty, self.rng
         scene = Scene.from_dict(self.data())
         swept = Witness.from_rows(self.rows.tolist(), scene).hands().mean(axis=1)[:, : self.n_dims]
@@ -227,7 +227,7 @@ class _Draft:
 
 
 def _held(rng: np.random.Generator, n_hands: int) -> Array:
-    """Hands in the load's frame, in its plane, around their middle: a bar, an isosceles triangle, a rectangle."""
+    """Draw the hands in the load's frame, in its plane, around their middle: a bar, a triangle or a rectangle."""
     if n_hands == 2:
         return np.array([[-BAR / 2, 0.0, 0.0], [BAR / 2, 0.0, 0.0]])
     long, wide = round(rng.uniform(0.16, 0.22), 3), round(rng.uniform(0.08, 0.13), 3)
@@ -239,7 +239,7 @@ def _held(rng: np.random.Generator, n_hands: int) -> Array:
 
 
 def _widths(held: Array) -> tuple[Array, Array]:
-    """Angles of turning about z, and how wide the load is across x then."""
+    """Return angles of rotation about z, and the width of the load across x at each of them."""
     angles = np.linspace(-np.pi, np.pi, 721)
     across = held[:, 0] * np.sin(angles)[:, None] + held[:, 1] * np.cos(angles)[:, None]
     return angles, np.ptp(across, axis=1)
@@ -250,13 +250,13 @@ def _narrowest(held: Array) -> float:
 
 
 def _across_first(held: Array) -> float:
-    """The angle [rad] at which the load is narrowest across x."""
+    """Return the angle [rad] at which the load is narrowest across x."""
     angles, widths = _widths(held)
     return float(angles[np.argmin(widths)])
 
 
 def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
-    """A random turn by `most` at most [rad], about z in the plane; array, shape (4,)."""
+    """Draw a random rotation by at most `most` [rad], about z in the plane; array, shape (4,)."""
     if n_dims == 2:
         return exponential(np.array([0.0, 0.0, rng.uniform(-most, most)]))
     if most == np.pi:
@@ -267,7 +267,7 @@ def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
 
 
 def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[str, Any]]:
-    """Boxes that leave an opening around `at` in a wall across x: two in the plane, four in space."""
+    """Return boxes that form a wall across x with an opening around `at`: two in the plane, four in space."""
     low, high = np.round(at - opening / 2, 4), np.round(at + opening / 2, 4)
     sides = [((-BEYOND, low[0]),), ((high[0], HEIGHT + BEYOND),)]
     if len(at) == 2:
@@ -285,7 +285,7 @@ def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[st
 
 
 def _clutter(rng: np.random.Generator, center: Array, size: float) -> dict[str, Any]:
-    """A sphere, a turned box, or a turned capsule."""
+    """Draw a sphere, a rotated box, or a rotated capsule."""
     shape = str(rng.choice(["sphere", "box", "capsule"]))
     found: dict[str, Any] = {"shape": shape, "center": center.tolist()}
     if shape == "sphere":

@@ -1,4 +1,4 @@
-"""What a store of runs says: tables and pictures, by set and system, with what is missing."""
+"""Reports on a store of runs: tables and pictures, by set and system, and the runs that are missing."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ FIGURES = {  # column: figure, factor
 
 @dataclass(frozen=True)
 class Standing:
-    """How a system did on a set.
+    """Holds the results of a system on a set.
 
     Attributes
     ----------
-    set, system : names; with budget and versions where a store holds several
-    runs : that ended and were not refused
-    refused : scenes that it is not made for
+    set, system : names; with budget and versions if a store holds several
+    runs : runs that ended and were not refused
+    refused : number of scenes for which the system is not made
     best : the best cost known, by scene
     """
 
@@ -62,7 +62,7 @@ class Standing:
     best: dict[str, float]
 
     def by_scene(self, of: Callable[[Run], float]) -> dict[str, float]:
-        """The median over the seeds of something, by scene."""
+        """Return the median of a quantity over the seeds, by scene."""
         found = defaultdict(list)
         for run in self.runs:
             found[run.configuration.scene].append(of(run))
@@ -70,12 +70,12 @@ class Standing:
 
     @property
     def n_verified(self) -> int:
-        """Runs that ended with a verified motion."""
+        """Return the number of runs that ended with a verified motion."""
         return sum(run.status == "verified" for run in self.runs)
 
     @property
     def success(self) -> Interval:
-        """Share of runs that are verified: by Wilson, or over scenes where there are several seeds a scene."""
+        """Return the share of verified runs with an interval: Wilson's, or over scenes with several seeds each."""
         shares = defaultdict(list)
         for run in self.runs:
             shares[run.configuration.scene].append(run.status == "verified")
@@ -84,28 +84,28 @@ class Standing:
         return mean_interval([np.mean(of) for of in shares.values()])
 
     def first(self, run: Run) -> float:
-        """Time to the first verified motion [s]; infinite for never."""
+        """Return the time to the first verified motion [s]; infinite if there is none."""
         return run.history[0][0] if run.history else np.inf
 
     def near_best(self, run: Run) -> float:
-        """Time to a verified motion within 5 % of the best cost known [s]; infinite for never."""
+        """Return the time to a verified motion within 5 % of the best cost known [s]; infinite if there is none."""
         best = self.best.get(run.configuration.scene, np.inf)
         return next((seconds for seconds, cost in run.history if cost <= NEAR * best), np.inf)
 
     def cost_ratio(self, run: Run) -> float:
-        """Final cost over the best known; infinite where the end is not verified."""
+        """Return the final cost divided by the best known; infinite if the final motion is not verified."""
         if run.status != "verified" or run.figures.cost is None:
             return np.inf
         return run.figures.cost / self.best[run.configuration.scene]
 
     def median_of(self, figure: str) -> float:
-        """Median of a figure over the runs that are verified; NaN where there are none."""
+        """Return the median of a figure over the verified runs; NaN if there are none."""
         values = [getattr(run.figures, figure) for run in self.runs if run.status == "verified"]
         return float(np.median([v for v in values if v is not None] or [np.nan]))
 
 
 def standings(runs: Sequence[Run]) -> list[Standing]:
-    """By set, then by system, in the order in which they first appear."""
+    """Return the standings by set, then by system, in the order in which they first appear."""
     best: dict[tuple[str, str], float] = defaultdict(lambda: np.inf)
     for run in runs:
         c = run.configuration
@@ -126,7 +126,7 @@ def standings(runs: Sequence[Run]) -> list[Standing]:
 
 
 def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
-    """Names of systems, with what a store holds several of."""
+    """Return a function that names the system of a run, with budget and versions if the store holds several."""
     all_of = [run.configuration for run in runs]
     versions, budgets = {c.version for c in all_of}, {c.budget for c in all_of}
     tools = defaultdict(set)
@@ -145,7 +145,7 @@ def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
 
 
 def paired_ratio(one: dict[str, float], other: dict[str, float]) -> tuple[Interval, int]:
-    """Median of one / other over the scenes where both are finite, and how many there are."""
+    """Return the median of one / other over the scenes where both are finite, and the number of these scenes."""
     ratios = [
         one[scene] / other[scene]
         for scene in one
@@ -155,7 +155,7 @@ def paired_ratio(one: dict[str, float], other: dict[str, float]) -> tuple[Interv
 
 
 def write_report(store: RunStore, folder: str | Path) -> str:
-    """Write `report.md` and its pictures; returns the text.
+    """Write `report.md` and its pictures; return the text.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def write_report(store: RunStore, folder: str | Path) -> str:
 
 
 def missing_of(store: RunStore, runs: Sequence[Run]) -> list[str]:
-    """What was planned and has not ended, a line a set and system."""
+    """Return a line for each set and system with planned runs that have not ended."""
     ended = {run.configuration.key for run in runs}
     planned, missing = Counter(), defaultdict(list)
     for c in store.planned():
@@ -194,7 +194,7 @@ def missing_of(store: RunStore, runs: Sequence[Run]) -> list[str]:
 
 
 def report_text(runs: Sequence[Run], found: Sequence[Standing], missing: Sequence[str]) -> str:
-    """The report in Markdown."""
+    """Return the report in Markdown."""
     lines = ["# Benchmark", "", *_about(runs)]
     if missing:
         lines += ["", "**Incomplete**: still to be run are", "", *(f"- {line}" for line in missing)]
@@ -268,7 +268,7 @@ def _figure_table(of_set: Sequence[Standing]) -> str:
 
 
 def _against_table(of_set: Sequence[Standing]) -> str:
-    """Every other system beside the reference, scene by scene; empty without one."""
+    """Return a table that compares every other system with the reference, scene by scene; empty without one."""
     reference = next((s for s in of_set if s.system.split(",")[0] == REFERENCE), None)
     others = [s for s in of_set if s is not reference]
     if reference is None or not others:
@@ -334,7 +334,7 @@ def _with_interval(interval: Interval, otherwise: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits.
+    """Format a number with three digits.
 
     >>> _number(0.012345), _number(1234.5)
     ('0.0123', '1230')

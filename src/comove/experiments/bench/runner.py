@@ -1,8 +1,9 @@
 """Runs of the benchmark, each in a worker process, none of them run twice, none of them lost.
 
-A worker writes the row of a run itself, at its end. A driver hands out what is not in the store yet. So either may be
-killed at any time: what had ended is there, and the same call goes on. Where a worker is killed, all that was under
-way is run again, each alone; a run that has killed its worker `KILLS` times is marked and the rest goes on.
+A worker writes the row of a run itself, at its end. A driver starts the runs that are not in the store yet. So either
+may be killed at any time: finished runs are in the store, and the same call continues. If a worker is killed, all
+unfinished runs are run again, each alone; a run that has killed its worker `KILLS` times is marked, and the rest
+continues.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ POLL = 1.0  # s
 
 @dataclass(frozen=True)
 class BenchJob:
-    """A run to be done.
+    """A run that is to be done.
 
     Attributes
     ----------
-    configuration : what is run
-    path : of the scene's file
-    system : that runs it
-    allowed : after which it is stopped [s]
+    configuration : configuration of the run
+    path : path of the scene's file
+    system : the system that runs it
+    allowed : time after which it is stopped [s]
     """
 
     configuration: Configuration
@@ -58,13 +59,13 @@ class BenchJob:
 
 @dataclass(frozen=True)
 class BenchProgress:
-    """How far it is.
+    """Holds the progress of a benchmark.
 
     Attributes
     ----------
-    before : runs that were in the store at the beginning
-    done : runs that are there now
-    total : runs asked for
+    before : number of runs that were in the store at the beginning
+    done : number of runs that are in the store now
+    total : number of runs asked for
     """
 
     before: int
@@ -75,12 +76,12 @@ class BenchProgress:
 def jobs_of(
     scenes: list[BenchScene], systems: Mapping[str, System], seeds: int = 1, budget: float = 10.0
 ) -> list[BenchJob]:
-    """Every scene with every system and the seeds from 0 on.
+    """Return the jobs for every scene with every system and the seeds from 0 on.
 
     Raises
     ------
     OptionError
-        If seeds or budget are no positive numbers.
+        If seeds or budget are not positive.
     """
     if seeds < 1:
         raise OptionError(f"seeds = {seeds}", key="--seeds", way_out="give 1 or more")
@@ -107,20 +108,20 @@ def run_all(
     workers: int = 1,
     tell: Callable[[BenchProgress], None] = lambda progress: None,
 ) -> BenchProgress:
-    """Run what is not in a store yet.
+    """Run the jobs that are not in a store yet.
 
     Parameters
     ----------
-    path : of the store, made where there is none
-    workers : processes at a time
-    tell : is called at the beginning and after every run
+    path : path of the store, which is made if it does not exist
+    workers : number of processes at a time
+    tell : function called at the beginning and after every run
 
     Raises
     ------
     ExtraError
         If joblib is not installed.
     OptionError
-        If there is nothing to do, or nobody to do it.
+        If there are no jobs or no workers.
     ResultError
         If another file is in the store's place, or it cannot be written.
     """
@@ -136,7 +137,7 @@ def run_all(
 
 
 class _Driver:
-    """Hands out runs and looks after those who do them."""
+    """A driver that hands out runs and watches the workers."""
 
     def __init__(self, store: RunStore, jobs: list[BenchJob], tell: Callable[[BenchProgress], None]):
         self.store, self.tell, self.total = store, tell, len(jobs)
@@ -148,7 +149,7 @@ class _Driver:
         self.before = self.done = self.total - len(self.waiting)
 
     def run(self, workers: int) -> None:
-        """Until all is done."""
+        """Hand out runs until all are done."""
         self._tell()
         try:
             while self.waiting or self.suspects:
@@ -163,7 +164,7 @@ class _Driver:
         self.tell(BenchProgress(self.before, self.done, self.total))
 
     def _hand_out(self, queue: deque[BenchJob], workers: int) -> None:
-        """Work off a queue, until it is empty or a worker is killed."""
+        """Process a queue until it is empty or a worker is killed."""
         loky = _loky()
         self.store.leave(self.name)  # what was begun by workers that are gone
         under_way: dict[Any, BenchJob] = {}
@@ -198,7 +199,7 @@ class _Driver:
             executor.shutdown(wait=True, kill_workers=True)
 
     def _next(self, queue: deque[BenchJob]) -> BenchJob | None:
-        """The first run that nobody else has done or is doing; what others are doing goes to the end."""
+        """Return the first run that nobody else has done or is doing; runs under way elsewhere move to the end."""
         for _ in range(len(queue)):
             job = queue.popleft()
             key = job.configuration.key
@@ -214,7 +215,7 @@ class _Driver:
         return None
 
     def _stop_late(self, jobs: Any) -> set[str]:
-        """Kill the processes of runs that did not stop when they should have; the keys of these."""
+        """Kill the processes of runs that did not stop in time; return the keys of these runs."""
         known = {job.configuration.key: job for job in jobs}
         stopped = set()
         for key, pid, since in self.store.begun(self.name):
@@ -226,7 +227,7 @@ class _Driver:
         return stopped
 
     def _sort_out(self, under_way: list[BenchJob], stopped: set[str]) -> None:
-        """A worker is gone: which runs had ended, which may have been it, which are given up."""
+        """Sort the runs after a worker was killed: those that ended, those that may be the cause, those given up."""
         ended = self.store.keys()
         for job in under_way:
             key = job.configuration.key
@@ -243,7 +244,7 @@ class _Driver:
 
 
 def _is_gone(allowed: float, pid: int, since: float) -> bool:
-    """Whether a process of another driver is at its run no more."""
+    """Return whether a process of another driver no longer works on its run."""
     if time.time() > since + allowed + GRACE + POLL:
         return True
     try:
@@ -264,7 +265,7 @@ def _loky() -> Any:
 
 
 def _begin_work(driver: int) -> None:
-    """What a worker does first: leave interrupts to its driver, and end when that is gone."""
+    """Prepare a worker: leave interrupts to its driver, and end the worker when the driver is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -307,12 +308,12 @@ def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, 
 
 
 class _Late(BaseException):
-    """A run has had its time; no system catches this."""
+    """Signals that a run has used up its time; no system catches this exception."""
 
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """Raise `_Late` after this time, where the platform can."""
+    """Raise `_Late` after this time, if the platform supports it."""
     if not hasattr(signal, "setitimer"):
         yield
         return
@@ -355,7 +356,7 @@ def _run_of(
 
 @lru_cache(maxsize=1)
 def machine() -> Machine:
-    """The one that this runs on."""
+    """Return the description of the machine that runs this process."""
     cpu = platform.processor() or platform.machine()
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")

@@ -1,9 +1,9 @@
-"""How times grow with what is asked: manipulators, basis functions, time steps, obstacles, difficulty.
+"""Growth of times with the number of manipulators, basis functions, time steps and obstacles, and with difficulty.
 
 Two times are measured: that of one generation of the search (rollouts of a population and their evaluation), which is
-what a search repeats, and that of a whole `solve`, in which planning, certificates and luck have their part. For each
-an exponent e is fitted, ``time ~ x^e``, once over all points and once over the larger half of them, where what does
-not grow weighs less. All times are of the processor, so that what else runs on the machine hardly counts.
+repeated in a search, and that of a whole `solve`, which also depends on planning, certificates and chance. For each
+an exponent e is fitted, ``time ~ x^e``, once over all points and once over the larger half of them, where constant
+parts weigh less. All times are processor times, so that other work on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ LEAST = 0.02  # s, that a measurement of generations takes at least
 
 
 class Case(NamedTuple):
-    """A point of a curve: what is solved, how, and in how many steps it is sampled."""
+    """A point of a curve: a scene, the size of the basis, and the number of samples in time."""
 
     scene: Scene
     n_basis: int = BASIS
@@ -56,15 +56,15 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class SceneFamily:
-    """What grows.
+    """A family of scenes in which one quantity grows.
 
     Attributes
     ----------
-    label : of what grows
-    x : the points
-    case : of a point
-    target : largest exponent wanted; None where there is none
-    solves, generations : what is measured
+    label : name of the quantity that grows
+    x : values of this quantity
+    case : function from a value to its case
+    target : largest exponent wanted; None if there is none
+    solves, generations : whether whole solves and generations are measured
     """
 
     label: str
@@ -77,16 +77,16 @@ class SceneFamily:
 
 @dataclass(frozen=True, eq=False)
 class ScalingCurve:
-    """Times of one family.
+    """Measured times of one family.
 
     Attributes
     ----------
-    family : its name
+    family : name of the family
     quantity : "generation" or "solve"
     x : array, shape (n_points,)
     times : array, shape (n_points, n_repeats) [s]
     verified : share of the solves that are verified; 1 for generations
-    target : largest exponent wanted; None where there is none
+    target : largest exponent wanted; None if there is none
     """
 
     family: str
@@ -98,18 +98,18 @@ class ScalingCurve:
 
     @property
     def exponent(self) -> Interval:
-        """Over all points."""
+        """Return the exponent over all points."""
         return slope_interval(self.x, self.times)
 
     @property
     def exponent_end(self) -> Interval:
-        """Over the larger half of the points, that in the middle included."""
+        """Return the exponent over the larger half of the points, including the one in the middle."""
         half = (len(self.x) - 1) // 2
         return slope_interval(self.x[half:], self.times[half:])
 
     @property
     def verdict(self) -> str:
-        """Whether the target is met, over all points and over the larger half of them."""
+        """Return whether the target is met, over all points and over the larger half of them, in a word."""
         if self.target is None:
             return "-"
         fits = self.exponent, self.exponent_end
@@ -119,7 +119,7 @@ class ScalingCurve:
 
 
 def ring_scene(n_hands: int = HANDS, n_obstacles: int = OBSTACLES) -> Scene:
-    """A ring of rods held by all hands (a bar by two), among small spheres beside its straight way in space."""
+    """Return a scene in space with a ring of rods held by all hands (a bar by two), among small spheres."""
     angles = 2 * np.pi * np.arange(n_hands) / n_hands
     ring = RADIUS * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
     names = [f"hand{i}" for i in range(n_hands)]
@@ -137,7 +137,7 @@ def ring_scene(n_hands: int = HANDS, n_obstacles: int = OBSTACLES) -> Scene:
 
 
 def gap_scene(ratio: float) -> Scene:
-    """A bar of 0.2 m, across its way at both ends, and a gap of this ratio of its length in the plane."""
+    """Return a planar scene: a bar of 0.2 m, across its path at both ends, and a gap of `ratio` bar lengths."""
     gap = 0.2 * ratio
     ends = [np.array([[x, 0.4], [x, 0.6]]) for x in (0.15, 0.85)]
     walls = [
@@ -190,12 +190,12 @@ FAMILIES = {
 
 
 def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[ScalingCurve]:
-    """Curves of these families.
+    """Measure the curves of these families.
 
     Raises
     ------
     OptionError
-        If there is no such family, or nothing is to be measured.
+        If there is no such family, or `repeats` is below 1.
     """
     for name in names:
         if name not in FAMILIES:
@@ -221,7 +221,7 @@ def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[
 
 
 def generation_times(case: Case, repeats: int) -> list[float]:
-    """Seconds that rollouts of a population and their evaluation take."""
+    """Measure the time of rollouts of a population and their evaluation [s], several times."""
     scene, coordinates = case.scene, load_coordinates(case.scene)
     basis, objective = motion_basis(case.n_basis, "velocity"), Objective(scene, coordinates)
     boundary = coordinates.boundary()
@@ -256,7 +256,7 @@ def _solved(case: Case, seed: int) -> tuple[float, bool]:
 def write_scaling(
     folder: str | Path, names: Sequence[str], repeats: int, *, solves: bool = True
 ) -> list[ScalingCurve]:
-    """Measure, and write `scaling.md` and `scaling.png`.
+    """Measure the curves, and write `scaling.md` and `scaling.png`.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def write_scaling(
 
 
 def scaling_text(curves: Sequence[ScalingCurve]) -> str:
-    """The report in Markdown."""
+    """Return the report in Markdown."""
     where = machine()
     lines = ["# Scaling", "", f"On {where.cpu}, {where.cores} cores, Python {where.python}, one thread.", ""]
     rows = []

@@ -1,4 +1,4 @@
-"""The frozen sets of scenes, and how they are drawn and written."""
+"""The frozen sets of scenes, and functions that draw and write them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class BenchScene:
     Attributes
     ----------
     set : name of the set
-    path : of the scene file
+    path : path of the scene file
     """
 
     set: str
@@ -46,20 +46,20 @@ class BenchScene:
 
     @property
     def name(self) -> str:
-        """Of the scene."""
+        """Return the name of the scene."""
         return self.path.stem
 
     @cached_property
     def sha256(self) -> str:
-        """Of the file."""
+        """Return the checksum of the scene file."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
     def load(self) -> Scene:
-        """Read it."""
+        """Read the scene."""
         return Scene.load(self.path)
 
     def witness(self, scene: Scene) -> Witness:
-        """What shows that it can be solved; `scene` is what `load` returned."""
+        """Return the witness that the scene can be solved; `scene` is the result of `load`."""
         return Witness.from_rows(_witnesses(self.path.with_name(WITNESSES))[self.name], scene)
 
 
@@ -69,7 +69,7 @@ def _witnesses(path: Path) -> dict[str, list[list[float]]]:
 
 
 def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
-    """The scenes of a frozen set, half of them planar and half spatial; the first `count` of both kinds in turn.
+    """Return the scenes of a frozen set, planar and spatial in turn, or only the first `count`.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
 
 
 def difficulty_named(name: str) -> Difficulty:
-    """The difficulty of a set.
+    """Return the difficulty of a set.
 
     Raises
     ------
@@ -103,21 +103,21 @@ def difficulty_named(name: str) -> Difficulty:
 
 
 def draw_scene(set_name: str, index: int, seed: int = SEED) -> tuple[dict[str, Any], Array]:
-    """Scene `index` of a set, as `drawing.drawn` returns it: even ones are planar, odd ones spatial."""
+    """Draw scene `index` of a set, as `drawing.drawn` returns it: even ones are planar, odd ones spatial."""
     n_dims = 2 + index % 2
     name = f"{('planar', 'spatial')[index % 2]}-{index // 2:02d}"
     return drawn(name, difficulty_named(set_name), n_dims, [seed, SETS.index(set_name), index])
 
 
 def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) -> None:
-    """Draw a set and write it to a folder: a file a scene, and the witnesses.
+    """Draw a set and write it to a folder: a file per scene, and the witnesses.
 
     Raises
     ------
     OptionError
-        If there is no such set, or nothing is to be drawn.
+        If there is no such set, or `count` is below 1.
     ResultError
-        If the folder holds something or cannot be written.
+        If the folder is not empty or cannot be written.
     """
     difficulty_named(set_name)
     if count < 1:
@@ -133,7 +133,7 @@ def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) 
 
 
 def scene_text(data: dict[str, Any]) -> str:
-    """The contents of a scene file as YAML, a line an obstacle and a manipulator."""
+    """Return the contents of a scene file as YAML, with a line per obstacle and per manipulator."""
     lines = ["version: 1"]
     for key, value in data.items():
         if isinstance(value, list):
@@ -144,7 +144,7 @@ def scene_text(data: dict[str, Any]) -> str:
 
 
 def flow(value: Any) -> str:
-    """A value in YAML's flow style.
+    """Return a value in YAML's flow style.
 
     >>> flow({"center": [0.5, 1.0], "shape": "box"})
     '{center: [0.5, 1], shape: box}'

@@ -1,7 +1,8 @@
 """Witnesses: movements that show that a scene can be solved, made before the scene and without any planner.
 
 A witness is a few poses of the load. Between two of them the load moves by minimum jerk, from rest to rest: its
-centre on the straight line, its orientation on the shortest turn. Segments last as long as their way is of the whole.
+centre on the straight line, its orientation on the shortest turn. The duration of a segment is proportional to its
+length.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ WHERE_NOTHING_MOVES = 1e-9  # m, added to every segment's way
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """Poses that a load passes, one after the other.
+    """Poses that a load passes one after another, which show that a scene can be solved.
 
     Attributes
     ----------
-    center : array, shape (n_poses, 3), of the load's frame, whose origin is the middle of the hands [m]
-    quaternion : array, shape (n_poses, 4), w x y z; the shorter turn from one to the next is meant
+    center : array, shape (n_poses, 3), origin of the load's frame, the middle of the hands [m]
+    quaternion : array, shape (n_poses, 4), w x y z; the load turns the shorter way from one to the next
     held : array, shape (n_manipulators, 3), hands in the load's frame [m]
     """
 
@@ -38,7 +39,7 @@ class Witness:
 
     @classmethod
     def from_rows(cls, rows: list[list[float]], scene: Scene) -> Witness:
-        """Poses as files hold them, in a scene whose start is the first of them.
+        """Build a witness from poses in the format of files, in a scene that starts at the first of them.
 
         Parameters
         ----------
@@ -51,11 +52,11 @@ class Witness:
 
     @property
     def reach(self) -> float:
-        """Of the farthest hand from the centre [m]."""
+        """Return the distance of the farthest hand from the centre [m]."""
         return float(np.linalg.norm(self.held, axis=1).max())
 
     def hands(self, n_samples: int = N_SAMPLES) -> Array:
-        """Hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
+        """Return the hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
         turns = np.stack(
             [
                 logarithm(quaternion_product(conjugate(before), after))
@@ -74,13 +75,13 @@ class Witness:
         return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)
 
     def judged(self, scene: Scene) -> RecordReport:
-        """What the judge says of it, between the samples too."""
+        """Return the judge's report on the witness, which covers the time between the samples too."""
         hands = self.hands()[:, :, : scene.n_dims]
         return judge(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
 
 
 def poses(rows: Array) -> tuple[Array, Array]:
-    """Centres and quaternions of poses as files hold them; arrays, shapes (n_poses, 3) and (n_poses, 4)."""
+    """Return centres and quaternions of poses as files hold them; arrays, shapes (n_poses, 3) and (n_poses, 4)."""
     if rows.shape[1] == 7:
         return rows[:, :3], rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     zero, half = np.zeros(len(rows)), 0.5 * rows[:, 2]

@@ -1,4 +1,4 @@
-"""The paper, reproduced: runs -> pictures, tables and claims -> one page."""
+"""The reproduction of the paper: runs, then pictures, tables and claims, then one page."""
 
 from comove.experiments.paper.reproduction import reproduce
 

@@ -1,4 +1,4 @@
-"""What each repair of the paper's method is worth: the method without it, on the same scenes, from the same seeds."""
+"""The value of each repair of the paper's method: the method without it, on the same scenes, from the same seeds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WHOLE = "paper"
 
 
 def _with(**changes: object) -> Paper:
-    """The paper's method with another optimiser."""
+    """Return the paper's method with changed settings of its optimiser."""
     return Paper(optimiser=replace(OPTIMISER, **changes))
 
 
@@ -126,7 +126,7 @@ def _percent(share: Interval) -> str:
 
 
 def _verdict(without: Interval, whole: Interval) -> str:
-    """Whether a repair is needed: by intervals that do not meet."""
+    """Return whether a repair is needed, in words, judged by whether the intervals are disjoint."""
     if without.high < whole.low:
         return "worse"
     return "better" if without.low > whole.high else "no difference seen"

@@ -23,12 +23,14 @@ N_INSTANTS, WIDTH = 5, 340  # of the pictures: in a row, and pixels of each
 
 @dataclass(frozen=True)
 class Passage:
-    """What to carry out: one of `PASSAGES` by one of `METHODS`.
+    """Settings of a transport: one of `PASSAGES` by one of `METHODS`.
 
     Attributes
     ----------
+    scene : name of the passage
+    who : name of the method
     velocity : c_vel of equation (4), for the paper's method
-    budget : seconds after which the best so far is taken
+    budget : time after which the best motion so far is taken [s]
     """
 
     scene: str
@@ -39,20 +41,21 @@ class Passage:
 
 @dataclass(frozen=True)
 class Transport:
-    """What Baxter made of it.
+    """Holds the results of Baxter's transport through a passage.
 
     Attributes
     ----------
-    passage : what was to be done
-    verified : the joint motion, by the judge
-    delivered : the stick, in MuJoCo, welded to the grippers
-    reasons : why not
+    passage : settings of the transport
+    verified : whether the judge verified the joint motion
+    delivered : whether the stick, welded to the grippers, was delivered in MuJoCo
+    reasons : reasons for a failure
     turn : largest change of the stick's direction [rad]
-    distance_error, clearance : of the planned hands, and of links, hands and stick from posts and table [m]
-    lag, end_error : of the simulated stick behind its plan, and from its goal at the end [m]; None where nothing was
-        simulated
-    seconds : of the search, on the wall
-    picture : PNG of equally spaced instants, from the front and below from above; empty where none can be drawn
+    distance_error, clearance : distance error of the planned hands, and clearance of links, hands and stick from
+        posts and table [m]
+    lag, end_error : distance of the simulated stick behind its plan, and from its goal at the end [m]; None if
+        nothing was simulated
+    seconds : wall time of the search [s]
+    picture : PNG of equally spaced instants, from the front and below from above; empty if none can be drawn
     """
 
     passage: Passage
@@ -69,12 +72,12 @@ class Transport:
 
     @property
     def done(self) -> bool:
-        """Whether the motion is verified and the stick was delivered."""
+        """Return whether the motion is verified and the stick was delivered."""
         return self.verified and self.delivered
 
 
 def missing() -> str:
-    """Return what is not installed, in words; nothing where Baxter and MuJoCo are there."""
+    """Return what is not installed, in words; empty if Baxter and MuJoCo are there."""
     from comove.robots import Robot
     from comove.simulators.engine import engine
 

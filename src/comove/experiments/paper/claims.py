@@ -1,6 +1,6 @@
-"""What the paper says of its results, sentence by sentence, and what the runs say of it.
+"""The paper's claims about its results, sentence by sentence, and the verdict of the runs on each.
 
-A verdict is computed: each claim has a function of the runs, and nothing here says beforehand how it ends.
+A verdict is computed: each claim has a function of the runs, and no verdict is fixed beforehand.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NEAREST = "nearest hand's matrix"
 
 
 class ClaimVerdict(StrEnum):
-    """How a claim fares."""
+    """The verdicts on a claim."""
 
     REPRODUCED = "reproduced"
     REMARK = "reproduced with a remark"
@@ -37,7 +37,7 @@ class ClaimVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class ClaimFinding:
-    """A verdict and why."""
+    """A verdict that comes with its reason."""
 
     verdict: ClaimVerdict
     why: str
@@ -51,7 +51,7 @@ class Claim:
     ----------
     where : section or figure of the paper
     quote : its words
-    judge : what the runs say
+    judge : function that returns the finding of the runs
     """
 
     where: str
@@ -60,17 +60,17 @@ class Claim:
 
     @property
     def rule(self) -> str:
-        """When it has which verdict, in words."""
+        """Return the rule that decides its verdict, in words."""
         return RULES.get(self.judge.__name__, "nothing here can test it")
 
 
 def judge_all(runs: Runs) -> list[tuple[Claim, ClaimFinding]]:
-    """All claims with their findings."""
+    """Return all claims with their findings."""
     return [(claim, claim.judge(runs)) for claim in CLAIMS]
 
 
 def built_from_one(runs: Runs) -> ClaimFinding:
-    """Both methods, both passages, from the initial movement of one hand."""
+    """Judge whether both methods solve both passages from the initial movement of one hand."""
     found = [
         runs.one("figure 4", scene=s, who=w).measures for s in ("wide", "narrow") for w in ("paper", "comove")
     ]
@@ -83,7 +83,7 @@ def built_from_one(runs: Runs) -> ClaimFinding:
 
 
 def verifies_all_constraints(runs: Runs) -> ClaimFinding:
-    """The constrained search as printed, without schedules, and repaired."""
+    """Judge the constrained search as printed, without schedules, and repaired."""
     printed = runs.measures("printed", who="printed")
     narrow = runs.measures("printed", who="printed", scene="narrow")
     bare = runs.measures("printed", who="paper without schedules")
@@ -102,7 +102,7 @@ def verifies_all_constraints(runs: Runs) -> ClaimFinding:
 
 
 def other_environment(runs: Runs) -> ClaimFinding:
-    """What fits the wide passage, adjusted to the narrow one."""
+    """Judge whether a movement that fits the wide passage can be adjusted to the narrow one."""
     taught = runs.one("given", scene="wide").measures
     paper, comove = (runs.one("figure 4", scene="narrow", who=who).measures for who in ("paper", "comove"))
     why = (
@@ -116,7 +116,7 @@ def other_environment(runs: Runs) -> ClaimFinding:
 
 
 def one_phase(runs: Runs) -> ClaimFinding:
-    """Ends and distance of the movement given to both hands."""
+    """Judge ends and distance of the movement given to both hands."""
     m = runs.one("given", scene="wide").measures
     why = (
         f"Given to both hands, the movement misses their ends by {m.end_error:.1g} m and their distance by "
@@ -128,7 +128,7 @@ def one_phase(runs: Runs) -> ClaimFinding:
 
 
 def obstacles_either_way(runs: Runs) -> ClaimFinding:
-    """Obstacles as a cost and as constraints."""
+    """Judge obstacles as a cost and as constraints."""
     as_cost = runs.one("obstacles in the cost").measures
     hard = runs.one("systems", who="comove").measures
     why = (
@@ -142,7 +142,7 @@ def obstacles_either_way(runs: Runs) -> ClaimFinding:
 
 
 def combined(runs: Runs) -> ClaimFinding:
-    """The library of one hand, in the environment that no straight line solves."""
+    """Judge the library of one hand in the environment that no straight line solves."""
     m, straight = (runs.one(name, scene="complex").measures for name in ("figure 3", "straight"))
     why = (
         "Six of a dozen handwritten shapes, combined by CMA-ES and optimised for one hand in the complex "
@@ -155,7 +155,7 @@ def combined(runs: Runs) -> ClaimFinding:
 
 
 def more_than_two(runs: Runs) -> ClaimFinding:
-    """Three hands in space."""
+    """Judge three hands in space."""
     ours, paper = (runs.one("three hands", who=who).measures for who in ("comove", "paper"))
     why = (
         f"Three hands carry a triangle through a window in space (`triangle`). Paper's method: {_verified(paper)} in "
@@ -167,7 +167,7 @@ def more_than_two(runs: Runs) -> ClaimFinding:
 
 
 def same_matrix(runs: Runs) -> ClaimFinding:
-    """The paper's Figure 2, by its own rule and by one that looks at the load as well."""
+    """Judge the paper's Figure 2, by its own rule and by one that considers the load as well."""
     paper, ours, own = (runs.encounter(name) for name in (NEAREST, "same matrix on all", "own matrix each"))
     why = (
         f"By the paper's rule, the matrix of the hand that is nearest to the disc on both: the distance is off by "
@@ -183,7 +183,7 @@ def same_matrix(runs: Runs) -> ClaimFinding:
 
 
 def navigates(runs: Runs) -> ClaimFinding:
-    """The initial movements of one hand."""
+    """Judge the initial movements of one hand."""
     found = {scene: runs.one("figure 3", scene=scene).measures for scene in INITIAL}
     why = "One hand: " + "; ".join(
         f"{scene}, {_verified(m)} after {m.total:.1f} s, clearance {_mm(m.clearance)}"
@@ -195,22 +195,22 @@ def navigates(runs: Runs) -> ClaimFinding:
 
 
 def figure_4a(runs: Runs) -> ClaimFinding:
-    """Both hands through the wide passage."""
+    """Judge both hands in the wide passage."""
     return _by_papers_method(runs, "wide")
 
 
 def figure_6c(runs: Runs) -> ClaimFinding:
-    """Both hands through two staggered gaps."""
+    """Judge both hands in the passage of two staggered gaps."""
     return _by_papers_method(runs, "complex")
 
 
 def adapts_while_ensured(runs: Runs) -> ClaimFinding:
-    """Both hands through the narrow passage."""
+    """Judge both hands in the narrow passage."""
     return _by_papers_method(runs, "narrow")
 
 
 def less_smooth(runs: Runs) -> ClaimFinding:
-    """Squared jerk of Figures 4a and 4b."""
+    """Judge the squared jerk of Figures 4a and 4b."""
     wide, narrow = (runs.one("figure 4", scene=s, who="paper").measures.jerk for s in ("wide", "narrow"))
     ratio = narrow / wide
     why = (
@@ -227,7 +227,7 @@ def less_smooth(runs: Runs) -> ClaimFinding:
 
 
 def approaches(runs: Runs) -> ClaimFinding:
-    """The objective at the end of Figure 5a."""
+    """Judge the objective at the end of Figure 5a."""
     along = runs.one("figure 4", scene="narrow", who="paper").along
     share = along.at_end / along.at_start
     why = f"From {along.at_start:.3g} at the start to {along.at_end:.1g} at the end (paper's method, narrow passage)"
@@ -240,7 +240,7 @@ def approaches(runs: Runs) -> ClaimFinding:
 
 
 def jumps(runs: Runs) -> ClaimFinding:
-    """Climbs of the objective in Figure 5a."""
+    """Judge the climbs of the objective in Figure 5a."""
     along = runs.one("figure 4", scene="narrow", who="paper").along
     where = "near the walls" if along.rise_near else "away from the walls"
     why = (
@@ -254,7 +254,7 @@ def jumps(runs: Runs) -> ClaimFinding:
 
 
 def small_violations(runs: Runs) -> ClaimFinding:
-    """The constraint in Figure 5b."""
+    """Judge the constraint in Figure 5b."""
     figure = runs.one("figure 4", scene="narrow", who="paper")
     along, length = figure.along, BAND / SMALL
     exact = runs.one("figure 4", scene="narrow", who="comove").measures.distance_error
@@ -270,7 +270,7 @@ def small_violations(runs: Runs) -> ClaimFinding:
 
 
 def violated_without(runs: Runs) -> ClaimFinding:
-    """Figure 6b."""
+    """Judge the error of the distance in Figure 6b."""
     drawn = runs.one("figure 6", scene="narrow", who="unconstrained [22]").measures
     taught, story = runs.one("joint").measures, _story(runs, "unconstrained [22]", ["narrow"])
     error = median_interval([m.distance_error for m in story]).value
@@ -284,7 +284,7 @@ def violated_without(runs: Runs) -> ClaimFinding:
 
 
 def leader_is_blind(runs: Runs) -> ClaimFinding:
-    """Coupling between leader and follower in the narrow passage."""
+    """Judge the coupling between leader and follower in the narrow passage."""
     m = runs.one("systems", who="leader-follower [7]").measures
     free, comove = (
         runs.one("systems", who="unconstrained [22]").measures,
@@ -301,7 +301,7 @@ def leader_is_blind(runs: Runs) -> ClaimFinding:
 
 
 def roles_matter(runs: Runs) -> ClaimFinding:
-    """Who leads, where the hands were taught differently."""
+    """Judge the influence of the leading hand if the hands were taught differently."""
     left, right, both = (runs.one("leaders", who=who) for who in ROLES)
     apart = apart_in_the_mean(left.motion, right.motion)
     rms = left.log["epoch_error_rms_m"]
@@ -315,7 +315,7 @@ def roles_matter(runs: Runs) -> ClaimFinding:
 
 
 def simulated_baxter(runs: Runs) -> ClaimFinding:
-    """Baxter in both passages, by the paper's method."""
+    """Judge Baxter in both passages, by the paper's method."""
     if runs.absent:
         return ClaimFinding(ClaimVerdict.UNTESTED, f"{runs.absent}.")
     found = [runs.transport(scene, "paper") for scene in PASSAGES]
@@ -325,7 +325,7 @@ def simulated_baxter(runs: Runs) -> ClaimFinding:
 
 
 def completes(runs: Runs) -> ClaimFinding:
-    """The same, and by comove."""
+    """Judge Baxter in both passages, by the paper's method and by comove."""
     if runs.absent:
         return ClaimFinding(ClaimVerdict.UNTESTED, f"{runs.absent}.")
     paper, ours = ([runs.transport(scene, who) for scene in PASSAGES] for who in ("paper", "comove"))
@@ -336,7 +336,7 @@ def completes(runs: Runs) -> ClaimFinding:
 
 
 def _transported(found: Sequence[Transport]) -> str:
-    """What Baxter made of some passages, in a sentence."""
+    """Return a sentence about Baxter's results in some passages."""
     parts = []
     for t in found:
         who = "paper's method" if t.passage.who == "paper" else t.passage.who
@@ -350,7 +350,7 @@ def _transported(found: Sequence[Transport]) -> str:
 
 
 def almost_unchanged(runs: Runs) -> ClaimFinding:
-    """How far the bar turns in both passages, in the plane and with Baxter in simulation."""
+    """Judge the rotation of the bar in both passages, in the plane and with Baxter in simulation."""
     wide, narrow = (runs.one("figure 4", scene=s, who="paper").measures.turn for s in ("wide", "narrow"))
     why = (
         f"In the plane: the bar turns by {np.rad2deg(wide):.0f}° at most in the wide and by "
@@ -370,7 +370,7 @@ def almost_unchanged(runs: Runs) -> ClaimFinding:
 
 
 def novel_scenarios(runs: Runs) -> ClaimFinding:
-    """Six movements on three scenes."""
+    """Judge six movements on three scenes."""
     by = {who: runs.measures("movements", who=who) for who in ("comove", "comove without planner", "paper")}
     counts = ", ".join(f"{who} {count_verified(found)}" for who, found in by.items())
     budget = runs.of("movements")[0].job.budget
@@ -384,7 +384,7 @@ def novel_scenarios(runs: Runs) -> ClaimFinding:
 
 
 def increasing_difficulty(runs: Runs) -> ClaimFinding:
-    """The paper's method over seeds, by scene."""
+    """Judge the paper's method over seeds, by scene."""
     by = [_story(runs, "paper", [scene]) for scene in SCENES]
     times = [median_interval([m.total for m in found]).value for found in by]
     why = "Paper's method, " + "; ".join(
@@ -403,7 +403,7 @@ def increasing_difficulty(runs: Runs) -> ClaimFinding:
 
 
 def does_not_enforce(runs: Runs) -> ClaimFinding:
-    """Whether modulation breaks the constraint."""
+    """Judge whether modulation breaks the constraint."""
     paper, same = runs.encounter(NEAREST), runs.encounter("same matrix on all")
     why = (
         f"The question is answered: the matrix of the nearest hand deforms the distance by "
@@ -415,7 +415,7 @@ def does_not_enforce(runs: Runs) -> ClaimFinding:
 
 
 def can_be_enforced(runs: Runs) -> ClaimFinding:
-    """The executor that keeps loads rigid, with obstacles that are only seen."""
+    """Judge the executor that keeps loads rigid, with obstacles that are only seen."""
     seen, known = runs.encounter("obstacles seen only"), runs.encounter("motions known")
     why = (
         f"It can: comove's reaction holds the distance to {seen.distance_error:.1g} m with a clearance of "
@@ -427,7 +427,7 @@ def can_be_enforced(runs: Runs) -> ClaimFinding:
 
 
 def untested(nearest: str) -> Callable[[Runs], ClaimFinding]:
-    """What no software can test."""
+    """Return the judge of a claim that software cannot test."""
     return lambda runs: ClaimFinding(ClaimVerdict.UNTESTED, nearest)
 
 

@@ -96,7 +96,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
 
 
 def story_panels(runs: Runs) -> list[Panel]:
-    """Measures by method and scene."""
+    """Return the panels of measures by method and scene."""
     found = [[runs.measures("story", who=who, scene=scene) for scene in SCENES] for who in CONTENDERS]
     return [
         _panel("verified [%]", [[share_of(cell, 100.0) for cell in row] for row in found]),
@@ -111,13 +111,13 @@ def story_panels(runs: Runs) -> list[Panel]:
 
 
 def share_of(found: list[Measures], unit: float = 1.0) -> Interval:
-    """Share of verified motions; the interval is the value itself for a single run that knows no chance."""
+    """Return the share of verified motions; for a single run the interval is the value itself."""
     share = wilson(sum(m.verified for m in found), len(found))
     return Interval(*(unit * x for x in (share if len(found) > 1 else [share.value] * 3)))
 
 
 def median_of(found: list[Measures], name: str, unit: float = 1.0) -> Interval:
-    """Median of a measure over the runs that have it; NaN where none has."""
+    """Return the median of a measure over the runs that have it; NaN if none has."""
     values = [unit * value for m in found if (value := getattr(m, name)) is not None]
     return median_interval(values) if values else NOTHING
 
@@ -141,7 +141,7 @@ def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, colu
 
 
 def verdict(m: Measures) -> str:
-    """A motion's verdict in a few words."""
+    """Return a motion's verdict in a few words."""
     if m.verified:
         return f"verified, clear by {1e3 * m.clearance:.1f} mm"
     wrong = [f"{-1e3 * m.clearance:.0f} mm into a wall"] if m.clearance < 0 else []

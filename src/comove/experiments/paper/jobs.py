@@ -1,4 +1,4 @@
-"""One run: a method on a scene, from a movement."""
+"""Single runs of the reproduction: a method on a scene, from a movement."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ GENTLE = 1.0  # m/s^2, the limit of the gentle variant
 
 @dataclass(frozen=True)
 class Contender:
-    """Who is compared.
+    """A method in the comparison, with its conditions.
 
     Attributes
     ----------
-    method : how it solves
+    method : method that solves the scenes
     planner : whether it may start from a planned path
     random : whether its result depends on the seed
-    acceleration : limit that its scenes get [m/s^2], for it to keep and to be judged by; None for the scene's own
+    acceleration : limit of acceleration in its scenes [m/s^2], by which it is judged; None for the scene's own
     """
 
     method: Method
@@ -67,24 +67,24 @@ OTHERS = {
 
 @dataclass(frozen=True)
 class Job:
-    """What to run.
+    """Settings of a run.
 
     Attributes
     ----------
-    purpose : what it is for: a figure or a table
+    purpose : figure or table for which it is run
     scene : name of an example; "open" is `wide` without its obstacles
     who : name of a contender
-    movement : name of the movement that it begins with
-    taught : that movement, or one for each hand by its name; None for straight lines
-    seed : of all random numbers
-    budget : seconds after which the best so far is taken
-    tolerance : of distances [m]; the scene's own unless given
-    acceleration : limit of the hands [m/s^2]; the contender's, or the scene's own, unless given
+    movement : name of the movement from which it begins
+    taught : this movement, or one for each hand by its name; None for straight lines
+    seed : seed of all random numbers
+    budget : time after which the best motion so far is taken [s]
+    tolerance : tolerance of distances [m]; by default the scene's own
+    acceleration : limit of the hands [m/s^2]; by default the contender's, or the scene's own
     velocity : c_vel of equation (4)
-    gap : between the two walls of the scene [m]; the scene's own unless given
-    resemblance : how much the shape of the movement counts in the cost
+    gap : distance between the two walls of the scene [m]; by default the scene's own
+    resemblance : weight of the movement's shape in the cost
     obstacles : hard constraints, or a term of the cost
-    keep : the motion itself is wanted too
+    keep : whether the motion itself is kept too
     """
 
     purpose: str
@@ -105,7 +105,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a job; `motion`, what happens along it and the method's log only where it is kept."""
+    """Holds the result of a job; the motion, its course and the method's log only if they are kept."""
 
     job: Job
     measures: Measures
@@ -115,7 +115,7 @@ class Outcome:
 
 
 def run(job: Job) -> Outcome:
-    """Solve and measure."""
+    """Solve a job and measure its motion."""
     contender = (CONTENDERS | OTHERS)[job.who]
     begun = time.process_time()
     solution = solve(
@@ -149,7 +149,7 @@ def scene_of(
     acceleration: float | None = None,
     gap: float | None = None,
 ) -> Scene:
-    """An example with another tolerance of its distance [m], limit of accelerations [m/s^2], or gap [m]."""
+    """Return an example with another tolerance of its distance [m], limit of accelerations [m/s^2], or gap [m]."""
     if name == "open":
         scene, changes = example("wide"), {"obstacles": []}
     else:
@@ -167,7 +167,7 @@ def scene_of(
 
 
 def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
-    """Two boxes, the second above the first, whose inner faces are so far apart about the same middle [m]."""
+    """Move two boxes, the second above the first, so that their inner faces have the distance `gap` [m]."""
     low, high = (np.array([wall["center"][1], wall["size"][1]]) for wall in walls)
     moved, middle = [], (low[0] + low[1] / 2 + high[0] - high[1] / 2) / 2
     for wall, (center, size), side in zip(walls, (low, high), (-1, 1), strict=True):
@@ -178,7 +178,7 @@ def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
 
 
 def warm_up() -> None:
-    """Load what is compiled on first use, so that times tell of the methods."""
+    """Load the compiled code before the runs, so that compilation does not count in their times."""
     load_kernels(2, False)
     for contender in (CONTENDERS | OTHERS).values():
         method, planner = contender.method, contender.planner

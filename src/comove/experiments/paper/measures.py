@@ -1,4 +1,4 @@
-"""What is measured of a motion: figures by the judge, smoothness, and what happens along it."""
+"""Measures of a motion: figures by the judge, smoothness, and the course of errors along it."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ NEAR = 0.05  # m, within which an obstacle is near
 
 @dataclass(frozen=True)
 class Measures:
-    """Figures of one motion.
+    """Holds the figures of one motion.
 
     Attributes
     ----------
-    verified : by the judge
+    verified : whether the judge verified it
     distance_error, clearance : bounds over all instants [m]
-    end_error : miss of an end [m]
+    end_error : distance from the wanted ends [m]
     cost : J of equation (4), unit duration
-    acceleration : largest of a hand [m/s^2]
+    acceleration : largest acceleration of a hand [m/s^2]
     jerk : squared third derivative, integrated over time and summed over the hands [m^2/s^5]
     turn : largest change of the direction from the first hand to the second [rad]; 0 for one hand
-    first : processor time to the first verified motion [s], None where none was found
-    total : processor time in all [s]
-    reasons : why it is not verified
-    generations : of the search
+    first : processor time to the first verified motion [s], None if none was found
+    total : processor time of the whole search [s]
+    reasons : reasons why it is not verified
+    generations : number of generations of the search
     """
 
     verified: bool
@@ -53,15 +53,15 @@ class Measures:
 
 @dataclass(frozen=True)
 class Along:
-    """What happens along a motion, as in the paper's Figure 5.
+    """Holds the course of objective and errors along a motion, as in the paper's Figure 5.
 
     Attributes
     ----------
     at_start, at_end : terms of goal and velocity at both ends, unit duration
     rise : largest climb above the least value so far, after its first peak
-    rise_near : whether an obstacle is near when that climb is at its height
+    rise_near : whether an obstacle is near at the highest point of that climb
     error : largest error of a distance [m]
-    error_near, error_far : root mean square error of the distances while an obstacle is near, and while none is [m]
+    error_near, error_far : root-mean-square error of the distances while an obstacle is near, and while none is [m]
     """
 
     at_start: float
@@ -74,12 +74,12 @@ class Along:
 
 
 def measure(solution: Solution, spent: float) -> Measures:
-    """Figures of the motion that a solution hands out.
+    """Measure the final motion of a solution.
 
     Parameters
     ----------
-    spent : processor time of the search [s]; of it, the first verified motion has the share that it has of the time
-        on the wall, so that what else the machine does counts in neither
+    spent : processor time of the search [s]; the part until the first verified motion is taken to be the same share
+        as of the wall time, so that other work on the machine does not count
     """
     first = solution.time_to_first_verified_s
     share = min(1.0, spent / solution.solve_time_s)
@@ -88,7 +88,7 @@ def measure(solution: Solution, spent: float) -> Measures:
 
 
 def measure_motion(motion: CoordinatedMotion) -> Measures:
-    """Figures of a motion that nobody searched for."""
+    """Measure a motion that does not come from a search."""
     return _measures(motion, np.nan, None, 0.0)
 
 
@@ -111,26 +111,26 @@ def _measures(motion: CoordinatedMotion, cost: float, first: float | None, total
 
 
 def count_verified(found: Sequence[Measures]) -> str:
-    """How many are verified, of how many, in words."""
+    """Return the number of verified motions and of all, in words."""
     return f"{sum(m.verified for m in found)} of {len(found)}"
 
 
 def apart_in_the_mean(one: CoordinatedMotion, other: CoordinatedMotion) -> float:
-    """How far the middles of all hands are apart at equal times, in the mean [m]."""
+    """Return the mean distance between the centres of all hands of two motions at equal times [m]."""
     s = np.linspace(0.0, 1.0, N_ALONG)
     middles = [motion.hands(s)[0].mean(axis=1) for motion in (one, other)]
     return float(np.linalg.norm(middles[0] - middles[1], axis=1).mean())
 
 
 def squared_jerk(motion: CoordinatedMotion) -> float:
-    """Squared jerk, integrated over the duration and summed over the hands [m^2/s^5]."""
+    """Compute the squared jerk, integrated over the duration and summed over the hands [m^2/s^5]."""
     s = np.linspace(0.0, 1.0, N_JERK)
     jerk = np.diff(motion.hands(s)[2], axis=0) * (N_JERK - 1)
     return float((jerk**2).sum() / (N_JERK - 1) / motion.scene.duration**5)
 
 
 def largest_turn(motion: CoordinatedMotion) -> float:
-    """Largest change of the direction from the first hand to the second [rad]; 0 for one hand."""
+    """Return the largest change of the direction from the first hand to the second [rad]; 0 for one hand."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_ALONG))[0]
     if hands.shape[1] < 2:
         return 0.0
@@ -140,7 +140,7 @@ def largest_turn(motion: CoordinatedMotion) -> float:
 
 
 def progress(motion: CoordinatedMotion, weight: float) -> tuple[Array, Array, Array]:
-    """Normalised times, terms of goal and velocity, and the largest error of a distance [m]; shapes (n_steps,).
+    """Return normalised times, terms of goal and velocity, and the largest distance error [m]; shapes (n_steps,).
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def progress(motion: CoordinatedMotion, weight: float) -> tuple[Array, Array, Ar
 
 
 def follow(motion: CoordinatedMotion, weight: float) -> Along:
-    """What happens along a motion, where velocities count with this weight in the objective."""
+    """Measure objective and errors along a motion; `weight` is that of velocities in the objective."""
     scene = motion.scene
     s, value, error = progress(motion, weight)
     nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])

@@ -38,12 +38,12 @@ LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 
 @dataclass(frozen=True)
 class Effort:
-    """What a reproduction took.
+    """Holds the computing effort of a reproduction.
 
     Attributes
     ----------
-    seconds, processor : on the wall, and on all processors together [s]
-    processes : that ran at once
+    seconds, processor : wall time, and time of all processors together [s]
+    processes : number of processes at the same time
     """
 
     seconds: float
@@ -54,13 +54,13 @@ class Effort:
 def write_page(
     runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str
 ) -> str:
-    """The page as Markdown.
+    """Return the page as Markdown.
 
     Parameters
     ----------
-    findings : of all claims
-    effort : so far
-    folder : of the figures, as the page sees it
+    findings : findings of all claims
+    effort : effort so far
+    folder : path of the figures relative to the page
     """
     parts = [
         _head(runs, findings, effort, folder),
@@ -75,7 +75,7 @@ def write_page(
 
 
 def _wrapped(block: str) -> str:
-    """A paragraph in lines of even length; anything else as it is."""
+    """Wrap a paragraph into lines of even length; return anything else unchanged."""
     if block.startswith(("#", "|", "!", "- ", "```")):
         return block
     return textwrap.fill(" ".join(block.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
@@ -222,7 +222,7 @@ complex environment, from the combination of Figure 3: {verdict(complex_paper)} 
 
 
 def _baxter(runs: Runs, folder: str) -> str:
-    """Figures 7 to 9, where they can be simulated."""
+    """Return the section on Figures 7 to 9, or the reason why they cannot be simulated."""
     if runs.absent:
         return f"""
 ### Figures 7 to 9: Baxter
@@ -355,7 +355,7 @@ What had to be read otherwise than it is printed:
 
 
 def _review(runs: Runs) -> str:
-    """What a reviewer needs to know first."""
+    """Return the paragraph with the most important facts for a reviewer."""
     printed, paper = runs.measures("printed", who="printed"), runs.measures("story", who="paper")
     ours, free = runs.measures("story", who="comove"), runs.measures("story", who="unconstrained [22]")
     return f"""
@@ -374,7 +374,7 @@ hands {_outcome(runs, "nearest hand's matrix")}. No physical robot was used: Fig
 
 
 def _outcome(runs: Runs, method: str) -> str:
-    """What one way to meet the moving obstacle does, in words."""
+    """Describe the result of one method against the moving obstacle, in words."""
     e = runs.encounter(method)
     touched = f"is hit by {-1e3 * e.clearance:.0f} mm" if e.clearance < 0 else "touches nothing"
     return f"{touched}, and the distance is off by {1e3 * e.distance_error:.2g} mm"
@@ -386,7 +386,7 @@ def _fastest(runs: Runs, who: str) -> str:
 
 
 def _stopped(runs: Runs) -> str:
-    """What those without a verified motion in the table of movements had used, in words."""
+    """Describe the effort of the runs without a verified motion in the table of movements, in words."""
     used = [m.total for m in runs.measures("movements") if not m.verified]
     if not used:
         return ""

@@ -1,4 +1,4 @@
-"""Everything: run, draw, judge the claims, write the page."""
+"""The whole reproduction: run, draw, judge the claims, write the page."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ CONTENTS = Contents(
 def reproduce(
     folder: Path, seeds: int, *, processes: int, tell: Callable[[str], None] = lambda words: None
 ) -> Counter[ClaimVerdict]:
-    """Write the page, its figures and all runs into an existing folder; returns how often there is which verdict.
+    """Write the page, its figures and all runs into an existing folder; return the number of claims by verdict.
 
     Parameters
     ----------
-    seeds : in the large comparison
-    processes : runs at once
-    tell : called with words on how far it is
+    seeds : number of seeds in the large comparison
+    processes : number of runs at the same time
+    tell : function called with words on the progress
     """
     started, before = time.perf_counter(), _processor_time()
     runs = run_everything(seeds, processes, tell)
@@ -47,6 +47,6 @@ def reproduce(
 
 
 def _processor_time() -> float:
-    """Of this process and of those that it has begun and that have ended [s]."""
+    """Return the processor time of this process and of its ended children [s]."""
     usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)

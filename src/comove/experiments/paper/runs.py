@@ -1,4 +1,4 @@
-"""All runs of the reproduction, and how they are asked for."""
+"""All runs of the reproduction, and the queries on their results."""
 
 from __future__ import annotations
 
@@ -78,14 +78,14 @@ STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 
 @dataclass(frozen=True)
 class Encounter:
-    """Figures of one execution among moving obstacles.
+    """Holds the figures of one execution among moving obstacles.
 
     Attributes
     ----------
     method : as in `comove.execution.comparison`
     distance_error, clearance : bounds over all instants [m]
-    tolerance : of the distance [m]
-    arrived : whether it came to its goal
+    tolerance : tolerance of the distance [m]
+    arrived : whether it reached its goal
     """
 
     method: str
@@ -97,16 +97,17 @@ class Encounter:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What all runs gave.
+    """Holds the results of all runs.
 
     Attributes
     ----------
-    seeds : how many, in the large table
-    outcomes : of all jobs; ("joint") of what is taught jointly in the wide passage; ("given") of the initial
-        movements of one hand as they are given to both, before any optimisation; ("straight") of its straight line
-    encounters, compared : among moving obstacles: figures, and what is drawn
-    recorded : the human movement of Figure 1, its primitive, and what it is when it is given to both hands
-    transports : what Baxter carried; none where `absent` says what is not installed for it
+    seeds : number of seeds in the large table
+    outcomes : outcomes of all jobs. Those for "joint" are of the movements taught jointly in the wide passage, for
+        "given" of the initial movements of one hand given to both, before any optimisation, for "straight" of the
+        straight line of one hand
+    encounters, compared : figures and recorded executions among moving obstacles
+    recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both hands
+    transports : Baxter's transports; empty if `absent` names what is not installed for them
     """
 
     seeds: int
@@ -118,7 +119,7 @@ class Runs:
     absent: str = ""
 
     def of(self, purpose: str, **asked: object) -> list[Outcome]:
-        """Outcomes for a purpose whose jobs have these attributes."""
+        """Return the outcomes for a purpose whose jobs have these attributes."""
         return [
             outcome
             for outcome in self.outcomes
@@ -127,33 +128,33 @@ class Runs:
         ]
 
     def one(self, purpose: str, **asked: object) -> Outcome:
-        """The only such outcome."""
+        """Return the only outcome for a purpose whose job has these attributes."""
         (outcome,) = self.of(purpose, **asked)
         return outcome
 
     def measures(self, purpose: str, **asked: object) -> list[Measures]:
-        """Figures of such outcomes."""
+        """Return the figures of the outcomes for a purpose whose jobs have these attributes."""
         return [outcome.measures for outcome in self.of(purpose, **asked)]
 
     def transport(self, scene: str, who: str) -> baxter.Transport:
-        """What Baxter made of one passage by one method."""
+        """Return Baxter's transport through one passage by one method."""
         (found,) = [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
         return found
 
     def encounter(self, method: str) -> Encounter:
-        """Figures of one method among moving obstacles."""
+        """Return the figures of one method among moving obstacles."""
         (found,) = [e for e in self.encounters if e.method == method]
         return found
 
 
 def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> Runs:
-    """Run everything.
+    """Run all jobs of the reproduction.
 
     Parameters
     ----------
-    seeds : how many, in the large table
-    processes : how many runs at once
-    tell : called with words on how far it is
+    seeds : number of seeds in the large table
+    processes : number of runs at the same time
+    tell : function called with words on the progress
     """
     tell("the initial movements of one hand")
     initial, winding = (
@@ -201,10 +202,11 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
 def movements_after(
     initial: Outcome, winding: Outcome, joint: Outcome
 ) -> dict[str, DMP | dict[str, DMP] | None]:
-    """All movements by name.
+    """Return all movements by name.
 
-    None; the initial ones of Figure 3, in the wide and in the complex environment; that of each hand as they were
-    taught jointly in the wide passage; those recorded or made up; and two of these, another for each hand.
+    They are: None, for straight lines; the initial movements of Figure 3, in the wide and in the complex environment;
+    the movement of each hand as taught jointly in the wide passage; the recorded and synthetic ones; and two of
+    these, a different one for each hand.
     """
     alone = {name: DMP.fit(recorded(name)) for name in RECORDED}
     first = {shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()}
@@ -221,18 +223,18 @@ def movements_after(
 
 
 def movement_of(outcome: Outcome, hand: int) -> DMP:
-    """The movement of one hand, learned."""
+    """Fit a primitive to the movement of one hand."""
     way = outcome.motion.trajectory()
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
 def recordings() -> tuple[str, ...]:
-    """Return the first shapes of the set of handwriting, of which the first recording each is taken."""
+    """Return the first shapes of the handwriting set; the first recording of each is used."""
     return lasa_names()[:N_RECORDINGS]
 
 
 def recorded(name: str) -> Demonstration:
-    """One of the `RECORDED` movements; the synthetic ones last a second and are a metre long."""
+    """Return one of the `RECORDED` movements; the synthetic ones last a second and are a metre long."""
     if RECORDED[name] is not None:
         return Demonstration.from_lasa(*RECORDED[name])
     time = np.linspace(0.0, 1.0, 401)
@@ -242,24 +244,24 @@ def recorded(name: str) -> Demonstration:
 
 
 def _unsearched(purpose: str, scene: str, movement: str, motion: CoordinatedMotion) -> Outcome:
-    """A motion that nobody searched for, measured."""
+    """Return the outcome of a motion that does not come from a search."""
     return Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
 
 
 def straight_of_one(scene: str) -> CoordinatedMotion:
-    """The straight line of the first hand alone."""
+    """Return the straight line of the first hand alone."""
     single = alone(example(scene))
     return CoordinatedMotion.straight(single, load_coordinates(single))
 
 
 def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
-    """One hand's movement as the coordinated primitive of both, before any optimisation (paper, III-B)."""
+    """Return one hand's movement as the coordinated primitive of both, before any optimisation (paper, III-B)."""
     loaded, basis = example(scene), motion_basis(30, "velocity")
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
 
 def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> list[Job]:
-    """Everything but the initial movement, the longest first."""
+    """Return all jobs except the initial movements, the longest first."""
 
     def job(purpose: str, scene: str, who: str, movement: str, **options: object) -> Job:
         return Job(purpose, scene, who, movement, movements[movement], **options)
@@ -335,7 +337,7 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
 
 
 def differing(table: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Every way in which a job differs, once."""
+    """Return every set of changes in a table once."""
     ways = [changes for values in table.values() for changes in values.values()]
     return [changes for i, changes in enumerate(ways) if changes not in ways[:i]]
 
@@ -345,7 +347,7 @@ def _few(seeds: int, most: int) -> int:
 
 
 def _do(job: Job | baxter.Passage | None) -> Outcome | baxter.Transport | list[Compared]:
-    """A job; or, for None, every way to deal with the moving obstacle of the example `turning`."""
+    """Do a job; for None, run every method against the moving obstacle of the example `turning`."""
     if isinstance(job, baxter.Passage):
         return baxter.transport(job)
     if job is not None:

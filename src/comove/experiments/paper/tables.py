@@ -32,7 +32,7 @@ SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "tas
 
 
 def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
-    """Claims, verdicts and reasons."""
+    """Return the table of claims, verdicts and reasons."""
     rows = [
         [claim.where, f"“{claim.quote}”", f"**{finding.verdict.value}**", finding.why, claim.rule]
         for claim, finding in findings
@@ -41,7 +41,7 @@ def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
 
 
 def story_table(runs: Runs, scene: str) -> str:
-    """Every method on a scene: share verified, medians with intervals."""
+    """Return the table of every method on a scene: share verified, medians with intervals."""
     head = [
         *("method", "runs", "verified [%]", "distance error [m]", "clearance [mm]", "J"),
         *("acceleration [m/s²]", "squared jerk [m²/s⁵]", "first [s]", "all [s]"),
@@ -62,7 +62,7 @@ def story_table(runs: Runs, scene: str) -> str:
 
 
 def systems_table(runs: Runs) -> str:
-    """What each system makes of every scene; once with its recorded movement, once from straight lines."""
+    """Return the table of every system on every scene, with its recorded movement and from straight lines."""
     rows = []
     for who in SYSTEMS:
         cells = [_broken(runs.measures("story", scene=scene, who=who)) for scene in SCENES]
@@ -71,7 +71,7 @@ def systems_table(runs: Runs) -> str:
 
 
 def roles_table(runs: Runs) -> str:
-    """Root mean square error of the distance by epoch, by who leads."""
+    """Return the table of the root-mean-square error of the distance by epoch and leading hand."""
     rows = []
     for who, title in ROLES.items():
         outcome = runs.one("leaders", who=who)
@@ -82,7 +82,7 @@ def roles_table(runs: Runs) -> str:
 
 
 def movements_table(runs: Runs) -> str:
-    """Verified runs and median J by movement, scene and method."""
+    """Return the table of verified runs and median J by movement, scene and method."""
     rows = []
     for movement in RECORDED:
         for who in MOVEMENT_CONTENDERS:
@@ -93,7 +93,7 @@ def movements_table(runs: Runs) -> str:
 
 
 def transports_table(runs: Runs) -> str:
-    """What Baxter carried, by passage and method."""
+    """Return the table of Baxter's transports by passage and method."""
     rows = []
     for t in runs.transports:
         simulated = (
@@ -120,7 +120,7 @@ def transports_table(runs: Runs) -> str:
 
 
 def sensitivity_table(runs: Runs) -> str:
-    """The paper's method in the narrow passage with one thing changed at a time."""
+    """Return the table of the paper's method in the narrow passage with one setting changed at a time."""
     rows = []
     for what, values in SENSITIVITY.items():
         for value, changes in values.items():
@@ -133,7 +133,7 @@ def sensitivity_table(runs: Runs) -> str:
 
 
 def recordings_table(runs: Runs) -> str:
-    """The paper's method from ten recordings."""
+    """Return the table of the paper's method from ten recordings."""
     rows = [
         [shape, *(_cost(runs.measures("recordings", movement=shape, scene=scene)) for scene in SCENES)]
         for shape in recordings()
@@ -142,7 +142,7 @@ def recordings_table(runs: Runs) -> str:
 
 
 def encounters_table(runs: Runs) -> str:
-    """Figures of all ways to deal with the moving obstacle."""
+    """Return the table of figures of all methods against the moving obstacle."""
     rows = [
         [
             e.method,
@@ -156,7 +156,7 @@ def encounters_table(runs: Runs) -> str:
 
 
 def all_runs(runs: Runs) -> str:
-    """Every run, one a line, as CSV."""
+    """Return every run as CSV, one per line."""
     text = io.StringIO()
     names = [
         *("purpose", "scene", "who", "movement", "seed"),
@@ -172,7 +172,7 @@ def all_runs(runs: Runs) -> str:
 
 
 def interval_text(interval: Interval, digits: int = 3) -> str:
-    """A value and, where there is one, its interval."""
+    """Return a value and, if it has one, its interval as text."""
     if np.isnan(interval.value):
         return "none"
     value, low, high = (f"{x:.{digits}g}" for x in interval)
@@ -180,7 +180,7 @@ def interval_text(interval: Interval, digits: int = 3) -> str:
 
 
 def _broken(found: Sequence[Measures]) -> str:
-    """What is wrong with the run of the least seed, and how many of all are verified."""
+    """Return the verdict on the run with the lowest seed, and the number of verified runs, as text."""
     verified = sum(m.verified for m in found)
     words = verdict(found[0])
     if len(found) == 1:
@@ -197,7 +197,7 @@ def _cost(found: Sequence[Measures]) -> str:
 
 
 def _median(found: Sequence[Measures], name: str) -> str:
-    """Median of a measure over the verified runs, in words where there are none."""
+    """Return the median of a measure over the verified runs as text; "none" if there are none."""
     values = [getattr(m, name) for m in found if m.verified]
     return f"{np.median(values):.3g}" if values else "none"
 

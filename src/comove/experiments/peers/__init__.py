@@ -1,4 +1,4 @@
-"""Tools that people would take instead, behind one interface; each needs what `comove[bench]` installs.
+"""Other tools for the same problems, behind one interface; each needs packages that `comove[bench]` installs.
 
 `PEERS` holds them by the name that tables call them by. To import this module needs none of them; a system whose
 module is missing raises `comove.errors.ExtraError` when it is to run.

@@ -24,7 +24,7 @@ N_BASIS, SIGMA = 16, 0.05
 
 @dataclass(frozen=True)
 class PycmaAL(System):
-    """`ConstrainedFitnessAL`: what each demand misses most in each of 20 windows of time is a constraint.
+    """Pycma's `ConstrainedFitnessAL`, with the largest violation of each demand in 20 windows of time as constraints.
 
     A run that ends is followed by another from the same guess, until the budget is used up.
     """
@@ -32,16 +32,16 @@ class PycmaAL(System):
     name: str
 
     def refuses(self, scene: Scene) -> str:
-        """What no peer can be told."""
+        """Return why peers cannot represent the scene, empty if they can."""
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Import pycma, which takes a second, and compile the distances."""
+        """Import pycma, which takes a second, and compile the kernels of distances."""
         needed("cma.constraints_handler")
         load_clearances(problem.scene)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Minimise J."""
+        """Minimise J on the shape weights."""
         cma, handler = needed("cma"), needed("cma.constraints_handler")
         shapes, rng = Shapes(problem, offers, N_BASIS), np.random.default_rng(problem.seed)
         known: dict[bytes, tuple[float, Array]] = {}
@@ -83,7 +83,7 @@ class PycmaAL(System):
 
 @contextmanager
 def _silence(handler: ModuleType, dummy: type) -> Iterator[None]:
-    """No warnings (about demands that never change), and no folder, which pycma makes even where it logs nothing."""
+    """Suppress warnings (about demands that never change), and the folder that pycma makes even without a log."""
     logger = handler._Logger
     handler._Logger = dummy  # as pycma's source advises
     try:

@@ -1,4 +1,4 @@
-"""What peers share: what they are told of a scene, where they begin, and what they keep of all they visit."""
+"""Functions shared by peers: the representation of a scene, the first guess, and the best candidate."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ FINE = 4001  # places along a path at which its length is measured
 
 
 class PeerOutOfTime(Exception):
-    """The budget of a peer is used up."""
+    """Signals that the budget of a peer is used up."""
 
 
 def refusal(scene: Scene) -> str:
-    """Why no peer can be told of a scene, in one sentence; empty where they can."""
+    """Return why no peer can represent a scene, in one sentence; empty if they can."""
     if scene.moving.any():
         return "It knows only obstacles that stand still."
     if scene.body.n_nodes > len(scene.manipulators):
@@ -40,7 +40,7 @@ def refusal(scene: Scene) -> str:
 
 
 def independent_distances(scene: Scene) -> list[DistanceConstraint]:
-    """The distances without those that follow from the others (where the hands are at the start)."""
+    """Return the distances without those that follow from the others (where the hands are at the start)."""
     rows: list[Array] = []
     kept: list[DistanceConstraint] = []
     for c in scene.distances:
@@ -54,7 +54,9 @@ def independent_distances(scene: Scene) -> list[DistanceConstraint]:
 
 
 def first_hands(problem: SystemProblem, s: Array) -> Array:
-    """Where peers that improve a movement begin: the demonstration, or the load straight and turned evenly.
+    """Return the first guess of peers that improve a movement.
+
+    It is the demonstration, or else the load moved straight and turned evenly.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def first_hands(problem: SystemProblem, s: Array) -> Array:
 
     Returns
     -------
-    array, shape (n_steps, n_manipulators, n_dims), [m]; what ties hands holds along it
+    array, shape (n_steps, n_manipulators, n_dims), [m]; the constraints between hands hold along it
     """
     scene = problem.scene
     if problem.demonstration is None:
@@ -74,14 +76,14 @@ def first_hands(problem: SystemProblem, s: Array) -> Array:
 
 
 def moved_aside(hands: Array, size: float, rng: np.random.Generator, n_waves: int = 3) -> Array:
-    """Hands moved aside together on the way by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
+    """Move all hands together by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
     s, n_dims = np.linspace(0.0, np.pi, len(hands)), hands.shape[2]
     waves = np.sin(s[:, None] * np.arange(1, n_waves + 1)) / np.arange(1, n_waves + 1)
     return hands + (waves @ rng.normal(0.0, size, (n_waves, n_dims)))[:, None]
 
 
 def spatial(hands: Array) -> Array:
-    """Hands, (n_steps, n_manipulators, n_dims), as nodes, (n_steps, n_manipulators, 3) [m]."""
+    """Convert hands, (n_steps, n_manipulators, n_dims), to nodes, (n_steps, n_manipulators, 3) [m]."""
     nodes = np.zeros((*hands.shape[:2], 3))
     nodes[..., : hands.shape[2]] = hands
     return nodes
@@ -112,13 +114,13 @@ def _clearance_slopes(nodes, n_dims, edges, radii, table, lower, upper):
 
 
 def clearances(scene: Scene, hands: Array) -> Array:
-    """Signed distance of the load to what is nearest, array, shape (n_steps,) [m]; hands as `spatial` takes them."""
+    """Return the signed distance of the load to the nearest obstacle, shape (n_steps,) [m]; see `spatial`."""
     body = scene.body
     return _clearances(spatial(hands), body.edges, body.radii, scene.obstacles, *scene.workspace)
 
 
 def clearance_slopes(scene: Scene, hands: Array) -> Array:
-    """How `clearances` follow hands, by central differences; array, shape (n_steps, n_manipulators, n_dims)."""
+    """Return the derivatives of `clearances` by the hands; array, shape (n_steps, n_manipulators, n_dims)."""
     body = scene.body
     return _clearance_slopes(
         spatial(hands), scene.n_dims, body.edges, body.radii, scene.obstacles, *scene.workspace
@@ -126,26 +128,26 @@ def clearance_slopes(scene: Scene, hands: Array) -> Array:
 
 
 def load_clearances(scene: Scene) -> None:
-    """Compile, or load from the cache, the kernels of the two functions above."""
+    """Compile `clearances` and `clearance_slopes`, or load them from the cache."""
     clearances(scene, scene.start[None])
     clearance_slopes(scene, scene.start[None])
 
 
 def kept_clearance(scene: Scene, most: float) -> float:
-    """What samples keep beyond the clearance asked for, because hands also move in between [m].
+    """Return a margin on the clearance of samples, because hands also move between them [m].
 
     Parameters
     ----------
-    most : of it [m]; where the ends have less to spare, it is half of that
+    most : largest margin [m]; half of what the ends have beyond the clearance, if that is less
     """
     ends = float(clearances(scene, np.stack([scene.start, scene.goal])).min())
     return max(0.0, min(most, 0.5 * (ends - scene.clearance)))
 
 
 def violation(problem: SystemProblem, hands: Array) -> float:
-    """By how much samples miss what is asked for, at most 0 where nothing is; [m], [m/s] or [m/s^2].
+    """Return the largest violation at the samples, at most 0 if there is none; [m], [m/s] or [m/s^2].
 
-    A peer's own look at a candidate, at the samples alone: what is between them is for the judge to find.
+    This is a peer's own check of a candidate; only the judge checks the time between the samples.
 
     Parameters
     ----------
@@ -169,12 +171,12 @@ def violation(problem: SystemProblem, hands: Array) -> float:
 
 
 class Best:
-    """The best of the candidates seen, each offered when it looks feasible and is clearly cheaper than the last.
+    """The best candidate seen, offered whenever it looks feasible and is clearly cheaper than the last offer.
 
     Parameters
     ----------
-    problem : whose offers they are
-    offers : that take them
+    problem : problem that is solved
+    offers : record that takes the offers
     """
 
     def __init__(self, problem: SystemProblem, offers: Offers):
@@ -183,7 +185,10 @@ class Best:
         self.offered: tuple[float, Array | None] = np.inf, None
 
     def see(self, hands: Array, seconds: float | None = None) -> bool:
-        """Look at a candidate at the problem's instants, found now unless said; whether it looks feasible."""
+        """Check a candidate, given at the problem's instants, and return whether it looks feasible.
+
+        `seconds` is when it was found; by default now.
+        """
         missed, cost = violation(self.problem, hands), cost_of(self.problem.scene, hands)
         rank = (max(missed, 0.0), cost)
         if self.hands is None or rank < self.rank:
@@ -204,14 +209,15 @@ class Best:
 
 
 def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
-    """A path in time: from rest to rest, with the speed of minimum jerk along its length.
+    """Return a path with a time law: from rest to rest, with the speed of minimum jerk along its length.
 
-    Where that were too fast, it is constant but for ramps at both ends, as short as they must be. Length is that of
-    the hand that moves most, so that no hand is faster than the path.
+    If that is too fast, the speed is constant except for ramps at both ends, as short as the limits allow. Length is
+    that of the hand that moves most, so that no hand is faster than the path.
 
     Parameters
     ----------
-    hands_at : hands, (n, n_manipulators, n_dims) [m], at shares of the path, (n,), however they are spread
+    hands_at : function from shares of the path, (n,), to hands, (n, n_manipulators, n_dims) [m]; any spacing of
+        shares
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """The dual-arm coupling of movement_primitives: a spring between two hands on one phase, after Gams et al. (2014).
 
-It keeps a distance and sees no obstacles.
+It keeps a distance and ignores obstacles.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Coupled(System):
     name: str
 
     def refuses(self, scene: Scene) -> str:
-        """It couples two hands."""
+        """Return why the coupling of two hands does not suit the scene, empty if it does."""
         if len(scene.manipulators) != 2 or len(scene.distances) != 1:
             return "It couples two hands by one distance."
         return refusal(scene)
@@ -38,7 +38,7 @@ class Coupled(System):
         needed("movement_primitives.dmp")
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Imitate, roll out with the coupling, and offer that."""
+        """Imitate the first guess, roll out with the coupling, and offer the result."""
         dmp = needed("movement_primitives.dmp")
         scene, (c,) = problem.scene, problem.scene.distances
         time = problem.instants * scene.duration

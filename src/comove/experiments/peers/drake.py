@@ -1,7 +1,7 @@
 """Drake's `KinematicTrajectoryOptimization`: a B-spline through the positions of all hands.
 
-Distances within half of their tolerance and clearances are inequalities at even instants, the latter with comove's
-exact kernel and its central differences; J is a quadratic cost of the control points.
+Distances (within half of their tolerance) and clearances are inequalities at even instants; clearances use comove's
+exact kernel and its central differences. J is a quadratic cost of the control points.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a
 
 @dataclass(frozen=True)
 class Drake(System):
-    """SNOPT on Drake's programme, again from elsewhere around the guess until a movement looks feasible."""
+    """SNOPT on Drake's programme, restarted from random points around the guess until a movement looks feasible."""
 
     name: str
 
     def refuses(self, scene: Scene) -> str:
-        """What no peer can be told."""
+        """Return why peers cannot represent the scene, empty if they can."""
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Import Drake and compile the distances."""
+        """Import Drake and compile the kernels of distances."""
         for module in ("planning", "solvers", "autodiffutils", "math", "trajectories"):
             needed(f"pydrake.{module}")
         load_clearances(problem.scene)
@@ -89,7 +89,7 @@ class Drake(System):
 
 
 def _values(basis: Any, s: Array) -> Array:
-    """The basis at shares of the duration; array, shape (n, N_CONTROL)."""
+    """Return the basis at shares of the duration; array, shape (n, N_CONTROL)."""
     return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
 
 
@@ -114,7 +114,7 @@ def _optimisation(problem: SystemProblem, offers: Offers) -> Any:
 
 
 def constrained(problem: SystemProblem, offers: Offers, n_control: int, order: int) -> Any:
-    """Drake's programme for a scene, from rest to rest: what hands must hold, but neither duration nor cost."""
+    """Return Drake's programme for a scene, from rest to rest, with its constraints but no duration or cost."""
     planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
     scene = problem.scene
     (n_hands, n_dims), n = scene.start.shape, scene.start.size

@@ -1,6 +1,6 @@
 """Scipy's optimisers for constrained problems on the shape weights of all hands.
 
-Slopes are exact, those of clearances by central differences of the distances of each sample. J is quadratic.
+Derivatives are exact, except those of clearances, which are central differences at each sample. J is quadratic.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MOST = 0.5  # at most so much
 
 @dataclass(frozen=True)
 class Scipy(System):
-    """`scipy.optimize.minimize`, again from elsewhere around the guess until a movement looks feasible.
+    """`scipy.optimize.minimize`, restarted from random points around the guess until a movement looks feasible.
 
     Attributes
     ----------
@@ -39,11 +39,11 @@ class Scipy(System):
     method: str
 
     def refuses(self, scene: Scene) -> str:
-        """What no peer can be told."""
+        """Return why peers cannot represent the scene, empty if they can."""
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Import scipy's optimisers and compile the distances."""
+        """Import scipy's optimisers and compile the kernels of distances."""
         needed("scipy.optimize")
         load_clearances(problem.scene)
 

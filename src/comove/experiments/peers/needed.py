@@ -1,4 +1,4 @@
-"""Modules that only peers need."""
+"""The import of modules that only peers need."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def needed(name: str) -> ModuleType:
     Raises
     ------
     ExtraError
-        If it is not there.
+        If it is not installed.
     """
     try:
         return import_module(name)

@@ -1,8 +1,8 @@
 """OMPL: sampling-based planners in the configuration space of the load, and on the manifold of its hands.
 
-What they return is a path, given a time as people would: from rest to rest with the speed of minimum jerk along its
-length. States keep half of the checked step (5 mm) from everything, and along a motion no point of the load moves
-further than that between two of them: nothing is hidden in between.
+They return a path, to which a time law is added: from rest to rest with the speed of minimum jerk along its length.
+States keep a margin of half of the checked step (5 mm) from everything, and along a motion no point of the load moves
+further than that step between two states, so that no collision is missed in between.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ SIMPLIFYING = 0.2  # share of the budget that simplification may take
 
 @dataclass(frozen=True)
 class OMPL(System):
-    """A planner in SE(2) or SE(3), whose metric is the travel of the furthest hand at most.
+    """A planner in SE(2) or SE(3), whose metric bounds the travel of the farthest hand.
 
     Attributes
     ----------
     planner : its name in `ompl.geometric`
-    then : what becomes of its path: offered as it is found, or simplified first, or improved for the whole budget
+    then : treatment of its path: offered as found, or simplified first, or improved for the whole budget
     """
 
     name: str
@@ -55,13 +55,13 @@ class OMPL(System):
     orientations: ClassVar[tuple[str, ...]] = ("plane", "axis", "space")
 
     def refuses(self, scene: Scene) -> str:
-        """It plans for one load that all hands hold."""
+        """Return why a planner for one load that all hands hold does not suit the scene, empty if it does."""
         if len(scene.groups) > 1 or scene.groups[0].orientation not in self.orientations:
             return "It plans for one load that all hands hold and that may turn freely."
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Import OMPL and compile the checks."""
+        """Import OMPL and compile the kernels of its checks."""
         for module in ("base", "geometric", "util"):
             needed(f"ompl.{module}")
         load = OmplLoad(problem.scene)
@@ -69,7 +69,7 @@ class OMPL(System):
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
-        """Plan, give the path a time, and offer it; or paths as they become shorter."""
+        """Plan, add a time law to the path, and offer it; or offer paths as they become shorter."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
         load = OmplLoad(problem.scene)
@@ -101,18 +101,18 @@ class OMPL(System):
 
 @dataclass(frozen=True)
 class ProjectedOMPL(System):
-    """RRTConnect on the manifold of hands that keep their distances, reached by projection."""
+    """RRTConnect on the manifold of hands that keep their distances, which it reaches by projection."""
 
     name: str
 
     def refuses(self, scene: Scene) -> str:
-        """It needs distances to keep."""
+        """Return why the scene has no distances to project on, or peers cannot represent it; empty if it suits."""
         if not scene.distances:
             return "No distance ties the hands, so that there is nothing to project on."
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
-        """Import OMPL and compile the check."""
+        """Import OMPL and compile the kernels of its checks."""
         for module in ("base", "geometric", "util"):
             needed(f"ompl.{module}")
         _free_hands(problem.scene)(problem.scene.start.ravel())
@@ -163,18 +163,18 @@ class ProjectedOMPL(System):
 
 
 class OmplLoad:
-    """A load as OMPL moves it: x, y and an angle, or x, y, z and a quaternion w x y z.
+    """A load in OMPL's coordinates: x, y and an angle, or x, y, z and a quaternion w x y z.
 
     Parameters
     ----------
-    scene : whose load all hands hold
+    scene : scene whose load is held by all hands
 
     Attributes
     ----------
-    space : for the kernels of `comove.planning.configurations`, which move between states as OMPL does
+    space : configuration space for the kernels of `comove.planning.configurations`, which interpolate as OMPL does
     start, goal : arrays, shape (3,) or (7,)
-    reach : of the furthest hand from the centre [m]
-    margin : that states keep [m]
+    reach : distance of the farthest hand from the centre [m]
+    margin : clearance that states keep [m]
     """
 
     def __init__(self, scene: Scene):
@@ -197,37 +197,37 @@ class OmplLoad:
         self.margin = scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
 
     def is_free(self, q: Array) -> bool:
-        """Whether a state keeps the margin."""
+        """Return whether a state keeps the margin."""
         return clearance_of(self.space, q, self._nodes, self.margin) > self.margin
 
     def read(self, state: Any) -> Array:
-        """A state of OMPL."""
+        """Convert a state of OMPL to an array."""
         if self.n_dims == 2:
             return np.array([state.getX(), state.getY(), state.getYaw()])
         turn = state.rotation()
         return np.array([state.getX(), state.getY(), state.getZ(), turn.w, turn.x, turn.y, turn.z])
 
     def path(self, path: Any) -> Array:
-        """The states of a path; AORRTC (OMPL 2.0.1) leaves the start out where the straight way is free."""
+        """Return the states of a path, and the start, which AORRTC (OMPL 2.0.1) omits if the way from it is free."""
         states = np.array([self.read(state) for state in path.getStates()])
         begins = span(self.space, self.start, states[0]) < 1e-9
         return states if begins else np.concatenate([self.start[None], states])
 
     def hands(self, path: Array, shares: Array) -> Array:
-        """Hands at shares of a path's span, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
+        """Return hands at shares of a path, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
         q = _along(self.space, np.ascontiguousarray(path), np.ascontiguousarray(shares))
         nodes = place(self.space.blocks, np.ascontiguousarray(q.T)[None], 1.0)[0]
         return nodes[:, : len(self.scene.manipulators), : self.n_dims]
 
 
 class Manifold:
-    """Hands, one after the other, that keep the distances which do not follow from one another.
+    """The manifold of hands that keep the independent distances; hands are stored one after the other.
 
     Attributes
     ----------
     pairs : array of int, shape (n_distances, 2), hands
-    wanted : array, shape (n_distances,), [m]
-    tolerance : of a projection [m]
+    wanted : array, shape (n_distances,), distances [m]
+    tolerance : tolerance of a projection [m]
     """
 
     def __init__(self, scene: Scene):
@@ -238,7 +238,7 @@ class Manifold:
         self.tolerance = 0.1 * min(c.tolerance for c in scene.distances)
 
     def hands(self, states: Array, shares: Array) -> Array:
-        """Hands at shares of a path's length, projected; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
+        """Return projected hands at shares of a path; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
         length = np.linalg.norm(np.diff(states, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
         x = np.stack([np.interp(shares, at, column) for column in states.T], axis=1)
@@ -247,13 +247,13 @@ class Manifold:
         return x.reshape(-1, *self.shape)
 
     def project(self, x: Array, tolerance: float) -> bool:
-        """Move hands, array, shape (n_hands * n_dims,), onto the manifold in place; whether they came to it."""
+        """Move hands, shape (n_hands * n_dims,), onto the manifold in place; return whether they reached it."""
         return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def motion_is_free(space, p, q, step, margin):
-    """Do states between two keep a margin [m], at which no point has moved by more than a step [m] since the last?"""
+    """Return whether states between two keep a margin [m]; points move at most a step [m] between states."""
     nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
     if clearance_of(space, q, nodes, margin) <= margin:
         return False
@@ -267,7 +267,7 @@ def motion_is_free(space, p, q, step, margin):
 
 @numba.njit(cache=True, error_model="numpy")
 def _along(space, path, shares):
-    """Configurations at shares of a path's span; arrays, shapes (n_states, n_columns), (n,) -> (n, n_columns)."""
+    """Return configurations at shares of a path; arrays, shapes (n_states, n_columns), (n,) -> (n, n_columns)."""
     length = np.zeros(path.shape[0])
     for i in range(1, path.shape[0]):
         length[i] = length[i - 1] + span(space, path[i - 1], path[i])
@@ -286,12 +286,12 @@ def _along(space, path, shares):
 
 @numba.njit(cache=True, error_model="numpy")
 def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
-    """Errors of distances [m] and their slopes, in place.
+    """Compute the errors of distances [m] and their derivatives, in place.
 
     Parameters
     ----------
     x : array, shape (n_hands * n_dims,), [m]
-    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): hands, and how far apart they must be [m]
+    pairs, wanted : arrays, shapes (n_distances, 2) and (n_distances,): pairs of hands, and their distances [m]
     errors, slopes : arrays, shapes (n_distances,) [m] and (n_distances, n_hands * n_dims)
     """
     slopes[:] = 0.0
@@ -322,7 +322,7 @@ def _project(x, pairs, wanted, n_dims, tolerance):
 
 
 def _quiet(seed: int) -> None:
-    """No words, and a seed of its own: OMPL takes positive ones."""
+    """Silence OMPL and set its seed, which must be positive."""
     util = needed("ompl.util")
     util.setLogLevel(util.LOG_NONE)
     util.RNG.setSeed(seed + 1)
@@ -341,7 +341,7 @@ def _pose_space(base: Any, load: OmplLoad) -> Any:
 
 
 def _write(space: Any, load: OmplLoad, q: Array) -> Any:
-    """A state of OMPL; array, shape (n_columns,)."""
+    """Convert a configuration, array of shape (n_columns,), to a state of OMPL."""
     state, values = space.allocState(), [float(value) for value in q]
     if load.n_dims == 2:
         state.setX(values[0])
@@ -356,7 +356,7 @@ def _write(space: Any, load: OmplLoad, q: Array) -> Any:
 
 
 def _validator(base: Any, information: Any, load: OmplLoad) -> Any:
-    """Checks of motions in one call, instead of one for every state along them."""
+    """Return a validator that checks a motion in one call, instead of one call per state."""
 
     class Validator(base.MotionValidator):
         def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:
@@ -386,7 +386,7 @@ def _constraint(base: Any, manifold: Manifold) -> Any:
 
 
 def _free_hands(scene: Scene) -> Callable[[Array], bool]:
-    """The check of hands, array of shape (n_hands * n_dims,), with the same kernel and margin as for poses."""
+    """Return the check of hands, array of shape (n_hands * n_dims,), with the same kernel and margin as for poses."""
     coordinates = load_coordinates(scene)
     space, nodes = configuration_space(scene, coordinates), np.zeros((scene.body.n_nodes, 3))
     # A block for every hand: what ties them is not for the kernel to know.
@@ -416,9 +416,10 @@ def _solved(
     *,
     improves: bool,
 ) -> list[tuple[float, Array]]:
-    """When which path was found, and `copied`; a planner that improves is stopped by the clock alone.
+    """Run a planner; return the times at which it found paths, and the paths converted by `copied`.
 
-    The planner asks whether to stop after every little step: a good time to look at what it has.
+    A planner that improves paths is stopped by the clock alone. The planner asks after every small step whether to
+    stop, and its present path is read at these times.
     """
     found: list[tuple[float, Any]] = []
     shortest = np.inf

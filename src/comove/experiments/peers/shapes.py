@@ -1,8 +1,8 @@
-"""The shape weights of all hands, as optimisers that know no robot take them: numbers in, costs and constraints out.
+"""The shape weights of all hands as an optimisation problem: numbers in, costs and constraints out.
 
-Every hand is a primitive of its own, whose ends hold by construction. That the hands keep their distances, touch
-nothing and keep their limits are constraints at samples. Because hands also move between these, the constraints keep
-a part of what is allowed: half of a tolerance, up to 5 mm of clearance, a tenth of a limit.
+Every hand is a primitive of its own, whose ends hold by construction. Distances between hands, clearance and limits
+are constraints at samples. Because hands also move between the samples, the constraints keep a part of the tolerance
+as a margin: half of a tolerance, up to 5 mm of clearance, a tenth of a limit.
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ SCALE = 10.0  # of the constraints: decimetres
 
 
 class Demand(NamedTuple):
-    """One thing that is asked for.
+    """One demand on a movement.
 
     Attributes
     ----------
-    spare : what is left of it, negative where it is missed; array, shape (n_points, n_samples) [m], [m/s], [m/s^2]
-    kept : how much of it the constraints keep
+    spare : amount by which it is met, negative if it is violated; array, shape (n_points, n_samples) [m], [m/s],
+        [m/s^2]
+    kept : margin that the constraints keep
     at : array, shape (n_constraints,), the samples at which there are constraints
     """
 
@@ -53,13 +54,13 @@ class Demand(NamedTuple):
 
 
 class Shapes:
-    """Offsets x of the weights from those of the first guess, array, shape (n,), which is 0.
+    """The optimisation problem whose unknowns x are offsets from the weights of the first guess; array, shape (n,).
 
     Parameters
     ----------
-    problem : whose hands they move
-    offers : that take what looks feasible
-    n_basis : shape weights a hand and dimension
+    problem : problem whose hands move
+    offers : record that takes candidates which look feasible
+    n_basis : number of shape weights per hand and dimension
     """
 
     def __init__(self, problem: SystemProblem, offers: Offers, n_basis: int):
@@ -76,12 +77,12 @@ class Shapes:
         self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
-        """Samples of many; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
+        """Return sampled hands of many points; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
 
         Raises
         ------
-        OutOfTime
-            When the budget is used up.
+        PeerOutOfTime
+            If the budget is used up.
         """
         if self.offers.seconds > self.problem.budget:
             raise PeerOutOfTime
@@ -93,16 +94,16 @@ class Shapes:
         return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)
 
     def costs(self, hands: Array) -> Array:
-        """J; hands (n_points, N_STEPS, n_manipulators, n_dims) -> (n_points,)."""
+        """Compute J; hands (n_points, N_STEPS, n_manipulators, n_dims) -> (n_points,)."""
         to_goal = ((hands - self.problem.scene.goal) ** 2).sum(axis=(1, 2, 3)) / N_STEPS
         effort = (np.diff(hands, axis=1) ** 2).sum(axis=(1, 2, 3)) * (N_STEPS - 1) ** 2 / N_STEPS
         return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
 
     def demands(self, hands: Array) -> list[Demand]:
-        """All that is asked for; hands as `costs` takes them.
+        """Return all demands; hands as for `costs`.
 
-        Two for each distance (not too far, not too near), one for each separation, one for the clearance, and one for
-        speed and acceleration of each hand where there are limits.
+        There are two for each distance (not too far, not too near), one for each separation, one for the clearance,
+        and one for speed and acceleration of each hand if they have limits.
         """
         scene, rate = self.problem.scene, (N_STEPS - 1) / self.problem.scene.duration
         asked = []
@@ -134,30 +135,30 @@ class Shapes:
                 self.best.see(self.offered(x))
 
     def windows(self, asked: list[Demand]) -> Array:
-        """What demands miss most in each window of time, with what is kept; array, shape (n_points, n_windows)."""
+        """Return the largest violations in each window of time, with margins; array, shape (n_points, n_windows)."""
         edges = np.linspace(0, N_STEPS - 2, WINDOWS, endpoint=False, dtype=int)
         missed = [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked]
         return SCALE * np.concatenate(missed, axis=1)
 
     def offered(self, x: Array) -> Array:
-        """The hands of a point at the instants of an offer."""
+        """Return the hands of a point at the instants of an offer."""
         weights = self.dmp.weights + x.reshape(self.dmp.weights.shape)
         return self.dmp.rollout(weights).hands(self.problem.instants)[0]
 
     def close(self) -> None:
-        """Offer the best that was seen."""
+        """Offer the best point that was seen."""
         self.best.see(self.offered(self.seen))
         self.best.close()
 
     @cached_property
     def curvature(self) -> Array:
-        """Second derivatives of J, which is quadratic; array, shape (n, n)."""
+        """Return the second derivatives of J, which is quadratic; array, shape (n, n)."""
         steps = np.diff(self.phi, axis=0) * (N_STEPS - 1)
         block = 2 * (WEIGHTS.goal * self.phi.T @ self.phi + WEIGHTS.velocity * steps.T @ steps) / N_STEPS
         return np.kron(np.eye(self.n // len(block)), block)
 
     def cost_slope(self, hands: Array) -> Array:
-        """How J follows the weights; hands (N_STEPS, n_manipulators, n_dims) -> (n,)."""
+        """Return the gradient of J by the weights; hands (N_STEPS, n_manipulators, n_dims) -> (n,)."""
         scene = self.problem.scene
         steps = np.diff(hands, axis=0)
         pull = np.diff(steps, axis=0, prepend=0.0 * steps[:1], append=0.0 * steps[:1]) * (N_STEPS - 1) ** 2
@@ -165,17 +166,17 @@ class Shapes:
         return (by_hands.reshape(N_STEPS, -1).T @ self.phi).ravel()
 
     def constraints(self, asked: list[Demand]) -> Array:
-        """What is left of demands beyond what is kept, of the first point; array, shape (n_constraints,)."""
+        """Return the spare of demands beyond their margins, of the first point; array, shape (n_constraints,)."""
         return SCALE * np.concatenate([demand.spare[0, demand.at] - demand.kept for demand in asked])
 
     def constraint_slopes(self, hands: Array) -> Array:
-        """How `constraints` follow the weights; array, shape (n_constraints, n)."""
+        """Return the derivatives of `constraints` by the weights; array, shape (n_constraints, n)."""
         scene = self.problem.scene
         rate, shape = (N_STEPS - 1) / scene.duration, scene.start.shape
         rows: list[Array] = []
 
         def of_hands(slopes: Array, phi: Array) -> Array:
-            """Slopes by hands (n_samples, n_hands, n_dims) and these by weights (n_samples, n_basis)."""
+            """Convert slopes by hands (n_samples, n_hands, n_dims) to slopes by weights; phi (n_samples, n_basis)."""
             return (slopes[..., None] * phi[:, None, None]).reshape(len(slopes), -1)
 
         def apart(first: int, second: int) -> Array:

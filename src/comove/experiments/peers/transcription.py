@@ -1,8 +1,8 @@
 """Direct transcription: positions of all hands at knots are the unknowns of one non-linear programme for IPOPT.
 
 Distances are equalities at the knots. Points along the load, every two centimetres, keep away from obstacles at the
-knots; a smooth bound of the least of their distances is one constraint for every obstacle. Between the knots hands
-follow cubic splines.
+knots; a smooth lower bound of their smallest distance is one constraint per obstacle. Between the knots hands follow
+cubic splines.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a
 
 @dataclass(frozen=True)
 class Transcription(System):
-    """IPOPT through CasADi, again from elsewhere around the guess until a movement looks feasible."""
+    """IPOPT through CasADi, restarted from random points around the guess until a movement looks feasible."""
 
     name: str
 
     def refuses(self, scene: Scene) -> str:
-        """Meshes have no formula here."""
+        """Return why the scene cannot be represented, such as meshes without a formula; empty if it can."""
         if (scene.obstacles[:, sd.KIND] == sd.POLYTOPE).any():
             return "It knows boxes, spheres, capsules, cylinders and ellipsoids, but no meshes."
         return refusal(scene)
@@ -93,7 +93,7 @@ class Transcription(System):
 
 
 def _programme(scene: Scene) -> tuple[Any, Any]:
-    """The programme, and its unknowns: a matrix of KNOTS rows, hands one after the other in the columns [m]."""
+    """Return the programme and its unknowns: a matrix of KNOTS rows, with the hands side by side in columns [m]."""
     casadi = needed("casadi")
     programme = casadi.Opti()
     n_hands, n_dims = scene.start.shape
@@ -132,7 +132,7 @@ def _programme(scene: Scene) -> tuple[Any, Any]:
 
 
 def _clearance(scene: Scene) -> Any:
-    """Smooth lower bounds of the distances of one configuration, (n_hands * n_dims,), from each obstacle [m]."""
+    """Return smooth lower bounds of the distances of a configuration, (n_hands * n_dims,), from each obstacle [m]."""
     casadi = needed("casadi")
     x = casadi.SX.sym("x", scene.start.size)
     hands = [x[i * scene.n_dims : (i + 1) * scene.n_dims] for i in range(len(scene.start))]
@@ -149,7 +149,7 @@ def _clearance(scene: Scene) -> Any:
 
 
 def _largest(values: list[Any], lowered: float) -> Any:
-    """A smooth upper bound of the largest, or a lower one if lowered by the logarithm of how many may be equal."""
+    """Return a smooth upper bound of the largest value, or a lower one if `lowered` is the log of their number."""
     casadi = needed("casadi")
     top = values[0]
     for value in values[1:]:
@@ -159,7 +159,7 @@ def _largest(values: list[Any], lowered: float) -> Any:
 
 
 def _distance(row: Array, point: Any, n_dims: int) -> Any:
-    """A smooth lower bound of the signed distance of a point, (n_dims,), from an obstacle [m]."""
+    """Return a smooth lower bound of the signed distance of a point, (n_dims,), from an obstacle [m]."""
     casadi = needed("casadi")
     kind, size = int(row[sd.KIND]), row[sd.SIZE : sd.SIZE + 3]
     turn = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)[:n_dims]

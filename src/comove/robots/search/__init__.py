@@ -1,1 +1,1 @@
-"""How a search sees a robot: numba kernels of chains and links, which `comove.robots.judge` shares nothing with."""
+"""Numba kernels of chains and links that a search uses; `comove.robots.judge` shares no code with them."""

@@ -1,4 +1,4 @@
-"""A robot as a search sees it: what its arms can do with a movement of the hands."""
+"""The robot as a constraint of a search: checks and costs of what its arms do during a motion of the hands."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
 
 @dataclass(frozen=True, eq=False)
 class Carrying:
-    """A robot that carries the load of a scene: the constraint object of a search.
+    """A robot that carries the load of a scene; the constraint object of a search.
 
     Attributes
     ----------
-    robot, scene : who carries what
-    caution : how often a search had to be stricter
+    robot, scene : the robot, and the scene whose load it carries
+    caution : number of times that the constraints were tightened
     """
 
     robot: Robot
@@ -83,22 +83,22 @@ class Carrying:
 
     @cached_property
     def holders(self) -> tuple[Arm, ...]:
-        """The arms in the order of the scene's manipulators."""
+        """Return the arms in the order of the scene's manipulators."""
         return tuple(self.robot.arm(name) for name in self.scene.manipulators)
 
     @cached_property
     def columns(self) -> NDArray[np.int64]:
-        """Where the chains' joints stand in the robot's vector; array, shape (n_joints,)."""
+        """Return the indices of the chains' joints in the robot's joint vector; array, shape (n_joints,)."""
         return np.concatenate([arm.columns for arm in self.holders])
 
     @cached_property
     def mass(self) -> float:
-        """Of the load [kg]."""
+        """Return the mass of the load [kg]."""
         return DEFAULT_MASS if self.scene.load_mass is None else self.scene.load_mass
 
     @cached_property
     def arms(self) -> Arms:
-        """All of it as arrays."""
+        """Return the chains, links and surroundings of the arms as arrays, for kernels."""
         scene, grasp = self.scene, self.scene.grasp
         lattice = _lattice(scene.body.solids)
         carried = np.zeros(len(self.holders))
@@ -125,7 +125,7 @@ class Carrying:
 
     @cached_property
     def _busy(self) -> Arms:
-        """The same with those pairs of links only that may meet between the joints of start and goal."""
+        """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
         first, last = (np.array(ends) for ends in zip(*self._ends, strict=True))
         rng = np.random.default_rng(0)
         shares = rng.uniform(size=(N_BETWEEN, 1))
@@ -137,15 +137,15 @@ class Carrying:
         return self.arms._replace(links=self.arms.links.near(chains, samples))
 
     def stricter(self) -> Carrying:
-        """The same with more caution, after a movement that a search took for possible was rejected."""
+        """Return a copy with more caution, for use after the judge rejected a motion that the search accepted."""
         return self._changed("_tally", caution=self.caution + 1)
 
     def on(self, scene: Scene) -> Carrying:
-        """The same on a scene that differs in its duration and limits only."""
+        """Return a copy on a scene that differs only in its duration and limits."""
         return self._changed(scene=scene)
 
     def _changed(self, *kept: str, **changes: Any) -> Carrying:
-        """Another one, which need not find out again what neither caution nor pace changes."""
+        """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
         other = replace(self, **changes)
         for name in ("starts", "goals", "_ends", "_links", *kept):
             if name in vars(self):
@@ -154,7 +154,8 @@ class Carrying:
 
     @cached_property
     def starts(self) -> tuple[Array, ...]:
-        """Joints that hold the load at the start, by arm; arrays, shape (n_branches, n_joints), best first.
+        """Return the joint positions that hold the load at the start, by arm; arrays, shape (n_branches, n_joints),
+        best first.
 
         Raises
         ------
@@ -165,7 +166,7 @@ class Carrying:
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
-        """The same at the goal."""
+        """Return the joint positions that hold the load at the goal, by arm, as in `starts`."""
         return self._branches("goal")
 
     def plan(
@@ -179,7 +180,7 @@ class Carrying:
         required: float = 0.0,
         max_nodes: int = 1000,
     ) -> Array | None:
-        """A path of the load that the arms can follow; as `comove.planning.planner.plan`."""
+        """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
         tally = self._tally  # Thompson sampling (1933) of what has led to plans so far
         drawn = int(rng.beta(*tally).argmax())
         first, last = self._ends[drawn]
@@ -198,18 +199,24 @@ class Carrying:
 
     @cached_property
     def _leniency(self) -> Iterator[float]:
-        """By how much capsules may be too near, plan by plan [m]: they are wider than links, of some robots much."""
+        """Return an iterator over the tolerance of the links' clearance, one for each plan [m]: capsules are wider
+        than the links, for some robots by much.
+        """
         return cycle((0.0, FAT))
 
     @cached_property
     def _tally(self) -> Array:
-        """Plans found and not found from and to every pair of ends, likely pairs ahead; array, shape (2, n_pairs)."""
+        """Return the counts of plans found and not found for every pair of ends, with a prior that favours likely
+        pairs; array, shape (2, n_pairs).
+        """
         ranks = np.arange(len(self._ends))
         return np.stack([np.ones(len(ranks)), 1.0 + UNLIKELY * ranks])
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
-        """Joints at start and goal, those first that keep the clearance and differ least: paths are likely there."""
+        """Return pairs of joint positions at start and goal, first those that keep the clearance and differ least, as
+        paths between them are likely.
+        """
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
         enough = self.scene.clearance - FAT
@@ -223,7 +230,8 @@ class Carrying:
         return tuple((first, last) for (first, _), (last, _) in ranked)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """What movements cost a search for what the robot cannot do or nearly not, and whether it can.
+        """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
+        carry them out.
 
         Parameters
         ----------
@@ -241,9 +249,10 @@ class Carrying:
         return (strain.penalty + EASE * strain.jolt).sum(axis=1) + strain.contact, possible
 
     def shortest(self, motion: CoordinatedMotion) -> float:
-        """Return the least duration in which the joints can go along with a movement of the hands [s].
+        """Return the least duration in which the joints can follow a motion of the hands [s].
 
-        Its law of motion stays as it is; inf where an arm does not reach, or motors cannot even hold the load.
+        The law of motion is unchanged; the result is inf if an arm does not reach, or the motors cannot even hold
+        the load.
         """
         joints, miss = track(self, motion.on(motion.scene.timed(TIMED)))
         if miss is not None:
@@ -258,13 +267,13 @@ class Carrying:
         return SLOWER * timing.duration
 
     def strain(self, nodes: Array, start: Array) -> Strain:
-        """What movements demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""
+        """Compute what motions demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         done = _THREADS.map(lambda part: follow(self._busy, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_start(self, nodes: Array) -> Array:
-        """For each arm the start from which it follows one movement best; array, shape (n_joints,).
+        """Choose, for each arm, the start from which it follows one motion best; array, shape (n_joints,).
 
         Parameters
         ----------
@@ -279,12 +288,12 @@ class Carrying:
         return np.concatenate([tried[k][i] for i, k in enumerate(penalties.argmin(axis=0))])
 
     def clearance(self, q: Array, nodes: Array) -> float:
-        """Least distance of the links from obstacles, load and each other, at most 5 cm [m].
+        """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
 
         Parameters
         ----------
-        q : array, shape (n_joints,), of the chains
-        nodes : array, shape (n_nodes, 3), of the load and its hands [m]
+        q : array, shape (n_joints,), joint positions of the chains
+        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
         """
         chains, links, around = self.arms
         a, b = links.start.copy(), links.end.copy()
@@ -292,7 +301,7 @@ class Carrying:
         return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
 
     def _branches(self, end: str) -> tuple[Array, ...]:
-        """Joints at an end, by arm; those that touch something only where nothing else is left."""
+        """Compute the joint positions at an end, by arm; those in contact are kept only if there are no others."""
         nodes = self.scene.nodes_at(end)
         rotations = self.scene.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
@@ -320,7 +329,7 @@ class Carrying:
         return tuple(found)
 
     def _miss(self, arm: int, q: Array, rotation: Array, point: Array) -> tuple[float, float]:
-        """How far an arm's grasp is from a pose: in position [m] and in orientation [deg]."""
+        """Compute the error of an arm's grasp from a pose: in position [m] and in orientation [deg]."""
         chains = self.arms.chains
         count = chains.first[arm + 1] - chains.first[arm] + 1
         rotations, points, error = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(6)
@@ -334,7 +343,9 @@ def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
 
 
 def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Edges and diagonals of the faces of boxes, as which links see them; array, shape (n_lines, 2), of corners."""
+    """Return the edges and face diagonals of boxes, which stand for them in distances to links; array, shape
+    (n_lines, 2), of corners.
+    """
     lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
     return (
         np.array([(corners[a], corners[b]) for corners in solids for a, b in lines])
@@ -348,7 +359,9 @@ def _apart(p: Array, q: Array) -> float:
 
 
 def _distinct(joints: Array, posture: Array) -> Array:
-    """The solutions of one arm that differ, those near home first; joints of shape (n, n_joints of it)."""
+    """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
+    arm).
+    """
     kept: list[Array] = []
     for i in np.argsort(np.abs(joints - posture).max(axis=1).round(DIGITS), kind="stable"):
         if all(np.abs(joints[i] - other).max() > SAME_BRANCH for other in kept):
@@ -357,7 +370,7 @@ def _distinct(joints: Array, posture: Array) -> Array:
 
 
 def robot_method() -> Comove:
-    """The default method, more sparing: with arms to follow, a generation takes forty times as long."""
+    """Return the default method with fewer attempts: with arms to follow, a generation takes forty times as long."""
     return Comove(
         n_plans=2,
         n_failures=30,

@@ -1,6 +1,6 @@
-"""Arms as arrays: kinematics, inverse kinematics and dynamics of serial chains, in kernels.
+"""Kinematics, inverse kinematics and dynamics of serial chains, as arrays and kernels.
 
-A search looks at thousands of candidate movements a second, far more than one call a configuration allows. The
+A search evaluates thousands of candidate motions a second, too many for one call to Pinocchio per configuration. The
 judge uses Pinocchio; the tests compare the two.
 
 Notation: q joint positions, J the geometric Jacobian (linear above angular, in the scene's frame), R and p
@@ -28,20 +28,20 @@ GRAVITY = 9.81  # m/s^2
 
 
 class Chains(NamedTuple):
-    """The arms that move the hands of a scene, joints of all arms in one row (n_joints).
+    """The arms that move the hands of a scene, with the joints of all arms in one row (n_joints).
 
     Attributes
     ----------
-    first : array, shape (n_arms + 1,), where each arm's joints begin
+    first : array, shape (n_arms + 1,), index of each arm's first joint, and at last n_joints
     rotation, offset : arrays, shape (n_joints, 3, 3) and (n_joints, 3): each joint's frame in the one before it
         (for the first joint of an arm: in the scene) [m]
-    axis : array, shape (n_joints, 3), in the joint's own frame
-    slides : array, shape (n_joints,), whether it is prismatic
+    axis : array, shape (n_joints, 3), axis in the joint's own frame
+    slides : array, shape (n_joints,), whether the joint is prismatic
     tool_rotation, tool_offset : arrays, shape (n_arms, 3, 3) and (n_arms, 3): the grasp in the last joint's frame
     lower, upper, velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad, s, N m]
-    relief : array, shape (n_joints,), share of the own weight's torque that springs hold
-    mass, center, inertia : of the bodies that the joints move, arrays of shape (n_joints,) [kg], (n_joints, 3)
-        [m], (n_joints, 3, 3) about the centre [kg m^2], in the joints' frames
+    relief : array, shape (n_joints,), share of the torque due to the own weight that springs hold
+    mass, center, inertia : arrays, shape (n_joints,) [kg], (n_joints, 3) [m] and (n_joints, 3, 3) [kg m^2]: mass,
+        centre of mass and inertia about it of the bodies that the joints move, in the joints' frames
     """
 
     first: NDArray[np.int64]
@@ -63,7 +63,7 @@ class Chains(NamedTuple):
 
 
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
-    """Arrays of some of a robot's arms, in the order given."""
+    """Build the arrays of some of a robot's arms, in the order given."""
     model = robot.model
     columns = np.concatenate([arm.columns for arm in arms])
     joints = [int(np.flatnonzero(np.array(model.idx_vs) == c)[-1]) for c in columns]
@@ -95,7 +95,7 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
 
 
 def _axis(joint: object) -> tuple[Array, bool]:
-    """Axis of a joint of one degree of freedom, and whether it slides, from its motion subspace."""
+    """Return the axis of a joint of one degree of freedom, and whether it is prismatic, from its motion subspace."""
     data = joint.createData()
     joint.calc(data, np.zeros(1))
     subspace = np.array(data.S).reshape(6)
@@ -105,11 +105,11 @@ def _axis(joint: object) -> tuple[Array, bool]:
 
 @numba.njit(cache=True, error_model="numpy")
 def place_arm(chains, arm, q, rotations, points):
-    """Frames of an arm's joints, and of its grasp behind them.
+    """Compute the frames of an arm's joints, and at last that of its grasp.
 
     Parameters
     ----------
-    q : array, shape (n_joints,), of all arms
+    q : array, shape (n_joints,), joint positions of all arms
     rotations, points : results, arrays of shape (n_joints of the arm + 1, 3, 3) and (..., 3)
     """
     first, last = chains.first[arm], chains.first[arm + 1]
@@ -166,7 +166,7 @@ def place_arm(chains, arm, q, rotations, points):
 
 @numba.njit(cache=True, error_model="numpy")
 def jacobian(chains, arm, rotations, points, out):
-    """Geometric Jacobian of the grasp; result, array of shape (6, n_joints of the arm)."""
+    """Compute the geometric Jacobian of the grasp; result, array of shape (6, n_joints of the arm)."""
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     for k in range(n):
         axis = chains.axis[first + k]
@@ -183,9 +183,9 @@ def jacobian(chains, arm, rotations, points, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def pose_error(rotation, point, target_rotation, target, out):
-    """Twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
+    """Compute the twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
 
-    Returns the residual [m]: one radian counts `TURN`.
+    Returns the residual [m], in which one radian counts `TURN`.
     """
     for a in range(3):
         out[a] = target[a] - point[a]
@@ -215,7 +215,7 @@ def pose_error(rotation, point, target_rotation, target, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def solve_damped(jac, free, damping, error, out):
-    """(J_f J_f^T + damping I)^-1 error by Cholesky, J_f the columns in `free`; result, array of shape (6,)."""
+    """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape (6,)."""
     n = jac.shape[1]
     a = np.empty((6, 6))
     largest = 0.0
@@ -249,29 +249,33 @@ def solve_damped(jac, free, damping, error, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def spare(chains, j, keep):
-    """What joint j can stay inside its limits, at most `keep` [rad or m]."""
+    """Return the distance that joint j can keep from its limits, at most `keep` [rad or m]."""
     return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def inside(chains, j, value, keep):
-    """The value of joint j that is nearest to `value` and `keep` inside its limits, or in their middle."""
+    """Return the value of joint j that is nearest to `value` and at least `keep` inside its limits, or else their
+    middle.
+    """
     margin = spare(chains, j, keep)
     return min(max(value, chains.lower[j] + margin), chains.upper[j] - margin)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance, steady, most, q):
-    """Newton's method with damped least squares for one arm, in place, redundancy pulled towards `pull`.
+    """Solve one arm's joints for a pose, in place, by Newton's method with damped least squares.
 
-    Joints stay `keep` inside their limits; those that would leave are held, and the others make up for them.
+    Redundant joints are drawn towards `pull`. Joints stay `keep` inside their limits; those that would leave them are
+    held, and the others compensate.
 
     Parameters
     ----------
-    pull : array, shape (n_joints,), where the null space goes, by the share `gain` an iteration
-    tolerance : of the residual [m]
-    steady : step [rad] below which it ends, if the residual is small enough as well
-    most : iterations
+    pull : array, shape (n_joints,), target of the motion in the null space, approached by the share `gain` an
+        iteration
+    tolerance : largest residual accepted [m]
+    steady : largest last step accepted [rad]
+    most : largest number of iterations
 
     Returns
     -------
@@ -325,14 +329,14 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
 
 @numba.njit(cache=True, error_model="numpy")
 def torques(chains, arm, q, velocity, acceleration, load, load_acceleration, out):
-    """Inverse dynamics of one arm by recursive Newton-Euler (Luh, Walker and Paul, 1980), less what springs hold.
+    """Compute the torques of one arm by recursive Newton-Euler (Luh, Walker and Paul, 1980), less what springs hold.
 
     Parameters
     ----------
     q, velocity, acceleration : arrays, shape (n_joints,), of all arms
     load : point mass at the grasp [kg]
-    load_acceleration : of the grasp in the scene, array of shape (3,) [m/s^2]
-    out : result, array of shape (n_joints,) [N m]; entries of other arms stay
+    load_acceleration : array, shape (3,), acceleration of the grasp in the scene [m/s^2]
+    out : result, array of shape (n_joints,) [N m]; entries of other arms are not changed
     """
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
@@ -406,13 +410,13 @@ def _turned(r, v):
 
 @numba.njit(cache=True, error_model="numpy")
 def _carried_along(w, dw, arm):
-    """Acceleration of a point at the end of `arm` on a body that turns at w, relative to its beginning."""
+    """Compute the acceleration of the end of `arm` relative to its beginning, on a body that turns at w."""
     return _plus(_cross(dw, arm), _cross(w, _cross(w, arm)))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _inertia_times(r, inertia, v):
-    """R I R^T v."""
+    """Return the product R I R^T v."""
     back = (
         r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2],
         r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2],

@@ -1,8 +1,8 @@
-"""Arms follow hands, in kernels.
+"""Kernels in which arms follow the hands.
 
-Sample by sample, each from the joints of the samples before, redundancy drawn to the posture at home: so the joints
-move as continuously as the hands. What is missing, the joints' margins, rates and torques, and the distances of the
-links become one penalty a movement.
+Each sample is solved from the joints of the samples before it, and redundant joints are drawn to the posture at home,
+so the joints move as continuously as the hands. Residuals, margins of the joints, rates, torques and distances of the
+links are summed into one penalty for each motion.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ SETTLING = 200  # iterations from a random seed
 
 
 class ArmSurroundings(NamedTuple):
-    """Everything but the arms, for kernels.
+    """The surroundings of the arms, as arrays for kernels.
 
     Attributes
     ----------
     at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
-    first, second : hands that give the heading; equal where one hand holds the load alone
-    obstacles : array, shape (n_obstacles, N_COLUMNS), their table
-    edges, radii : the load, arrays of shape (n_edges, 2) and (n_edges,)
-    carried : mass at each hand, array of shape (n_arms,) [kg]
-    clearance : asked for of links [m]
-    spare : that a search keeps on top of it [m]
-    share : of rates and torques that a search keeps to
-    posture : array, shape (n_joints,), where redundancy is drawn to: home
+    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
+    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
+    carried : array, shape (n_arms,), mass at each hand [kg]
+    clearance : required clearance of the links [m]
+    spare : additional clearance that a search keeps [m]
+    share : share of the limits of rates and torques that a search uses
+    posture : array, shape (n_joints,), posture to which redundant joints are drawn: home
     """
 
     at_rest: Array
@@ -61,7 +61,7 @@ class ArmSurroundings(NamedTuple):
 
 
 class Arms(NamedTuple):
-    """All that a kernel needs to know of arms that carry a load."""
+    """Chains, links and surroundings of arms that carry a load, for kernels."""
 
     chains: Chains
     links: Links
@@ -69,17 +69,17 @@ class Arms(NamedTuple):
 
 
 class Strain(NamedTuple):
-    """What a movement demands of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
+    """What a motion demands of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
 
     Attributes
     ----------
     missing : largest distance by which a hand's pose is out of reach [m] (a radian counts `TURN`)
     margin : least distance to a joint limit [rad]
     rates : array, shape (n_rollouts, n_arms, 3), largest share of the limits of speed, acceleration and torque
-    jolt : mean square of the share of the limits of acceleration
-    penalty : of the arm, 0 where nothing is broken
-    clearance : least distance of a link [m], at most what is asked for and a little more
-    contact : penalty of links that are too near, array of shape (n_rollouts,)
+    jolt : mean square of the accelerations as shares of their limits
+    penalty : penalty of the arm, 0 where every limit is kept
+    clearance : least distance of a link [m], at most the required clearance plus `spare`
+    contact : array, shape (n_rollouts,), penalty of links that are too near
     """
 
     missing: Array
@@ -93,7 +93,7 @@ class Strain(NamedTuple):
 
 @numba.njit(cache=True, error_model="numpy")
 def solutions(chains, arm, rotation, point, posture, seeds):
-    """Joints of one arm at a pose from several seeds, and what each misses."""
+    """Solve one arm's joints for a pose from several seeds; returns them and their residuals."""
     missing = np.empty(seeds.shape[0])
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(
@@ -104,7 +104,7 @@ def solutions(chains, arm, rotation, point, posture, seeds):
 
 @numba.njit(cache=True, error_model="numpy")
 def hand_rotation(around, hands, i, out):
-    """Orientation of hand i (Grasp.hand_rotations); hands, array of shape (n_arms, 3)."""
+    """Compute the orientation of hand i (see `Grasp.hand_rotations`); hands, array of shape (n_arms, 3)."""
     c, s = 1.0, 0.0
     if around.turning[i] and around.first != around.second:
         x = hands[around.first, 0] - hands[around.second, 0]
@@ -120,12 +120,12 @@ def hand_rotation(around, hands, i, out):
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def follow(arms, nodes, start, duration):
-    """Follow movements of the load and its hands; see `Strain` for what comes back.
+    """Follow motions of the load and its hands; returns the fields of `Strain`.
 
     Parameters
     ----------
     nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
-    start : array, shape (n_joints,), from which the first pose is reached
+    start : array, shape (n_joints,), joints from which the first pose is solved
     """
     chains, around = arms.chains, arms.around
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
@@ -154,7 +154,9 @@ def follow(arms, nodes, start, duration):
 
 @numba.njit(cache=True, error_model="numpy")
 def follow_one(arms, nodes, start, q, missing, penalty):
-    """Joints along one movement; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty` by arm."""
+    """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty`
+    by arm.
+    """
     chains, around = arms.chains, arms.around
     n_steps, rotation = nodes.shape[0], np.empty((3, 3))
     for t in range(n_steps):
@@ -176,10 +178,10 @@ def follow_one(arms, nodes, start, q, missing, penalty):
 
 @numba.njit(cache=True, error_model="numpy")
 def _contact(arms, q, nodes):
-    """Least clearance of the links [m], at most what is wished for, and the penalty of what is less.
+    """Compute the least clearance of the links [m], at most the wished one, and the penalty of what is less.
 
-    Between two samples the links' axes are taken to move straight; where an obstacle or the load is near, they are
-    looked at every `SUB_STEP`.
+    Between two samples the ends of the links' axes are assumed to move on straight lines; where an obstacle or the
+    load is near, distances are computed at every `SUB_STEP`.
     """
     chains, links, around = arms.chains, arms.links, arms.around
     n_steps, n_links = q.shape[0], links.joint.shape[0]
@@ -238,13 +240,17 @@ def _contact(arms, q, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _cost_of_contact(around, lacking):
-    """Of links that are nearer than wished for by `lacking` [m]; a step where they are nearer than asked for."""
+    """Return the cost of links that miss the wished clearance by `lacking` [m]; it jumps where they miss the required
+    one.
+    """
     return 50.0 * lacking + (lacking > around.spare)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _rates(arms, q, nodes, dt, rates, jolt):
-    """Largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts (n_arms,)."""
+    """Compute the largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts
+    (n_arms,).
+    """
     chains, n_steps, n_joints = arms.chains, q.shape[0], q.shape[1]
     v, w, pull, tau = np.zeros(n_joints), np.zeros(n_joints), np.zeros(3), np.zeros(n_joints)
     for t in range(n_steps):

@@ -1,6 +1,6 @@
-"""Links as capsules: what a search sees of a robot's bodies.
+"""Links as capsules, the model of a robot's bodies in a search.
 
-Capsules are quick and a little off: bodies stick out of them at the ends of cylinders, by less than a twentieth of
+Capsules are fast and slightly inexact: bodies stick out of them at the ends of cylinders, by less than a twentieth of
 the radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do
 not move are inside their balls. The judge works on the exact geometry.
 """
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
 FINE, MOST_PARTS = 0.01, 100  # m, between points of meshes that do not move, and parts of an edge at most
-CAPPED = 0.3  # share of a cylinder's radius by which its capsule is shorter at either end
+CAPPED = 0.3  # share of a cylinder's radius by which its capsule's axis is shorter at either end
 STATIC = -1
 MEETING = 0.02  # m, between capsules that are as good as one
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
@@ -36,13 +36,13 @@ class Links(NamedTuple):
 
     Attributes
     ----------
-    joint : array, shape (n_links,), index into the chains' joints, `STATIC` for what does not move
-    arm : array, shape (n_links,), index of the arm, -1 for what does not move
-    start, end : arrays, shape (n_links, 3), of the axis [m]; in the scene where static
-    radius : array, shape (n_links,) [m]
-    pairs : array, shape (n_pairs, 2), of links that may not meet
+    joint : array, shape (n_links,), index into the chains' joints, `STATIC` for a link that does not move
+    arm : array, shape (n_links,), index of the arm, -1 for a link that does not move
+    start, end : arrays, shape (n_links, 3), ends of the capsule's axis [m]; in the scene's frame for static links
+    radius : array, shape (n_links,), radius of the capsule [m]
+    pairs : array, shape (n_pairs, 2), pairs of links that must not meet
     holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
-    moving : array, shape (n_moving,), the links that move, arm by arm
+    moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
 
     joint: NDArray[np.int64]
@@ -55,12 +55,14 @@ class Links(NamedTuple):
     moving: NDArray[np.int64]
 
     def near(self, chains: Chains, samples: Array) -> Links:
-        """Only the pairs that come near each other in some of the configurations (n_samples, n_joints)."""
+        """Keep only the pairs that come near each other in some of the configurations `samples`, shape (n_samples,
+        n_joints).
+        """
         return self._replace(pairs=self.pairs[_pair_distances(chains, self, samples) < ENOUGH])
 
 
 def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
-    """Capsules around the collision geometry; arms that are not among `arms` stay at home."""
+    """Build capsules around the collision geometry; arms that are not among `arms` stay at home."""
     model, collision = robot.model, robot.collision
     columns = np.concatenate([arm.columns for arm in arms])
     of_arm = np.concatenate([np.full(len(arm.columns), i) for i, arm in enumerate(arms)])
@@ -104,7 +106,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
 
 
 def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
-    """Forget pairs that hardly ever come near, and those whose capsules, unlike the bodies, meet at home."""
+    """Drop pairs that hardly ever come near, and pairs whose capsules, unlike the bodies, meet at home."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
     at_home = _pair_distances(chains, links, home[None])
@@ -113,7 +115,7 @@ def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
 
 @numba.njit(cache=True, error_model="numpy")
 def _pair_distances(chains, links, samples):
-    """Least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
+    """Compute the least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
     start, end = links.start.copy(), links.end.copy()
     least = np.full(links.pairs.shape[0], np.inf)
     for k in range(samples.shape[0]):
@@ -126,7 +128,7 @@ def _pair_distances(chains, links, samples):
 
 
 def _capsules(shape: Any, moves: bool) -> list[tuple[Array, Array, float]]:
-    """Axis and radius of the capsules that stand for a shape, in its own frame."""
+    """Return axis and radius of the capsules that stand for a shape, in its own frame."""
     kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
     if kind == "Sphere":
         return [(0 * z, 0 * z, shape.radius)]
@@ -142,7 +144,7 @@ def _capsules(shape: Any, moves: bool) -> list[tuple[Array, Array, float]]:
 
 
 def _around_box(half: Array) -> list[tuple[Array, Array, float]]:
-    """Parallel capsules along the longest edge of a box."""
+    """Return parallel capsules along the longest edge of a box."""
     order = np.argsort(half)
     _, wide, long = (np.eye(3)[axis] * half[axis] for axis in order)
     count = max(1, round(half[order[1]] / max(half[order[0]], 1e-3)))
@@ -154,7 +156,7 @@ def _around_box(half: Array) -> list[tuple[Array, Array, float]]:
 
 
 def _around(points: Array) -> tuple[Array, Array, float]:
-    """A capsule around points, along their principal axis."""
+    """Return a capsule around points, along their principal axis."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     centred = points - middle
     direction = np.linalg.svd(centred, full_matrices=False)[2][0]
@@ -169,7 +171,7 @@ def _around(points: Array) -> tuple[Array, Array, float]:
 
 
 def _balls_on(shape: Any, points: Array) -> list[tuple[Array, Array, float]]:
-    """Balls that hold the surface of a mesh, one a cell of a grid."""
+    """Return balls that cover the surface of a mesh, one for each cell of a grid."""
     triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
     corners = points[np.array([(t[0], t[1], t[2]) for t in triangles])]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -186,7 +188,7 @@ def _balls_on(shape: Any, points: Array) -> list[tuple[Array, Array, float]]:
 
 
 def _shares(count: int) -> Array:
-    """Barycentric coordinates of points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
+    """Return barycentric coordinates of points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
     return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
 
 
@@ -197,9 +199,9 @@ def _ball(points: Array, spread: float) -> tuple[Array, Array, float]:
 
 @numba.njit(cache=True, error_model="numpy")
 def place_links(chains, links, q, start, end):
-    """Axes of the links that move, in the scene; results, arrays of shape (n_links, 3) [m].
+    """Compute the axes of the links that move, in the scene; results, arrays of shape (n_links, 3) [m].
 
-    The others stay as they are: the arrays begin as copies of `links.start` and `links.end`.
+    Rows of static links are not changed: pass arrays that begin as copies of `links.start` and `links.end`.
     """
     moving = 0
     for arm in range(chains.first.shape[0] - 1):
@@ -221,7 +223,7 @@ def place_links(chains, links, q, start, end):
 
 @numba.njit(cache=True, error_model="numpy")
 def segments_apart(a, b, c, d):
-    """Distance [m] of the segments a-b and c-d (Ericson, 2005, 5.1.9)."""
+    """Compute the distance [m] of the segments a-b and c-d (Ericson, 2005, 5.1.9)."""
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):
         u, v, w = b[x] - a[x], d[x] - c[x], a[x] - c[x]
@@ -253,7 +255,7 @@ def segments_apart(a, b, c, d):
 
 @numba.njit(cache=True, error_model="numpy")
 def near_enough(a, b, c, d, far):
-    """Whether the bounding balls of two segments are within `far` [m] of each other."""
+    """Return whether the bounding balls of two segments are within `far` [m] of each other."""
     square, one, two = 0.0, 0.0, 0.0
     for x in range(3):
         square += (0.5 * (a[x] + b[x] - c[x] - d[x])) ** 2
@@ -265,11 +267,11 @@ def near_enough(a, b, c, d, far):
 
 @numba.njit(cache=True, error_model="numpy")
 def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
-    """Least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
+    """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
 
     Parameters
     ----------
-    start, end : arrays, shape (n_links, 3), as `place_links` leaves them [m]
+    start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
     nodes, edges, radii : the load and its hands, as the scene's `Body` describes them
     """
     around = clearance_around(links, start, end, obstacles, nodes, edges, radii, cap)
@@ -278,7 +280,7 @@ def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
 
 @numba.njit(cache=True, error_model="numpy")
 def clearance_around(links, start, end, obstacles, nodes, edges, radii, cap):
-    """The same from obstacles and the load alone."""
+    """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
     least = cap
     for i in links.moving:
         a, b, r = start[i], end[i], links.radius[i]
@@ -314,7 +316,7 @@ def clearance_around(links, start, end, obstacles, nodes, edges, radii, cap):
 
 @numba.njit(cache=True, error_model="numpy")
 def _ball_of_load(nodes, radii):
-    """Middle and radius of a ball about the load and its hands [m]."""
+    """Compute centre and radius of a ball around the load and its hands [m]."""
     x, y, z, square = 0.0, 0.0, 0.0, 0.0
     for n in range(nodes.shape[0]):
         x += nodes[n, 0] / nodes.shape[0]
@@ -330,7 +332,7 @@ def _ball_of_load(nodes, radii):
 
 @numba.njit(cache=True, error_model="numpy")
 def clearance_between(links, start, end, cap):
-    """The same of the links from each other alone."""
+    """Compute the least distance [m] of the links from each other alone, at most `cap`."""
     least = cap
     middle, reach = _balls(links, start, end)
     for p in range(links.pairs.shape[0]):
@@ -345,7 +347,7 @@ def clearance_between(links, start, end, cap):
 
 @numba.njit(cache=True, error_model="numpy")
 def _balls(links, start, end):
-    """Bounding balls of the links: middles, array of shape (n_links, 3), and radii (n_links,) [m]."""
+    """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]."""
     middle, reach = np.empty_like(start), np.empty(start.shape[0])
     for i in range(start.shape[0]):
         square = 0.0

@@ -1,8 +1,9 @@
-"""RRT-Connect for a load that a robot carries: every node of a tree carries the joints along.
+"""RRT-Connect for a load that a robot carries: every node of a tree stores the joints too.
 
 An edge is free if the load and its hands keep their clearance along it, and if all arms can follow it from the joints
-of the node where it begins, without a jump, with links that keep theirs. The two trees meet in the load's
-configuration; whether their joints are of one branch is seen when the whole path is followed from the start.
+of the node where it begins, without a jump, while the links keep their clearance. The two trees meet in the load's
+configuration; whether the joints of both belong to one branch is checked when the whole path is followed from the
+start.
 """
 
 from __future__ import annotations
@@ -50,15 +51,15 @@ def plan_with_arms(
     lenient: float = 0.0,
     max_nodes: int,
 ) -> Array | None:
-    """A path of the load that the arms can follow from start to goal, or None where none was found.
+    """Plan a path of the load that the arms can follow from start to goal; None where none was found.
 
     Parameters
     ----------
-    arms : what carries the load
+    arms : the arms that carry the load
     start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
-    margin : of the clearance of load and links on top of what is required [m]; less where the ends have less
-    required : clearance of the load [m]
-    lenient : by how much the clearance of links may be less [m]: the judge knows it better
+    margin : margin of the clearance of load and links above the required one [m]; less where the ends have less
+    required : required clearance of the load [m]
+    lenient : amount by which the clearance of links may be less [m], as the judge computes it more exactly
 
     Returns
     -------
@@ -81,7 +82,7 @@ def plan_with_arms(
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
-    """Clearance of the links in a configuration of the load with these joints [m]."""
+    """Compute the clearance of the links at a configuration of the load with these joints [m]."""
     links, around, nodes = arms.links, arms.around, np.empty((space.blocks.node.shape[0], 3))
     place_one(space.blocks, q, 1.0, nodes)
     a, b = links.start.copy(), links.end.copy()
@@ -90,7 +91,7 @@ def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
 
 
 def _dense(space: Space, path: Array) -> Array:
-    """The same path with vertices at most `SPACING` apart."""
+    """Return the path with intermediate vertices, at most `SPACING` apart."""
     rows = [path[0]]
     for p, q in zip(path[:-1], path[1:], strict=True):
         count = int(np.ceil(span(space, p, q) / SPACING))
@@ -131,7 +132,7 @@ def _clear(space: Space, p: Array, q: Array, margin: float) -> bool:
 
 @numba.njit(cache=True, error_model="numpy")
 def _followed(space, arms, path, joints):
-    """Joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
+    """Compute the joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
     out = np.empty((path.shape[0], joints.shape[0]))
     copy_to(joints, out[0])
     for k in range(1, path.shape[0]):
@@ -143,7 +144,9 @@ def _followed(space, arms, path, joints):
 
 @numba.njit(cache=True, error_model="numpy")
 def follow_edge(space, arms, p, target, joints):
-    """Follow an edge with all arms, joints in place; False where an arm is left behind, jumps or touches."""
+    """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
+    near.
+    """
     chains, links, around = arms.chains, arms.links, arms.around
     nodes = np.empty((space.blocks.node.shape[0], 3))
     at, rotation, before = np.empty_like(p), np.empty((3, 3)), np.empty_like(joints)
@@ -179,7 +182,7 @@ def follow_edge(space, arms, p, target, joints):
 
 @numba.njit(cache=True, error_model="numpy")
 def _rrt_connect(space, arms, start, start_joints, goal, goal_joints, margin, rng, max_nodes):
-    """RRT-Connect (Kuffner and LaValle, 2000) with joints; an empty path where it fails."""
+    """Run RRT-Connect (Kuffner and LaValle, 2000) with joints; returns an empty path where it fails."""
     n_columns, n_joints = start.shape[0], start_joints.shape[0]
     trees, bodies = np.empty((2, max_nodes, n_columns)), np.empty((2, max_nodes, n_joints))
     parents = np.full((2, max_nodes), -1)

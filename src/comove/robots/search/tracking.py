@@ -1,4 +1,4 @@
-"""The joint motion that carries out a movement of the hands exactly."""
+"""Joint motions that track a motion of the hands exactly."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DRAWN = 1.0  # share of the way to the smooth posture that redundancy goes an it
 
 @dataclass(frozen=True)
 class Miss:
-    """Where an arm is left behind: at `time` [s], by `distance` [m] (a radian counts `chains.TURN`)."""
+    """An arm that does not reach its hand's pose at `time` [s], by `distance` [m] (a radian counts `chains.TURN`)."""
 
     arm: str
     time: float
@@ -36,31 +36,31 @@ class Miss:
 
 
 class TrackingTask(Protocol):
-    """Who tracks: a robot whose arms hold a load (see `carrying.Carrying`)."""
+    """A robot whose arms hold a load, as tracking needs it (see `carrying.Carrying`)."""
 
     robot: Robot
 
     @property
     def holders(self) -> tuple[Arm, ...]:
-        """The arms in the order of the scene's manipulators."""
+        """Return the arms in the order of the scene's manipulators."""
 
     @property
     def columns(self) -> NDArray[np.int64]:
-        """Where their joints stand in the robot's vector."""
+        """Return the indices of the arms' joints in the robot's joint vector."""
 
     @property
     def arms(self) -> Arms:
-        """The same as arrays."""
+        """Return the arms as arrays, for kernels."""
 
     def best_start(self, nodes: Array) -> Array:
-        """The joints from which they follow a movement best."""
+        """Return the joints from which the arms follow a motion best."""
 
 
 def track(task: TrackingTask, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
-    """Joints along a motion of the hands, and where they miss it most, if they do.
+    """Compute the joints along a motion of the hands, and where they miss it most, if they do.
 
-    The arms are led through once, as in a search; what redundancy does there, smoothed, is the posture that it
-    follows when every sample is solved to `EXACT`. So the joints are as smooth as the hands are.
+    The arms first follow the motion coarsely, as in a search. These joints, smoothed, are the posture to which
+    redundant joints are drawn when every sample is solved to `EXACT`. So the joints are as smooth as the hands are.
     """
     duration = motion.scene.duration
     coarse = _nodes(motion, COARSE)
@@ -80,15 +80,16 @@ def track(task: TrackingTask, motion: CoordinatedMotion) -> tuple[JointMotion, M
 
 
 def _nodes(motion: CoordinatedMotion, n_steps: int) -> Array:
-    """Hands and the load's corners at even times; array, shape (n_steps, n_nodes, 3) [m]."""
+    """Compute hands and corners of the load at even times; array, shape (n_steps, n_nodes, 3) [m]."""
     q = motion.at(np.linspace(0.0, 1.0, n_steps))[0]
     return np.ascontiguousarray(motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
 
 
 def _smooth(time: Array, joints: Array, at: Array) -> Array:
-    """Least-squares spline of degree 5 through `joints` by `time`, at rest at both ends, at other times.
+    """Fit a least-squares spline of degree 5 to `joints` at `time`, at rest at both ends, and evaluate it at the
+    times `at`.
 
-    Mirrored in time at its ends, a movement from rest to rest goes on smoothly.
+    The data are mirrored in time at both ends, as a motion from rest to rest continues smoothly that way.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def _smooth(time: Array, joints: Array, at: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def _tracked(arms, nodes, posture):
-    """Joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms) [m]."""
+    """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms) [m]."""
     chains, n_steps = arms.chains, nodes.shape[0]
     joints, residual = posture.copy(), np.zeros((n_steps, chains.first.shape[0] - 1))
     rotation = np.empty((3, 3))
