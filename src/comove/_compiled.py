@@ -85,7 +85,7 @@ def _guard(caching: ModuleType) -> None:
         def _load_index(self) -> dict:
             try:
                 return super()._load_index()
-            except Exception:  # pickle may raise anything on what is no index
+            except Exception:  # pickle may raise anything on damaged data
                 return {}
 
     def begin_guarded(self: Any, py_func: Any) -> None:

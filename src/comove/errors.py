@@ -21,7 +21,7 @@ class ComoveError(Exception):
 
 
 class InputError(ComoveError):
-    """An error in the user's input, whose message is one sentence.
+    """Raised when the user's input is wrong; the message is one sentence.
 
     Parameters
     ----------
@@ -49,27 +49,27 @@ class InputError(ComoveError):
 
 
 class DemonstrationError(InputError):
-    """A recording cannot be read or used."""
+    """Raised when a recording cannot be read or used."""
 
 
 class LibraryError(InputError):
-    """A primitive's file, or a library of primitives, cannot be read, written or used."""
+    """Raised when a primitive's file, or a library of primitives, cannot be read, written or used."""
 
 
 class SceneError(InputError):
-    """A scene file, or a scene, contradicts itself or breaks the rules of the format."""
+    """Raised when a scene file, or a scene, contradicts itself or breaks the rules of the format."""
 
 
 class ResultError(InputError):
-    """A result folder is missing, incomplete or edited."""
+    """Raised when a result folder is missing, incomplete or edited."""
 
 
 class RobotError(InputError):
-    """A robot's description or model cannot be read or used, or a motion does not belong to the robot."""
+    """Raised when a robot's description or model cannot be used, or when a motion does not belong to the robot."""
 
 
 class ExtraError(ComoveError):
-    """An optional package is not installed; the message holds the command that installs it.
+    """Raised when an optional package is not installed; the message holds the command that installs it.
 
     Parameters
     ----------
@@ -85,15 +85,15 @@ class ExtraError(ComoveError):
 
 
 class OptionError(InputError):
-    """An option or argument is outside its range."""
+    """Raised when an option or argument is outside its range."""
 
 
 class ConstraintError(InputError):
-    """The constraints cannot be met together near a movement."""
+    """Raised when the constraints cannot be met together near a movement."""
 
 
 class ComoveWarning(UserWarning):
-    """A value was changed or looks wrong, and the user should know."""
+    """Issued when a value was changed or looks wrong, and the user should know."""
 
 
 def shortened(text: str, limit: int = 120) -> str:

@@ -27,7 +27,7 @@ from comove.ties import first_largest
 Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.3  # m, that a radian counts as
-TOLERANCE = 1e-12  # m or rad, of what is met
+TOLERANCE = 1e-12  # m or rad, below which a constraint is met
 MAX_ITERATIONS = 50
 DIFFERENCE = 1e-6  # m or rad
 
@@ -236,9 +236,7 @@ def _jacobian(poses: Poses, constraints: Sequence[Constraint]) -> Array:
 
 
 def _moved(poses: Poses, step: Array) -> Poses:
-    """Return the poses after translations and rotations; `step` has the shape (n_steps, 6 n_manipulators) [m,
-    rad].
-    """
+    """Return the poses after translations and rotations, `step` of shape (n_steps, 6 n_manipulators) [m, rad]."""
     step = step.reshape(len(step), -1, 6)
     turned = quaternion_product(exponential(step[..., 3:]), poses.orientations)
     return Poses(poses.manipulators, poses.positions + step[..., :3], turned)

@@ -266,8 +266,9 @@ class CooperativeDMP:
         }
 
     def _free(self, time: Array) -> tuple[Poses, Array, Array]:
-        """Return poses without projection, and velocities and angular velocities, arrays (n_steps, n_manipulators,
-        3).
+        """Return poses without projection, and their velocities and angular velocities.
+
+        The latter are arrays, shape (n_steps, n_manipulators, 3).
         """
         n_steps = len(time)
         frame = None if self.load is None else self.load.at(time)

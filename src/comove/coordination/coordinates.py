@@ -174,8 +174,9 @@ class Coordinates:
         return result
 
     def boundary(self, turn: int = 0) -> Array:
-        """Return start, start velocity, goal and goal velocity of q; array, shape (4, n_columns), at rest at the
-        goal.
+        """Return start, start velocity, goal and goal velocity of q; array, shape (4, n_columns).
+
+        The goal velocity is 0.
 
         `turn` selects another way to turn: additional whole turns for an angle, the other sign for a quaternion.
         """
@@ -247,8 +248,9 @@ class Coordinates:
         return all(np.array_equal(a, b) for a, b in zip(self.blocks, other.blocks, strict=True))
 
     def from_load(self, q: Array, load: Coordinates) -> Array:
-        """Return configurations in the scene's `load_coordinates`, rewritten in these; arrays, shape (...,
-        n_columns).
+        """Return configurations given in the scene's `load_coordinates`, rewritten in these.
+
+        Arrays, shape (..., n_columns).
         """
         result = np.empty((*q.shape[:-1], self.n_columns))
         for own, theirs in zip(self.parts, load.parts, strict=True):
@@ -416,9 +418,7 @@ def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
 
 
 def _is_level(scene: Scene, c: UprightConstraint) -> bool:
-    """Return whether hands that keep a load upright are at one height at start and goal, and so at all times; in
-    space only.
-    """
+    """Return whether hands that keep a load upright in space are at one height at start and goal, and so always."""
     heights = [ends[list(c.members), -1] for ends in (scene.start, scene.goal)]
     return scene.n_dims == 3 and all(np.ptp(h) <= ROUNDING for h in heights)
 
@@ -437,8 +437,9 @@ def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArra
 
 @numba.njit(cache=True, error_model="numpy")
 def place(blocks, q, size):
-    """Return the nodes of many rollouts: q (n_rollouts, n_columns, n_steps) -> (n_rollouts, n_steps, n_nodes, 3)
-    [m].
+    """Return the nodes of many rollouts, q of shape (n_rollouts, n_columns, n_steps).
+
+    Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
     """
     n_rollouts, n_columns, n_steps = q.shape
     nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
@@ -453,9 +454,7 @@ def place(blocks, q, size):
 
 @numba.njit(cache=True, error_model="numpy")
 def place_one(blocks, q, size, nodes):
-    """Write in `nodes`, array of shape (n_nodes, 3), the nodes of one configuration q, array of shape (n_columns,)
-    [m].
-    """
+    """Write in `nodes` (n_nodes, 3) the nodes of one configuration q, array of shape (n_columns,) [m]."""
     n_dims = blocks.n_dims
     for b in range(blocks.kind.shape[0]):
         kind, o = blocks.kind[b], blocks.turn[b]
@@ -500,9 +499,7 @@ def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
 
 
 def _write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
-    """Return the rate of change of a block of q, array of shape (n_block_columns,), with a twist; array of the same
-    shape.
-    """
+    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,)."""
     turn, (x, y, z) = block[n_dims:], twist[3:]
     if kind == ANGLE:
         change = np.array([z])

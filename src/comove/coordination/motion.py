@@ -1,6 +1,4 @@
-"""The candidate of a search: a coordinated movement as an exact curve, not as samples; and the primitive that makes
-it.
-"""
+"""Coordinated movements as exact curves, not as samples, and the primitives that generate them."""
 
 from __future__ import annotations
 
@@ -31,8 +29,8 @@ from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-SAMPLE_RATE = 100.0  # Hz, of what is handed out
-GOAL_MISS = 1e-6  # m, by which hands at a moved goal may break what the coordinates hold
+SAMPLE_RATE = 100.0  # Hz, of sampled trajectories
+GOAL_MISS = 1e-6  # m, largest violation of constraints by hands at a moved goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +53,16 @@ class CoordinatedMotion:
     weights: Array
 
     def __post_init__(self) -> None:
-        for name in ("boundary", "weights"):  # own copies that nobody can change behind the judge's back
+        for name in ("boundary", "weights"):  # own read-only copies, so that checks stay valid
             array = np.array(getattr(self, name), dtype=float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
     @classmethod
     def straight(cls, scene: Scene, coordinates: Coordinates | None = None) -> CoordinatedMotion:
-        """Return the minimum-jerk motion from start to goal, which ignores obstacles; in load coordinates by
-        default.
+        """Return the minimum-jerk motion from start to goal, which ignores obstacles.
+
+        It is in load coordinates by default.
         """
         coordinates, basis = coordinates or load_coordinates(scene), motion_basis(20, "jerk")
         weights = np.zeros((coordinates.n_columns, basis.n_basis))
@@ -92,8 +91,9 @@ class CoordinatedMotion:
         return boundary @ self.boundary + shape @ self.weights.T
 
     def hands(self, s: ArrayLike) -> Array:
-        """Return the hands and their derivatives by normalised time; array, shape (3, n_steps, n_manipulators,
-        n_dims).
+        """Return the hands and their first two derivatives by normalised time.
+
+        Array, shape (3, n_steps, n_manipulators, n_dims).
         """
         nodes = self.coordinates.motion(self.at(s))
         return nodes[:, :, : len(self.scene.manipulators), : self.scene.n_dims]
@@ -120,8 +120,9 @@ class CoordinatedMotion:
         return advance(state, dt, rate)
 
     def hands_at(self, state: DMPState) -> tuple[Array, Array]:
-        """Return positions [m] and velocities [m/s] of the hands in a state; arrays, shape (n_manipulators,
-        n_dims).
+        """Return positions [m] and velocities [m/s] of the hands in a state.
+
+        Arrays, shape (n_manipulators, n_dims).
         """
         rate = state.rate / state.duration
         q = np.stack([state.position, state.slope * rate, np.zeros_like(state.position)])[:, None]
@@ -164,8 +165,8 @@ class CoordinatedMotion:
         return replace(state, position=self._configuration(state.position, hands))
 
     def _configuration(self, near: Array, hands: ArrayLike) -> Array:
-        """Return the configuration of given hands that continues another one, `near`: in roll, whole turns and
-        sign.
+        """Return the configuration of given hands, with roll, whole turns and sign nearest to the configuration
+        `near`.
         """
         if len(near) != self.coordinates.n_columns:
             raise OptionError("the state is none of this motion", way_out="begin with initial_state()")
@@ -314,8 +315,9 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
 
 
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
-    """Return a movement carried to another start and goal by the similarity (rotation and scale) that maps its ends
-    to them.
+    """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
+
+    The similarity is a rotation and a scale.
 
     Where its own start and goal coincide there is no such map: then it is only shifted. The result starts at rest.
 

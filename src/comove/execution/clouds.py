@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 AROUND = 0.2  # m beyond the workspace, in which points count
 FUTURE = 1.0  # s, by which a cloud may be ahead of the clock
-AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # the ones of a rotation that is none
+AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation matrix
 HISTORY = 2.0  # s, for which it is known where the load was
 
 
@@ -51,7 +51,7 @@ class Clouds:
         self._carried: deque[tuple[float, Array]] = deque()
         moving = scene.moving[scene.owners]
         self._standing = np.ascontiguousarray(scene.obstacles[~moving])
-        # The file's rows keep their numbers; where it has what moves is not known.
+        # The file's rows keep their numbers; moving obstacles have no known position.
         self._named = scene.obstacles.copy()
         away = np.zeros(scene.obstacles.shape[1])
         away[sd.KIND], away[sd.CENTER], away[[sd.SIZE, sd.REACH]] = sd.SPHERE, FAR, 1e-3
@@ -131,9 +131,7 @@ class Clouds:
         return centers
 
     def _others(self, points: Array, time: float) -> Array:
-        """Return the points, in space, that belong neither to the load nor to a known obstacle and are not far
-        away.
-        """
+        """Return the points, in space, that belong to neither the load nor a known obstacle and are not far away."""
         scene, body = self.scene, self.scene.body
         near_by = (points >= scene.lower - AROUND) & (points <= scene.upper + AROUND)  # and a number
         points = points[np.logical_and.reduce(near_by.T)]
@@ -145,8 +143,9 @@ class Clouds:
         return points[~_of_obstacles(points, self._standing, near)]
 
     def _nodes(self, time: float) -> Array | None:
-        """Return the nodes of the load at an instant [s]; array, shape (n_nodes, 3) [m]; None where they are not
-        known.
+        """Return the nodes of the load at an instant [s]; array, shape (n_nodes, 3) [m].
+
+        It is None where they are not known.
         """
         if not self._carried:
             return None
@@ -246,8 +245,7 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Return points on the faces of a box about the origin, of half edges (n_dims,); array, shape (n_points, 3)
-    [m].
+    """Return points on the faces of a box of half edges (n_dims,) about the origin; array, shape (n_points, 3) [m].
     """
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []

@@ -55,9 +55,7 @@ class LooseRecord(Record):
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the hands at their own positions, and the load's corners placed by the pose that fits the hands
-        best.
-        """
+        """Return the hands at their own positions, and the load's corners at those of the best-fitting pose."""
         nodes = super().nodes.copy()
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
@@ -192,8 +190,9 @@ def _row(compared: Compared) -> dict[str, Any]:
 def loose_run(
     scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
 ) -> LooseRecord:
-    """Follow the primitive with modulated velocities, see `run_modulated`, among obstacles that move as in the
-    file.
+    """Follow the primitive with modulated velocities, and return the record (see `run_modulated`).
+
+    Obstacles move as the scene's file says.
     """
     time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
     poses = [poses_of(scene, h) for h in hands]

@@ -138,9 +138,7 @@ def _directions(flat):
 
 @numba.njit(cache=True, error_model="numpy")
 def _sphere(points, order, first, last, directions, detail, center):
-    """Write the centre of a sphere about some points in `center`, and return how far its surface is from the points
-    [m].
-    """
+    """Write in `center` the centre of a sphere about some points, and return how far it sticks out of them [m]."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(first, last):
         for axis in range(3):

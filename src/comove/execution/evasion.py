@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 
 MOMENT, N_MOMENTS = 0.1, 15  # s, and how many of them are looked ahead
 N_DRAWN, N_VARIED = 60, 30  # courses drawn, and variations of the best
-SPREADS = (0.4, 0.2, 0.1)  # of what is drawn, by which the best is varied, one after the other
+SPREADS = (0.4, 0.2, 0.1)  # of random twists, by which the best is varied in turn
 TO_GOAL = 2  # course that goes there
 SAFE = 0.01  # m of clearance, beyond which more is no better, and an objective looks no farther
 UNSAFE = 100.0  # m of way to the goal that a metre of clearance below `SAFE` outweighs
-ROOM = 0.15  # m of clearance to what moves, beyond which more is no better
+ROOM = 0.15  # m of clearance to moving obstacles beyond which more is no better
 CRAMPED = 5.0  # m of way to the goal that a metre short of it outweighs
 TURNING = 0.2  # m of way to the goal that it must be worth to turn off
 
@@ -92,8 +92,9 @@ def prospect() -> Array:
 def _drawn(
     scene: Scene, poses: HandPoses, twists: Array, goal: HandPoses, hands: Array, rng: np.random.Generator
 ) -> Array:
-    """Return courses: to stand still, to go on, to go to the goal, and random ones; (N_DRAWN, N_MOMENTS, n_groups,
-    6).
+    """Return courses: to stand still, to go on, to go to the goal, and random ones.
+
+    Array, shape (N_DRAWN, N_MOMENTS, n_groups, 6) [m/s, rad/s].
     """
     drawn = _random(scene, hands, N_DRAWN, rng)
     drawn[0], drawn[1] = 0.0, twists

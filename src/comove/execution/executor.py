@@ -49,12 +49,12 @@ Array = NDArray[np.float64]
 
 LONGER = (1.0, 1.3, 1.7, 2.3)  # times the shortest duration worth trying, tried in turn
 HURRY = 1.5  # times the way at the speed limit, of the shortest plan
-CATCH_UP = 0.1  # s, in which what is missing to a plan is made up for
-HOMING = 0.5  # s, in which what is missing to the goal would be made up for, without a plan
+CATCH_UP = 0.1  # s, time constant of the return to a plan
+HOMING = 0.5  # s, time constant of the approach to the goal, without a plan
 CAUTION = 0.5  # of the speed limit, without a plan
 NEARLY_DONE, N_LEFT = 0.8, 200  # share of a demonstration after which it counts no more; its samples
 LOST = 0.03  # m, behind a plan that was meant for something else
-SPARE = 5e-4  # m, kept on top of the scene's clearance: what happens between two steps is judged as well
+SPARE = 5e-4  # m, kept on top of the scene's clearance, as the judge also looks between steps
 NO_PLAN = "no plan yet"
 N_REMEMBERED = 20  # configurations of the last plan that the next one may use
 AT_LEISURE = Quick(n_failures=24)  # of the first plan: nothing moves yet
@@ -264,9 +264,7 @@ class Executor:
         return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
 
     def _truth(self, time: Array) -> tuple[Array, Array]:
-        """Return the true positions of the obstacles, and how far they strayed from their chords between the
-        steps.
-        """
+        """Return the true positions of the obstacles, and their distances from their chords between the steps."""
         centers = self.sight.true(time)
         if self.sight.certain:
             return centers, self.scene.obstacle_sags(time)
@@ -274,8 +272,9 @@ class Executor:
         return centers, np.linalg.norm(self.sight.true(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2)
 
     def _dodged(self, now: float) -> Array:
-        """Return the twists that the programme allows when the plan, or the way to the goal, gives the desired
-        velocities.
+        """Return the twists that the programme allows.
+
+        The desired velocities are those of the plan, of the evasive course, or of the way to the goal.
         """
         seen, period = self.sight.seen(now), self.pace.period
         if self.plan is None:
@@ -296,7 +295,7 @@ class Executor:
         return allowed.twists
 
     def _keep_a_course(self) -> None:
-        """Without a plan, search for a course for the next moment."""
+        """Search for a course for the next moment where there is no plan."""
         now = self.time
         if self.plan is not None:
             self._course = None
@@ -318,9 +317,7 @@ class Executor:
         return wanted * min(1.0, CAUTION * min(self.scene.speed_limit, 1.0) / max(fastest, 1e-9))
 
     def _keep_a_plan(self) -> None:
-        """Give up a plan that does not hold any more, as far as can be foreseen, and search for one where there is
-        none.
-        """
+        """Give up a plan that is expected to fail, and search for one where there is none."""
         if self.plan is not None and self.plan.certain:
             return
         now = self.time
@@ -411,8 +408,9 @@ class Executor:
         return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
 
     def _shortest(self, now: float) -> float:
-        """Return the duration of the first plan to try [s]: the scene's remaining time, or more if the path needs
-        it.
+        """Return the duration of the first plan to try [s].
+
+        It is the scene's remaining time, or more if the path needs it.
         """
         way = self._hands(self.goal) - self._hands(self.poses)
         way = float(np.linalg.norm(way, axis=1).max())

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CALM = 0.006  # of the acceleration's density, what the steady filter leaves of it
-SLOW, REST = 0.2, 0.02  # of `fastest`, below which the density falls; what is left of it for what stands
+CALM = 0.006  # factor on the acceleration's density in the steady filter
+SLOW, REST = 0.2, 0.02  # of `fastest`, below which the density falls; its factor for rest
 DRIFT = 0.1  # of an angular velocity that is to be expected, by how much it changes within a second
-FORGETS = 0.9  # of the ratio, what a measurement leaves
+FORGETS = 0.9  # factor on the ratio per measurement
 RATIO = 4.0  # natural logarithm, from which on something has happened
 POSITION, VELOCITY, TURN = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -61,8 +61,7 @@ class Belief(NamedTuple):
 
     @property
     def spin(self) -> Array:
-        """Return the angular velocity of the velocity's direction, perpendicular to it; array, shape (n, 3)
-        [rad/s].
+        """Return the angular velocity of the velocity's direction, across the velocity; array, shape (n, 3) [rad/s].
         """
         velocity, turn = self.velocity, self.state[0, :, TURN]
         square = np.maximum((velocity**2).sum(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -70,15 +69,17 @@ class Belief(NamedTuple):
 
     @property
     def deviation(self) -> Array:
-        """Return the largest standard deviation of the position in any direction, of both filters; array, shape (n,)
-        [m].
+        """Return the largest standard deviation of the position in any direction, of both filters.
+
+        Array, shape (n,) [m].
         """
         return np.sqrt(np.linalg.eigvalsh(self.covariance[:, :, POSITION, POSITION])[..., -1].max(axis=0))
 
 
 def unknown(position: Array, variances: Array) -> Belief:
-    """Return the initial estimates: positions, (n, 3) [m], and variances, (n, 9), zero for components that cannot
-    change.
+    """Return initial estimates from positions, (n, 3) [m], and variances of the states, (n, 9).
+
+    A component that cannot change has the variance 0.
     """
     n = len(position)
     state, covariance = np.zeros((2, n, 9)), np.zeros((2, n, 9, 9))
@@ -139,7 +140,7 @@ def _predict(state, covariance, dt, density, drift):
         state[i, POSITION] += h * velocity + across * bend + rest * twice
         state[i, VELOCITY] += along * bend + across * twice
         noise = np.zeros(9)
-        for k in range(3, 9):  # what cannot be, as heights in the plane, has no variance and gets none
+        for k in range(3, 9):  # fixed components, as heights in the plane, keep variance 0
             if covariance[i, k, k] > 0.0:
                 noise[k] = density[i] if k < 6 else drift
         covariance[i] = forward @ np.ascontiguousarray(covariance[i]) @ forward.T

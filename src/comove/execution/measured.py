@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 SIGMAS = 3.0
 MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3}
-FINEST = 1e-9  # m of noise, below which filters lose what they know to rounding
-UNSEEN = 10.0  # m, standard deviation of what has never been seen
+FINEST = 1e-9  # m of noise, below which filters fail by rounding
+UNSEEN = 10.0  # m, standard deviation of obstacles never seen
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Observed:
         spread[:2, n_dims:] = 0.0  # nothing leaves the plane
         spread[2, : 2 * (3 - n_dims)] = 0.0
         self._belief = unknown(scene.centers, scene.moving[:, None] * spread.ravel() ** 2)
-        # Compiles, or loads, what comes at once.
+        # Compiles, or loads, the kernels now.
         informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2)
 
     def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:

@@ -20,7 +20,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-DRAWN = 2.0  # 1/s, of what is missing to the primitive, and after its end to the goal
+DRAWN = 2.0  # 1/s, gain towards the primitive, and after its end the goal
 N_POINTS = 13  # along every edge of the load, that count for which hand or point is nearest
 AT_GOAL = 5e-4  # m
 

@@ -46,8 +46,9 @@ class Sight(Protocol):
         """Return the scene as it is expected to be: its motions hold from that instant [s] on."""
 
     def true(self, time: Array) -> Array:
-        """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m]; NaN where they are
-        not known.
+        """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m].
+
+        It is NaN where they are not known.
         """
 
 
@@ -145,14 +146,13 @@ class Functions:
         across, along = np.cross(before, now), (before * now).sum(axis=1)
         sine = np.linalg.norm(across, axis=1)
         angle = np.where(time > TURN, np.arctan2(sine, along), 0.0)
-        rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # what turns faster has jumped
+        rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # faster turns are jumps
         return going_on(self.scene, seen, across * (rate / np.maximum(sine, 1e-300))[:, None], time)
 
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """A motion at constant speed whose direction turns at a constant rate, also before `since`; straight without a
-    turn.
+    """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
 
     It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
     requires of a `comove.scenes.moving.Motion`; offsets are relative to the centre's position at `since`.
@@ -182,7 +182,7 @@ class Turning:
         return np.cos(rate * time) * self.velocity + turned
 
     def sags(self, time: ArrayLike) -> Array:
-        """Return how far the centre strays at most from its chords between the times; array, shape (n_times - 1,)
+        """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
         bend = np.linalg.norm(self.velocity) * np.linalg.norm(self.spin)

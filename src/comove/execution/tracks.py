@@ -31,7 +31,7 @@ SIGMAS = 3.0
 OTHER = 0.25  # of its points, by which a track must grow or shrink for its middle to say nothing
 DEEP = 0.5  # of a sphere's radius: points so near to its centre say that it is still seen
 ALIKE = 0.05  # m/s, by which the velocities of tracks that touch may differ to be one
-FORGOTTEN = 0.5  # of what a track was seen to stray, from one cloud to the next
+FORGOTTEN = 0.5  # factor on a track's `stray` from one cloud to the next
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
     pad = SIGMAS * scanner.noise + scanner.spacing / sqrt(2.0)  # between the points of a square grid
     fresh = covered(points, cells, part, scanner.detail, scanner.most)
     seen = np.full(len(fresh.radius), time)
-    # Of what no point confirms: tracks that were merged live on in their heirs.
+    # Spheres that no point confirms; merged tracks continue as their heirs.
     n_parts, age = len(heirs), time - spheres.seen
     successor = np.full(len(memory.tracks.size), -1)
     successor[heirs[heirs >= 0][::-1]] = np.flatnonzero(heirs >= 0)[::-1]
@@ -202,8 +202,9 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
 
 
 def _still(tracks: Tracks) -> Tracks:
-    """Return tracks of which nothing is seen now, with size 0, so that any points seen again count as another
-    size.
+    """Return tracks of which nothing is seen now, with size 0.
+
+    So any points that are seen again count as another size.
     """
     return tracks._replace(size=np.zeros(len(tracks.size)))
 
@@ -211,9 +212,7 @@ def _still(tracks: Tracks) -> Tracks:
 def _measured(
     before: Tracks, points: Array, part: Numbers, heirs: Numbers, time: float, scanner: Scanner
 ) -> Tracks:
-    """Return one track per part: the state of the track that it continues, corrected by the positions of its
-    points.
-    """
+    """Return one track per part: the track that it continues, corrected by the positions of its points."""
     n, old = len(heirs), np.maximum(heirs, 0)
     size = np.bincount(part, minlength=n).astype(float)
     middle = np.stack([np.bincount(part, weights=column, minlength=n) for column in points.T], axis=1)
@@ -247,7 +246,7 @@ def _measured(
 
 
 def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numbers]:
-    """Sort cells into connected parts, each of cells of one track or of none.
+    """Sort cells into connected parts, each of cells of one track, of tracks that touch and move alike, or of none.
 
     Returns
     -------
@@ -257,7 +256,7 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
     """
     if not len(label):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    block = cells.key // 2  # of twice the edge: what lies in blocks that touch hangs together
+    block = cells.key // 2  # twice the edge: cells in touching blocks are connected
     low = block.min(axis=0) - 1
     span = block.max(axis=0) - low + 2
     place = ((block[:, 0] - low[0]) * span[1] + block[:, 1] - low[1]) * span[2] + block[:, 2] - low[2]
@@ -321,7 +320,7 @@ def _root(root, i):
 
 @numba.njit(cache=True, error_model="numpy")
 def _nearest_spheres(points, center, radius, reach):
-    """Return the sphere nearest to each point, -1 beyond all reaches; the point's distance from it; which are
+    """Return each point's nearest sphere, -1 beyond all reaches, its distance from it, and which spheres are
     confirmed.
 
     Spheres that are confirmed still contain a point deep inside, or are nearest to one. Distances are from the

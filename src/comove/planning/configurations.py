@@ -1,11 +1,11 @@
-"""The load's own configuration space, in kernels: every configuration holds the rigid constraints.
+"""Kernels of the load's configuration space, in which every configuration satisfies the rigid constraints.
 
-Configurations are those of `load_coordinates`. Along an edge between two of them centres move on straight lines
+Configurations are those of `load_coordinates`. Along an edge between two of them, centres move on straight lines
 and orientations turn on great circles, so no node moves further than the edge's *span*: the displacement of
 a group's centre plus its reach times the angle. Edges are checked by conservative advancement: from a
-configuration with clearance d, no obstacle can be met before the span d has been travelled. Where that is hardly
-any way at all, the edge creeps, and soon counts as not free. Two hands that must stay apart both move: half of what
-is between them and their separation counts as clearance.
+configuration with clearance d, no obstacle can be met before the span d has been travelled. An edge with many steps
+of almost no length counts as not free. Two hands that must stay apart may both move: half of their distance beyond
+the separation counts as clearance.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from comove.scenes.surfaces import Surfaces, signed_distance
 
 Array = NDArray[np.float64]
 
-CAP = 0.12  # m, on top of what is asked for
+CAP = 0.12  # m, cap of clearances beyond the one required
 TOLERANCE = 2e-4  # m, of clearances
-MESH_WORK = 100  # how many distances from obstacles one from a mesh takes as long as
-CREEPING = 40  # advances along an edge that may be less than that
-SOLID_WORK = 10  # distances of segments that one of a solid takes as long as
+MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
+CREEPING = 40  # steps along an edge that may be shorter than the tolerance
+SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments
 
 
 class Space(NamedTuple):
-    """A scene as the planner's kernels take it.
+    """A scene in the form that the planner's kernels take.
 
     Attributes
     ----------
-    blocks : how a configuration becomes nodes
-    reach : array, shape (n_blocks,), from a group's centre to its furthest point [m]
-    edges, radii, solids : the body, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n)
-    obstacles : array, shape (n_rows, n_columns), their table
-    convex : array of int, which rows are obstacles themselves; the others hold meshes, and only guide
-    surfaces : the meshes
-    lower, upper : arrays, shape (3,), the workspace [m]
-    pairs, least : hands that must stay apart, arrays of shape (n_pairs, 2), and by how much (n_pairs,) [m]
-    required : clearance asked for [m]
-    cap : clearances above it are not told apart [m]
-    clock : until when there is time: nothing is free any more once it is up
-    found : array, shape (2,), how many paths uniform samples and the forest have found, which the planner writes
+    blocks : map from a configuration to nodes
+    reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
+    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n)
+    obstacles : array, shape (n_rows, n_columns), table of obstacles
+    convex : array of int, rows that are obstacles; the other rows belong to meshes and only guide the sampling
+    surfaces : meshes
+    lower, upper : arrays, shape (3,), corners of the workspace [m]
+    pairs, least : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and their separations [m]
+    required : clearance that the scene asks for [m]
+    cap : largest clearance that is computed [m]
+    clock : clock of the time budget; no configuration is free after its deadline
+    found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
     """
 
     blocks: Blocks
@@ -79,7 +79,7 @@ class Space(NamedTuple):
 
 
 def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
-    """The space of `scene` in its load coordinates; its clock has no deadline until one is set (`wind`)."""
+    """Return the space of a scene in its load coordinates; its clock has no deadline until one is set (`wind`)."""
     reach = np.array([group.reach for group in coordinates.groups])
     body = scene.body
     return Space(
@@ -102,16 +102,16 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
 
 @numba.njit(cache=True, error_model="numpy")
 def copy_to(source, target):
-    """Copy a vector; array assignment would do the same but takes seconds to compile."""
+    """Copy a vector; array assignment would take seconds to compile."""
     for c in range(source.shape[0]):
         target[c] = source[c]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def clearance_of(space, q, nodes, floor=0.0):
-    """Clearance [m] of configuration q, at most the cap; what is below `floor` need not be exact.
+    """Return the clearance [m] of configuration q, at most the cap; a result below `floor` need not be exact.
 
-    `nodes` is scratch, array of shape (n_nodes, 3). Once time is up, there is none (-inf).
+    Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
     bodies = space.edges.shape[0] + space.solids.shape[0] * SOLID_WORK
     obstacles = space.convex.shape[0] + MESH_WORK * space.surfaces.root.shape[0]
@@ -158,7 +158,7 @@ def clearance_of(space, q, nodes, floor=0.0):
 
 @numba.njit(cache=True, error_model="numpy")
 def _from_mesh(space, nodes, mesh, cutoff):
-    """Distance [m] of the body from a mesh, where its rows in the table say that it is; `cutoff` where it is more."""
+    """Return the distance [m] of the body from a mesh at its place in the table, at most `cutoff`."""
     row = space.surfaces.row[mesh]
     points = np.empty((2, 3))
     for e in range(space.edges.shape[0]):
@@ -181,7 +181,7 @@ def _from_mesh(space, nodes, mesh, cutoff):
 
 @numba.njit(cache=True, error_model="numpy")
 def angle_between(kind, n_dims, p, q, o):
-    """Angle [rad] between the orientations of two configurations whose orientation starts at column o."""
+    """Return the angle [rad] between the orientations of two configurations, which start at column o."""
     if kind == POINT:
         return 0.0
     if kind == ANGLE:
@@ -197,7 +197,7 @@ def angle_between(kind, n_dims, p, q, o):
 
 @numba.njit(cache=True, error_model="numpy")
 def span(space, p, q):
-    """Bound of the displacement of any node between two configurations [m]."""
+    """Return an upper bound of the displacement of any node between two configurations [m]."""
     blocks, longest = space.blocks, 0.0
     for b in range(blocks.kind.shape[0]):
         moved = 0.0
@@ -211,7 +211,7 @@ def span(space, p, q):
 
 @numba.njit(cache=True, error_model="numpy")
 def way_length(space, way):
-    """Length of a way, array of shape (n_steps, n_columns), in spans [m]."""
+    """Return the length of a path, array of shape (n_steps, n_columns), as the sum of its spans [m]."""
     length = 0.0
     for i in range(way.shape[0] - 1):
         length += span(space, way[i], way[i + 1])
@@ -220,7 +220,7 @@ def way_length(space, way):
 
 @numba.njit(cache=True, error_model="numpy")
 def interpolate(space, p, q, f, out):
-    """The configuration a share f of the way from p to q; angles stay unwrapped from p."""
+    """Write the configuration at the share f of the way from p to q; angles are unwrapped with respect to p."""
     blocks = space.blocks
     for b in range(blocks.kind.shape[0]):
         kind, o, n_dims = blocks.kind[b], blocks.turn[b], blocks.n_dims
@@ -255,7 +255,7 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def edge_is_free(space, p, q, margin, scratch, nodes):
-    """Does the body keep `margin` [m] along the whole edge from p to q?"""
+    """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
     length = span(space, p, q)
     travelled, creeping = 0.0, 0
     while travelled < length:
@@ -270,7 +270,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def random_configuration(space, rng, out):
-    """Uniform in the workspace and over orientations."""
+    """Write a random configuration, uniform in the workspace and over orientations."""
     blocks = space.blocks
     for b in range(blocks.kind.shape[0]):
         for axis in range(blocks.n_dims):
@@ -281,7 +281,7 @@ def random_configuration(space, rng, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def random_orientation(kind, n_dims, o, rng, out):
-    """Uniform over the orientations of one block, in place."""
+    """Write a random orientation of one block, uniform over all orientations."""
     if kind == ANGLE:
         out[o] = 2 * pi * rng.random() - pi
     elif kind != POINT:
@@ -298,7 +298,7 @@ def random_orientation(kind, n_dims, o, rng, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def in_an_obstacle(obstacles, x, y, z):
-    """Does the point lie in any obstacle?"""
+    """Return whether a point lies in any obstacle."""
     for j in range(obstacles.shape[0]):
         if point_distance(obstacles, j, x, y, z) < 0.0:
             return True
@@ -307,5 +307,5 @@ def in_an_obstacle(obstacles, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def wrapped(angle):
-    """The angle [rad] between -pi and pi."""
+    """Return the angle [rad], wrapped to the range from -pi to pi."""
     return angle - 2 * pi * np.round(angle / (2 * pi))

@@ -1,4 +1,4 @@
-"""The search under the user's own functions: constrained CMA-ES, from smooth motions that are verified."""
+"""The search for the user's own functions: constrained CMA-ES, which begins at verified smooth motions."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from comove.primitives.basis import motion_basis, rollouts
 Array = NDArray[np.float64]
 
 N_BASIS, N_FREE = 24, 8  # shape weights a column, and those that are changed: the smoothest
-STEP = 0.02  # m, the first step size: what the middle of a motion moves by
+STEP = 0.02  # m, the first step size: by which the middle of a motion moves
 MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance, more after a rejection
-SCALE = 0.01  # m of clearance, that count as much as a limit exceeded by its whole self
-MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # and the relative gain for which a run is worth it
+SCALE = 0.01  # m of missing clearance, which count as much as a limit exceeded by 100 %
+MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # runs at most, and the relative gain after which another run follows
 PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
 
 
 def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> bool:
-    """Improve a motion by the user's functions, and have the best judged; whether one is verified.
+    """Improve a motion by the user's functions, and return whether a verified motion was found.
 
-    A run that has come to rest is taken up again from where it is, as long as that brings something.
+    A run that has converged is restarted from its result, as long as restarts improve the objective.
     """
     margins, verified, before = iter(MARGINS), False, np.inf
     margin = next(margins)
@@ -60,13 +60,13 @@ def _minimised(
     width = coordinates.search.shape[1] * N_FREE
 
     def moved(x: Array) -> Array:
-        """Weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
+        """Return the weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
         all_weights = np.repeat(weights[None], len(x), axis=0)
         all_weights[:, :, :N_FREE] += coordinates.search @ x.reshape(len(x), -1, N_FREE)
         return all_weights
 
     def values(x: Array) -> tuple[Array, Array]:
-        """Objectives, and constraints by rows: clearance, limits, and the user's."""
+        """Return the objectives, (n_points,), and the constraints, (n_points, n): clearance, limits, the user's."""
         population = moved(x)
         motions = [replace(blank, weights=own_weights) for own_weights in population]
         q = rollouts(basis, start.boundary, population, N_STEPS)

@@ -1,4 +1,4 @@
-"""How near a motion is to what was taught."""
+"""Measures of the distance between a motion and its demonstration."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from comove.coordination.motion import CoordinatedMotion
 
 Array = NDArray[np.float64]
 
-STILL = 0.05  # of the largest speed, below which a direction of travel says nothing
+STILL = 0.05  # share of the largest speed below which the direction of travel is ignored
 
 
 @dataclass(frozen=True)
 class Followed:
-    """How near the hands are to the demonstration, sampled and in the mean over time and hands.
+    """Mean distances of the hands from the demonstration, over samples and hands.
 
     Attributes
     ----------
-    distance : from where the demonstration is at the same instant [m]
+    distance : distance from the demonstration at the same instant [m]
     direction : angle between the directions of travel, at instants at which both move [rad]
-    share : the distance, as a share of the straight way from start to goal
+    share : `distance` as a share of the straight way from start to goal
     """
 
     distance: float
@@ -31,11 +31,11 @@ class Followed:
 
 
 def followed(motion: CoordinatedMotion, demonstration: Array) -> Followed:
-    """Measure how near a motion is to a demonstration.
+    """Measure the distance of a motion from a demonstration.
 
     Parameters
     ----------
-    demonstration : array, shape (n_steps, n_manipulators, 3), carried to every hand, at even times [m]
+    demonstration : array, shape (n_steps, n_manipulators, 3), transferred to every hand, at even times [m]
     """
     scene, s = motion.scene, np.linspace(0.0, 1.0, len(demonstration))
     hands, velocity, _ = motion.hands(s)

@@ -1,4 +1,4 @@
-"""Loading compiled kernels ahead of the clock."""
+"""The compilation or loading of kernels, before the time of a search is measured."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from comove.scenes.scene import Scene
 
 @lru_cache(maxsize=4)
 def load_kernels(n_dims: int, moving: bool = False) -> None:
-    """Compile, or load from the cache, every kernel that solving a scene of `n_dims` dimensions needs.
+    """Compile, or load from the cache, all kernels needed to solve a scene of `n_dims` dimensions.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What `solve` asks of a method."""
+"""The interface of methods, as `solve` uses it."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from comove.scenes.scene import Scene
 
 
 class Method(ABC):
-    """A way to solve scenes.
+    """A method that solves scenes.
 
     Attributes
     ----------
-    name : as the command line and results call it
-    coordinates : in which its motions are written, of a scene
+    name : name on the command line and in results
+    coordinates : function of a scene that returns the coordinates of the method's motions
     """
 
     name: ClassVar[str]
     coordinates: Callable[[Scene], Coordinates]
 
     def scene_of(self, scene: Scene) -> Scene:
-        """The scene that is solved and judged: the given one, unless a method is made for a part of it."""
+        """Return the scene that is solved and verified: the given one, or the part for which the method is made."""
         return scene
 
     @abstractmethod
     def run(self, search: Search, *, planner: bool) -> None:
-        """Search, and have the `search` judge what is found, until nothing is to be gained or time is up.
+        """Search for motions and have `search` verify them, until no improvement is expected or time is up.
 
         Parameters
         ----------
-        planner : a path may be planned first
+        planner : whether a path may be planned first
 
         Raises
         ------
         OutOfTime
-            When the budget is spent.
+            If the budget is spent.
         OptionError
-            If the method is not made for the scene; says what to use instead.
+            If the method is not made for the scene; the message says what to use instead.
         """

@@ -1,4 +1,4 @@
-"""Methods: plan, fit, certify, polish; or, without a planner, grow the load."""
+"""The project's own methods: plan, fit, verify and polish; or, without a planner, grow the load."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ from comove.verification.verify import Report
 Array = NDArray[np.float64]
 
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
-MOST_DOUBTED = (
-    2  # of these that the carrier doubts, whose picture of what moves the hands is a little too wide
-)
+MOST_DOUBTED = 2  # of these that the carrier takes for impossible: its model of the arms is a little too wide
 RESTARTS = 25  # in which the load grows before planning is tried again
-TURNS = (0, 0, 1, -1)  # ways round of the load, by restart
+TURNS = (0, 0, 1, -1)  # extra turns of the load, by restart
 ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
-WORTH_ANOTHER = 0.01  # of the value, that another way must gain
+WORTH_ANOTHER = 0.01  # relative gain below which another path counts as no better
 N_POLISHED = 3  # of the cheapest fits of different plans, by convex programmes
-HASTY_IDLE = 2  # ways that may bring nothing where each is made as fast as it can be
+HASTY_IDLE = (
+    2  # paths without gain after which it is enough where the duration is minimised, which takes longer
+)
 SMOOTHING_SHARE = 0.4  # of the budget, before functions of the user are minimised
-N_STARTS = 2  # smooth motions from which they are
-HOPELESS = 0.03  # m inside something: another start is better than a stricter search
+N_STARTS = 2  # smooth motions from which these are minimised
+HOPELESS = 0.03  # m of penetration from which on a new start is better than a stricter search
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
 UNPOLISHED = replace(POLISHING, generations=0)
@@ -71,24 +71,24 @@ REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
 @dataclass(frozen=True)
 class Comove(Method):
-    """The default: planner, fit, certificate, polishing; growing the load where planning is off or fails.
+    """The default method, which plans, fits, verifies and polishes; or grows the load if planning is off or fails.
 
     Attributes
     ----------
-    smooths : whether it finds motions of least jerk
-    coordinates : in which the search moves
+    smooths : whether the method finds motions of least jerk
+    coordinates : function of a scene that returns the coordinates of the search
     n_basis : shape weights a column when polishing
-    n_basis_fine : where a plan needs more of them
-    n_basis_growing : while the load grows
+    n_basis_fine : shape weights a column for plans that need more
+    n_basis_growing : shape weights a column while the load grows
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
-    n_restarts : of these, how many before the next may have twice as many nodes
-    n_unfit : plans that nothing could carry, before one is mended
-    n_polishings : times that the search tries to improve a motion, more strictly each time it is rejected
-    n_ways, n_idle : ways that are made smooth at most, and that may bring nothing before it is enough
-    n_drawn : plans for every way that is made smooth
-    n_met : ways with the best motion, after which it is enough
-    polishing : how long and how widely a verified motion is improved
+    n_restarts : failed plans after which the number of nodes of the next is doubled
+    n_unfit : plans without a verified fit after which a rejected fit is mended
+    n_polishings : times that a motion is optimised, with a stricter objective after each rejection
+    n_ways, n_idle : paths that are smoothed at most, and paths without gain after which smoothing ends
+    n_drawn : plans from which each path to be smoothed is chosen
+    n_met : paths that lead to a motion as good as the best after which smoothing ends
+    polishing : schedule by which a verified motion is improved
     """
 
     name: ClassVar[str] = "comove"
@@ -110,7 +110,7 @@ class Comove(Method):
     before: ClassVar[Array | None] = None
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Search until nothing is to be gained or time is up (`OutOfTime`)."""
+        """Search until no improvement is expected; raises `OutOfTime` when time is up."""
         if search.own is not None:
             self._customise(search, planner=planner)
             return
@@ -124,7 +124,7 @@ class Comove(Method):
             search.check_time()
 
     def _customise(self, search: Search, *, planner: bool) -> None:
-        """Smooth motions first, whatever the user's functions say of them; then from the best of them by these."""
+        """Find smooth motions without the user's functions, then optimise these functions from the best motions."""
         base = replace(
             search, own=None, checks=tuple(c for c in search.checks if c != search.own.reasons), kept=[]
         )
@@ -142,7 +142,7 @@ class Comove(Method):
             improve_own(search, search.own, motion)
 
     def _plan(self, search: Search) -> bool:
-        """Plan, fit and certify; then polish the best. False where no plan could be certified."""
+        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
         scene = search.scene
         planning = load_coordinates(scene)
         space, ends = configuration_space(scene, planning), planning.boundary()
@@ -188,9 +188,10 @@ class Comove(Method):
         return bool(starts)
 
     def _smooth(self, search: Search, space: Space, targets_of: Targets, ends: Array) -> bool:
-        """Smooth motions along several ways, and along the demonstration; False where none could be verified.
+        """Smooth several planned paths, and the demonstration; return whether a motion was found that will do.
 
-        Of a few plans the shortest is made smooth first: long ways seldom make good motions.
+        The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
+        smoothed first: long paths seldom make good motions.
         """
         failures = idle = met = smooth = 0
         hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
@@ -238,20 +239,20 @@ class Comove(Method):
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:
-        """Whether what is not verified is good enough."""
+        """Return whether the best motion that is not verified is good enough."""
         return False
 
     def _nodes(self, failures: int) -> int:
-        """Nodes for the next plan: few at first, more after failures."""
+        """Return the number of nodes for the next plan, which grows with the number of failures."""
         return min(MANY_NODES, FEW_NODES * 2 ** (failures // self.n_restarts))
 
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
     ) -> tuple[float, CoordinatedDMP] | None:
-        """The cheapest fit of a plan that is verified, and its cost; None where none of the first is.
+        """Return the cheapest verified fit of a plan and its cost; None if none of the cheapest is verified.
 
-        A path with sharp bends needs more weights than others. Where `mend` says so, the best that touches nothing is
-        mended instead.
+        A path with sharp bends is fitted again, with more weights. If `mend` is set and no fit is verified, the best
+        one that touches nothing is mended instead.
         """
         hopeful, doubted = None, 0
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
@@ -280,7 +281,7 @@ class Comove(Method):
         return self._mended(search, hopeful) if mend and hopeful is not None else None
 
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
-        """A motion near a rejected one that is verified, and its cost; None where none was found."""
+        """Return a verified motion near a rejected one and its cost; None if none was found."""
         search.stage = "mending"
         objective, schedule = search.objective, replace(MENDING, enough=search.carrier is not None)
         for _ in range(self.n_polishings):
@@ -292,7 +293,7 @@ class Comove(Method):
         return None
 
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
-        """Improve a verified motion, more strictly until the result is verified as well."""
+        """Improve a verified motion, with a stricter objective until the result is verified as well."""
         search.stage = "polishing"
         objective, schedule = search.objective, self.polishing
         for _ in range(self.n_polishings):
@@ -303,7 +304,7 @@ class Comove(Method):
             objective, schedule = stricter(search, objective, verdict), replace(self.polishing, sigma=0.01)
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
-        """Restarts in which the load grows; True once a motion is verified and polished."""
+        """Optimise motions while the load grows to its full size; return True once one is verified and polished."""
         basis = motion_basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
@@ -329,7 +330,7 @@ class Comove(Method):
         return False
 
     def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
-        """The same movement in the finer basis in which it is polished."""
+        """Return the same movement in the finer basis in which it is polished."""
         basis = motion_basis(self.n_basis, "velocity")
         phi, base = np.split(basis.sampled(N_STEPS).T, [basis.n_basis], axis=1)
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
@@ -339,7 +340,7 @@ class Comove(Method):
 
 @dataclass(frozen=True)
 class Quick(Comove):
-    """Few ways, of which the best that is verified is taken: for those who cannot wait."""
+    """A faster method that plans few paths and returns the best verified motion without polishing."""
 
     name: ClassVar[str] = "quick"
     n_plans: int = 2
@@ -349,18 +350,18 @@ class Quick(Comove):
     polishing: Schedule = UNPOLISHED
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Plan once."""
+        """Plan, fit and verify; the load is never grown."""
         self._plan(search)
 
 
 @dataclass(frozen=True)
 class Guide(Quick):
-    """Plans for those who keep the limits themselves: what touches nothing may ask for more than there is.
+    """A method for callers that keep the limits themselves: it accepts motions that touch nothing but are too fast.
 
     Attributes
     ----------
-    before : array, shape (n_before, n_columns), a path in load coordinates that may still be of use
-    excess : times the limits that it may ask for
+    before : array, shape (n_before, n_columns), earlier path in load coordinates that may still be useful
+    excess : largest accepted ratio of a rate to its limit
     """
 
     name: ClassVar[str] = "guide"
@@ -369,7 +370,7 @@ class Guide(Quick):
     excess: float = 2.0
 
     def will_do(self, report: Report, scene: Scene) -> bool:
-        """Whether a motion with this report is good enough."""
+        """Return whether a motion with this report is good enough."""
         excess = max(report.limit_ratios(scene))
         return report.clearance_min >= scene.clearance and excess <= self.excess
 
@@ -383,7 +384,7 @@ Targets = Callable[[int, int], tuple[Array, Array] | None]
 
 
 def _planner(search: Search, space: Space, ends: Array) -> Targets:
-    """Plans in space, run under several time profiles; `ends` as `Coordinates.boundary`, at rest."""
+    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest."""
     start, goal = ends[0], ends[2]
     margins = PLANE_MARGINS if search.scene.n_dims == 2 else SPACE_MARGINS
     grow = plan if search.carrier is None else search.carrier.plan
@@ -398,7 +399,7 @@ def _planner(search: Search, space: Space, ends: Array) -> Targets:
 
 
 def _planner_in_time(search: Search, space: Space, ends: Array, before: Array | None) -> Targets:
-    """Plans in space and time, smoothed over several widths; `ends` as `Coordinates.boundary`."""
+    """Return a planner in space and time, whose paths are smoothed by several widths; `ends` is a boundary."""
     scene, (start, velocity, goal, _) = search.scene, ends
     coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS)
     world = spacetime(scene, space)
@@ -417,7 +418,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, before: Array | 
 
 @dataclass(frozen=True)
 class Projection(Comove):
-    """Free hands, every rollout projected onto the constraints; otherwise as the default."""
+    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
 
     name: ClassVar[str] = "projection"
     smooths: ClassVar[bool] = False
@@ -425,7 +426,7 @@ class Projection(Comove):
 
 
 def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, restart: int) -> CoordinatedDMP:
-    """The demonstration where there is one (every third restart), else the straight way with some turn."""
+    """Return the demonstration, if there is one, at every third restart, else the straight way with some turn."""
     if search.taught is not None and restart % 3 == 0:
         return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
     boundary = coordinates.boundary(turn=TURNS[restart % len(TURNS)])
@@ -434,7 +435,7 @@ def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, re
 
 
 def threaded(search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
-    """Add one bump a round, the best of many drawn, until the smallest load is free; None where it never is."""
+    """Add one bump a round, the best of many random ones, until the smallest load is free; None if it never is."""
     directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
     for _ in range(ROUNDS):
         search.check_time()

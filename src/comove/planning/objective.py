@@ -1,4 +1,4 @@
-"""The objective, equation (4) of the paper, and what the search adds to it, in one pass over a population.
+"""The objective, equation (4) of the paper, and the penalties of the search, in one pass over a population.
 
 In unit duration and with T samples,
 
@@ -6,9 +6,9 @@ In unit duration and with T samples,
         + c_obst 1/T sum_t sum_m I(the load or a hand is in obstacle m at t)
         + c_res 1/T sum_t sum_i |y_i - d_i|^2
 
-where d_i is the demonstration carried to manipulator i. The indicator is what is reported; a search sees
-in its place a penetration term with a slope (`ContactPenalty`), taken between the samples too. Hands that must stay
-apart are felt in the same way: what is between them beyond their separation counts as a clearance.
+where d_i is the demonstration transferred to manipulator i. The indicator I is reported; a search minimises a penalty
+of penetration with a slope in its place (`ContactPenalty`), which is evaluated between the samples too. Hands that
+must stay apart are treated alike: their distance beyond the separation counts as a clearance.
 """
 
 from __future__ import annotations
@@ -32,9 +32,12 @@ from comove.scenes.surfaces import signed_distance
 Array = NDArray[np.float64]
 
 N_STEPS = 201
-SUB_STEP, MAX_SUB_STEPS = 0.01, 6  # m between poses looked at, and how many between two samples
+SUB_STEP, MAX_SUB_STEPS = (
+    0.01,
+    6,
+)  # m between poses that are checked, and how many between two samples at most
 TOLERANCE = 1e-4  # m, of the distance along a load's edge while searching
-NEAR_LIMIT = 0.99  # of a speed limit, kept by the search
+NEAR_LIMIT = 0.99  # share of a speed limit that the search keeps to
 
 
 @dataclass(frozen=True)
@@ -48,22 +51,22 @@ class Cost:
 
     @property
     def total(self) -> float:
-        """J."""
+        """Return J, the sum of all terms."""
         return self.goal + self.velocity + self.obstacle + self.resemblance
 
 
 @dataclass(frozen=True)
 class ContactPenalty:
-    """How a search feels obstacles: ``slope * max(0, margin - d) + step * (d <= 0)``.
+    """The penalty of obstacles in a search: ``slope * max(0, margin - d) + step * (d <= 0)``.
 
-    Here d is the clearance less what the scene asks for (`limits.clearance`).
+    Here d is the clearance beyond the one that the scene asks for (`limits.clearance`).
 
     Attributes
     ----------
-    margin : d from which on nothing is felt [m]
-    slope : [1/m]
-    step : cost of contact
-    along_path : weigh by path length instead of time, so that rushing through an obstacle does not pay
+    margin : d from which on there is no penalty [m]
+    slope : slope of the penalty [1/m]
+    step : penalty of contact
+    along_path : whether to weight by path length instead of time, so that passing an obstacle fast is not cheaper
     limits : share of the speed and acceleration limits that the search keeps to
     """
 
@@ -75,19 +78,19 @@ class ContactPenalty:
 
 
 class Evaluation(NamedTuple):
-    """Values of a population, arrays of shape (n_rollouts,).
+    """The values of a population, arrays of shape (n_rollouts,) unless said otherwise.
 
     Attributes
     ----------
     cost : J without its obstacle term
-    penalty : of obstacles and separations
-    clearance : least one seen [m], at most the margin (or a millimetre, where there is none); separations
-        count as `limits.clearance` and what the hands keep beyond them
-    hits : mean number of obstacles touched over the samples, the indicator term of (4)
-    speed : largest of a hand [m/s]
-    acceleration : largest of a hand [m/s^2]
-    terms : array, shape (n_rollouts, 3): goal, velocity and resemblance terms
-    possible : whether what moves the hands can do it; True where nothing but the scene is asked
+    penalty : penalty of obstacles, the border and separations
+    clearance : least clearance that was found [m], capped at the scene's clearance plus the margin (at least a
+        millimetre); for hands that must stay apart, the scene's clearance plus their distance beyond the separation
+    hits : mean number of touched obstacles over the samples, the indicator term of (4)
+    speed : largest speed of a hand [m/s]
+    acceleration : largest acceleration of a hand [m/s^2]
+    terms : array, shape (n_rollouts, 3), terms of goal, velocity and resemblance
+    possible : whether the carrier of the hands can execute the rollout; True if there is no carrier
     """
 
     cost: Array
@@ -102,15 +105,15 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Equation (4) on a scene.
+    """Equation (4) on a scene, and the penalties of a search.
 
     Attributes
     ----------
-    scene, coordinates : what is evaluated, and in which coordinates
-    weights : of the terms
-    penalty : what the search sees of obstacles
-    demonstration : array, shape (N_STEPS, n_manipulators, 3) [m], what was taught carried to every
-        manipulator; None where there is nothing to resemble
+    scene, coordinates : the scene, and the coordinates of the motions
+    weights : weights of the terms
+    penalty : penalty of obstacles in the search
+    demonstration : array, shape (N_STEPS, n_manipulators, 3), demonstration transferred to every manipulator [m];
+        None without one
     """
 
     scene: Scene
@@ -120,27 +123,28 @@ class Objective:
     demonstration: Array | None = None
 
     def with_penalty(self, **changes: object) -> Objective:
-        """The same objective with another penalty."""
+        """Return the objective with a changed penalty."""
         return replace(self, penalty=replace(self.penalty, **changes))
 
     def evaluate(self, q: Array, size: float = 1.0) -> Evaluation:
-        """Evaluate a population.
+        """Evaluate a population of configurations over time.
 
         Parameters
         ----------
         q : array, shape (n_rollouts, n_columns, n_steps)
-        size : of the load
+        size : size of the load, 1 for the real one
         """
         nodes = self.coordinates.nodes(q, size)
         return self.evaluate_nodes(nodes, self.scene.offsets_along(nodes.shape[1]))
 
     def evaluate_nodes(self, nodes: Array, offsets: Array) -> Evaluation:
-        """Evaluate what was or would be carried out.
+        """Evaluate a population of node positions over time.
 
         Parameters
         ----------
         nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), evenly spaced in time [m]
-        offsets : array, shape (n_steps, n_rows, 3), of obstacles by row [m]; without steps where all stand
+        offsets : array, shape (n_steps, n_rows, 3), displacements of obstacles by row of the table [m]; n_steps = 0
+            if none moves
         """
         scene, w, p = self.scene, self.weights, self.penalty
         n_hands = len(scene.manipulators)
@@ -169,33 +173,33 @@ class Objective:
         )
 
     def search_value(self, evaluation: Evaluation) -> Array:
-        """What a search minimises: cost, penalties of obstacles and of broken limits; shape (n_rollouts,)."""
+        """Return what a search minimises: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
         value = evaluation.cost + evaluation.penalty
         speed, acceleration = self.limit_ratios(evaluation)
         value = value + np.where(speed > NEAR_LIMIT, 0.5 * (speed - NEAR_LIMIT) + 0.005, 0.0)
         return value + 0.1 * np.maximum(0.0, acceleration - 0.97)
 
     def limit_ratios(self, evaluation: Evaluation) -> tuple[Array, Array]:
-        """Speed and acceleration over their limits; arrays, shape (n_rollouts,)."""
+        """Return speed and acceleration divided by their limits in the search; arrays, shape (n_rollouts,)."""
         return (
             evaluation.speed / (self.penalty.limits * self.scene.speed_limit),
             evaluation.acceleration / (self.penalty.limits * self.scene.acceleration_limit),
         )
 
     def feasible(self, evaluation: Evaluation) -> NDArray[np.bool_]:
-        """Which rollouts look verifiable; shape (n_rollouts,)."""
+        """Return which rollouts are feasible at the samples; array of bool, shape (n_rollouts,)."""
         speed, acceleration = self.limit_ratios(evaluation)
         clear = evaluation.clearance > self.scene.clearance
         return clear & (speed <= NEAR_LIMIT) & (acceleration <= 1.0) & evaluation.possible
 
     def cost(self, motion: CoordinatedMotion) -> Cost:
-        """The terms of J of one motion."""
+        """Return the terms of J of one motion."""
         return self.cost_of(
             self.evaluate(rollouts(motion.basis, motion.boundary, motion.weights[None], N_STEPS))
         )
 
     def cost_of(self, value: Evaluation) -> Cost:
-        """The terms of J of the first that was evaluated."""
+        """Return the terms of J of the first rollout of an evaluation."""
         goal, velocity, resemblance = value.terms[0]
         return Cost(
             float(goal), float(velocity), self.weights.obstacle * float(value.hits[0]), float(resemblance)
@@ -290,16 +294,19 @@ def _obstacle_penalty(
     penalty_weights,
     along_path,
 ):
-    """Penalty, least clearance (capped at the margin) and mean number of touched obstacles of one rollout.
+    """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
-    `offsets` of the centres have the shape (n_steps, n_rows, 3), or no steps where all stand; `owners` say which
-    obstacle a row of the table is of, and `convex` which rows are obstacles themselves and not parts of meshes.
+    Parameters
+    ----------
+    offsets : array, shape (n_steps, n_rows, 3), displacements of the obstacles; n_steps = 0 if none moves [m]
+    owners : array, shape (n_rows,), obstacle to which each row of the table belongs
+    convex : array of int, rows that are obstacles themselves and not parts of meshes
     """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
     n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
     near = np.empty(n_obstacles, dtype=np.int64)
-    touched = np.zeros(n_obstacles, dtype=np.int64)  # the last sample at which each was touched, from 1
+    touched = np.zeros(n_obstacles, dtype=np.int64)  # last sample at which each was touched, counted from 1
     here, there, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
     near_meshes = np.empty(surfaces.root.shape[0], dtype=np.int64)
     rod, hull = np.empty((2, 3)), np.empty((solids.shape[1], 3))
@@ -423,7 +430,7 @@ def _obstacle_penalty(
 
 @numba.njit(cache=True, error_model="numpy")
 def chord_distance(x, t, after, i, j):
-    """Least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
+    """Return the least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
     along, step = 0.0, 0.0
     for axis in range(3):
         here, there = x[t, i, axis] - x[t, j, axis], x[after, i, axis] - x[after, j, axis]
@@ -439,7 +446,7 @@ def chord_distance(x, t, after, i, j):
 
 @numba.njit(cache=True, error_model="numpy")
 def _offset(offsets, t, after, f, j):
-    """Where an obstacle's centre is between two samples, from where it began [m]."""
+    """Return the displacement of an obstacle's centre at a share f of the time between two samples [m]."""
     if offsets.shape[0] == 0:
         return 0.0, 0.0, 0.0
     here, there = offsets[t, j], offsets[after, j]
@@ -452,7 +459,7 @@ def _offset(offsets, t, after, f, j):
 
 @numba.njit(cache=True, error_model="numpy")
 def _farthest(offsets, t, after):
-    """How far an obstacle moves at most between two samples [m]."""
+    """Return the largest distance that any obstacle moves between two samples [m]."""
     farthest = 0.0
     for j in range(offsets.shape[1] if offsets.shape[0] > 0 else 0):
         moved = 0.0
@@ -464,7 +471,7 @@ def _farthest(offsets, t, after):
 
 @numba.njit(cache=True, error_model="numpy")
 def _near_meshes(x, t, cutoff, surfaces, offsets, near):
-    """List in `near` the meshes whose boxes are within `cutoff` of the body's."""
+    """Write into `near` the meshes whose boxes are within `cutoff` of the body's box; return their number."""
     count = 0
     for mesh in range(surfaces.root.shape[0]):
         box, away = surfaces.root[mesh], 0.0
@@ -481,7 +488,13 @@ def _near_meshes(x, t, cutoff, surfaces, offsets, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _near_obstacles(x, t, cutoff, obstacles, convex, offsets, lower, upper, near):
-    """List in `near` the obstacles within `cutoff` of the body's bounding ball; is the border that near too?"""
+    """Write into `near` the obstacles within `cutoff` of the body's bounding ball.
+
+    Returns
+    -------
+    count : number of these obstacles
+    at_border : whether the border of the workspace is within `cutoff` as well
+    """
     n_nodes = x.shape[1]
     cx, cy, cz = 0.0, 0.0, 0.0
     for n in range(n_nodes):

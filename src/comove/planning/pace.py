@@ -1,4 +1,4 @@
-"""How fast a motion may be made: the shortest duration within limits, by bounds that hold at every instant."""
+"""The shortest duration of a motion within its limits, from bounds that hold at every instant."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from comove.verification.rates import largest_rates
 # m/s, m/s^2 and m/s^3, of hands, where a scene has none.
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 DIGITS = 5  # of a duration that is found
-NONE = dict.fromkeys(LIMITS, 1e6)  # what limits nothing
-EASE = 1.02  # times the shortest found, that is named to somebody who asked for less: met from another start as well
-ROUNDING = 1e-9  # relative, by which bounds may differ from one computation to the next
+NONE = dict.fromkeys(LIMITS, 1e6)  # limits so high that they have no effect
+EASE = 1.02  # ratio of the duration that messages name to the shortest found: other starts reach it as well
+ROUNDING = 1e-9  # relative difference of bounds between two computations
 
 
 def with_limits(scene: Scene, limits: Mapping[str, float] = LIMITS) -> Scene:
-    """Return the scene with `LIMITS`, or other values, for those that it leaves out."""
+    """Return the scene with `LIMITS`, or other values, in place of the limits that it leaves out."""
     given = scene.file.limits
     return scene.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
 
 
 def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -> CoordinatedMotion:
-    """Return the same movement as fast as the limits of `scene` allow, on that scene with this duration.
+    """Return the movement, made as fast as the limits of a scene allow, on that scene with the new duration.
 
     Parameters
     ----------
-    least : duration that it takes for other reasons [s]
+    least : lower bound of the duration for other reasons [s]
     """
     once = motion.on(scene.timed(1.0))
     limits = scene.speed_limit, scene.acceleration_limit, scene.jerk_limit
@@ -43,14 +43,14 @@ def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -
 
 
 def too_short(scene: Scene, needed: float) -> str:
-    """Say that the duration of a scene is too short, and which one would do, a little more than `needed` [s]."""
+    """Return the message that a duration is too short, and that a little more than `needed` [s] would do."""
     return f"{scene.duration:g} s are too short for the limits: {rounded_up(EASE * needed, 3):g} s would do"
 
 
 def least_possible(scene: Scene) -> float:
-    """Return a duration that no motion can undercut [s]: each limit by itself, straight ways from rest to rest.
+    """Return a lower bound of the duration of any motion [s]: straight lines from rest to rest, each limit by itself.
 
-    Nothing is known, and 0 returned, of motions that go on from one under way.
+    For scenes that go on from another movement no bound is known, and the result is 0.
     """
     if scene.begins > 0 or any(group.start_twist.any() for group in scene.groups):
         return 0.0
@@ -63,7 +63,7 @@ def least_possible(scene: Scene) -> float:
 
 
 def rounded_up(duration: float, digits: int = DIGITS) -> float:
-    """Return a duration in few digits, no shorter than the one given."""
+    """Return a duration, rounded up to some significant digits."""
     if not 0.0 < duration < MAX_DURATION:
         return duration if duration <= 0.0 else MAX_DURATION  # also where an orientation is not defined
     decimals = digits - 1 - floor(log10(duration))

@@ -1,17 +1,18 @@
 """The paper's method, repaired: constrained CMA-ES on the weights of all arms, the distance held within a band.
 
 Equation (7) asks for ``|y1(t) - y2(t)| = D`` at every instant. Two inequalities in place of the equality have no
-interior, so that resampling until nothing is violated, as the paper describes, would never end; what it must have
-used is a band. As it is printed (`Printed`) the method stays stuck. What is added here, each part of it a field that
-can be left out, so that its worth can be measured (docs/ablation.md):
+interior, so that resampling until nothing is violated, as the paper describes, would never end; the paper must have
+used a band. As printed (`Printed`), the method does not progress. The following is added here; every addition is a
+field that can be switched off, so that its effect can be measured (docs/ablation.md):
 
 - the form of the reduction (6), which stays positive definite (`optimisers.ccmaes`);
-- at most some passes of drawing again: samples that are still infeasible then rank last;
-- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), on one progress: while enough
-  of the samples meet the constraints;
-- one constraint for a window of time and a side of the band (`windows`), so that a record says where and to which
-  side a sample was off;
-- a cost of errors within the band (`centring`), which draws the best away from its edge;
+- a limited number of resampling passes: samples that are still infeasible then rank last;
+- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), both as far as enough of the
+  samples meet the constraints;
+- one constraint for each window of time and side of the band (`windows`), so that the record of a constraint says
+when
+  and to which side a sample was off;
+- a cost of errors within the band (`centring`), which draws the best samples away from its edge;
 - a movement whose middle navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
 - a linear phase.
 """
@@ -41,33 +42,33 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 FIRST_BAND = 0.2  # of the distance
-INSIDE = 0.9  # of a tolerance, to which the band narrows: hands also move between the samples
-LEAST = 1e-6, 1e-3  # of the distance: a tolerance below the first is out of reach, the second is held instead
+INSIDE = 0.9  # share of the tolerance to which the band narrows: hands also move between the samples
+LEAST = 1e-6, 1e-3  # of the distance: a tolerance below the first is replaced by the second
 OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
 ENOUGH = 0.3  # share of feasible samples from which the schedules go on; with fewer they go back
-PACE = 2.0  # progress, counted in generations, by the share beyond that
+PACE = 2.0  # progress in generations, per share of feasible samples beyond that
 WAIT = 100  # generations without progress, after which another attempt is made
 NARROWED, GROWN = 0.95, 0.4  # progress at which the band has its final width, and the load its size
 
 
 @dataclass(frozen=True)
 class Paper(Method):
-    """CCMA-ES (paper, III), repaired, from the demonstration, or from straight lines.
+    """The repaired CCMA-ES (paper, III), which begins at the demonstration, or at straight lines.
 
     Attributes
     ----------
-    coordinates : free hands
+    coordinates : function of a scene that returns the coordinates of free hands
     n_basis : shape weights a column
-    optimiser : the constrained CMA-ES
+    optimiser : constrained CMA-ES
     population : samples a generation
     sigma : first step size
-    windows : of time, in each of which the largest error of a distance is a constraint for either sign
-    generations : with progress, until band and load are final
-    finishing : generations with a feasible sample after that, before the best motion is judged
-    narrowing, growing : begin with a wide band, and with a small load
+    windows : number of windows of time; in each, the largest error of a distance is a constraint, for either sign
+    generations : generations of progress until band and load are final
+    finishing : generations with a feasible sample after that, before the best motion is verified
+    narrowing, growing : whether to begin with a wide band, and with a small load
     centring : cost of errors as large as their bands
-    threading : let the movement's middle navigate the environment first
-    phase : of the forcing term; linear unless given
+    threading : whether the movement's middle navigates the environment first
+    phase : phase of the forcing term; linear unless given
     """
 
     name: ClassVar[str] = "paper"
@@ -86,7 +87,7 @@ class Paper(Method):
     phase: Phase | None = None
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Search until a motion is verified or time is up (`OutOfTime`); nothing is ever planned."""
+        """Search until a motion is verified; no path is planned. Raises `OutOfTime` when time is up."""
         if not search.scene.distances:
             raise OptionError(
                 "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
@@ -106,7 +107,7 @@ class Paper(Method):
             attempt += 1
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
-        """A movement whose middle navigates the environment (paper, Fig. 3), given to every arm."""
+        """Return a movement whose middle navigates the environment (paper, Fig. 3), given to every arm; or None."""
         basis = motion_basis(self.n_basis, "acceleration", self.phase)
         coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
@@ -123,7 +124,7 @@ class Paper(Method):
     def _improved(
         self, search: Search, objective: Objective, dmp: CoordinatedDMP
     ) -> CoordinatedMotion | None:
-        """One run of the optimiser; the best motion within the final band, None where it did not get there."""
+        """Run the optimiser once; return the best motion within the final band, None if none was reached."""
         scene, shape = search.scene, dmp.weights.shape
         first = self._errors(dmp, dmp.weights[None])
         widest = max(1.5 * first.max(), self._reach(search, dmp))
@@ -169,7 +170,7 @@ class Paper(Method):
         return best
 
     def _started(self, rng: np.random.Generator, n: int, n_limits: int) -> CCMAESRun:
-        """The optimiser, about the initial movement."""
+        """Return a run of the optimiser that begins at the initial movement."""
         start = Start(
             x=np.zeros(n),
             sigma=self.sigma,
@@ -183,22 +184,22 @@ class Paper(Method):
         return self.optimiser.start(start)
 
     def _reach(self, search: Search, dmp: CoordinatedDMP) -> float:
-        """Return a band that enough of the first samples meet [m]; hands of three and more stray further than two."""
+        """Return a width of the band that enough of the first samples meet [m]; it grows with the number of hands."""
         draws = self.sigma * search.rng.standard_normal((self.population, *dmp.weights.shape))
         return float(np.quantile(self._errors(dmp, dmp.weights + draws).max(axis=1), ENOUGH))
 
     def _errors(self, dmp: CoordinatedDMP, weights: Array) -> Array:
-        """`window_errors` of rollouts; weights (n_rollouts, n_columns, n_basis)."""
+        """Return the `window_errors` of rollouts; weights have the shape (n_rollouts, n_columns, n_basis)."""
         hands = dmp.coordinates.centers(dmp.rollouts(weights, N_STEPS))
         return window_errors(dmp.scene, hands, self.windows)
 
     def _bands(self, scene: Scene, progress: float, least: float) -> Array:
-        """Half widths of the bands; array, shape (n_distances * 2 * n_windows,), [m].
+        """Return the half widths of the bands; array, shape (n_distances * 2 * n_windows,), [m].
 
         Parameters
         ----------
-        progress : from 0 to 1
-        least : width with which the bands begin at least [m]
+        progress : progress of the narrowing, from 0 to 1
+        least : least half width at the beginning [m]
         """
         widths = []
         for c in scene.distances:
@@ -210,7 +211,7 @@ class Paper(Method):
 
 
 def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
-    """Largest error of every distance in every window of time, of free hands.
+    """Compute the largest error of every distance in every window of time, for free hands.
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
 
     Returns
     -------
-    array, shape (n_rollouts, n_distances * 2 * n_windows), [m]; too far apart, then too near
+    array, shape (n_rollouts, n_distances * 2 * n_windows), [m]; for every distance too large, then too small
     """
     hands = q.reshape(len(q), -1, scene.n_dims, q.shape[2])
     edges = np.linspace(0, q.shape[2], n_windows, endpoint=False, dtype=int)

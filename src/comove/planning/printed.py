@@ -1,9 +1,9 @@
-"""The paper's method as it is printed: Algorithm 1 with (3), (5) and (6), and nothing that makes it work better.
+"""The paper's method as printed: Algorithm 1 with (3), (5) and (6), without improvements.
 
-What the paper leaves open had to be chosen: the equality (7b) is a band, as two inequalities without one have no
-interior; its width is the scene's tolerance; each side of it at each of the samples is a constraint h_j. The
-objective (4) looks at the hands alone, as it is printed. The movement is a coordinated primitive of comove's, whose
-ends are exact, with the exponential phase of (1b).
+Some choices had to be made that the paper leaves open: the equality (7b) is a band, as two inequalities without one
+have no interior; its width is the scene's tolerance; each side of it at each sample is a constraint h_j. The
+objective (4) considers the hands alone, as printed. The movement is a coordinated primitive of comove, whose ends are
+exact, with the exponential phase of (1b).
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-CONVERGED = 1e-9  # of the first step size, at which there is nothing more to adapt
+CONVERGED = 1e-9  # share of the first step size at which the search has converged
 
 
 @dataclass(frozen=True)
 class Printed(Method):
-    """CCMA-ES as printed, from the demonstration given to every hand, or from straight lines.
+    """CCMA-ES as printed, which begins at the demonstration given to every hand, or at straight lines.
 
     Attributes
     ----------
-    n_basis : weights w_n a column
-    population : K
-    sigma : sigma_0
-    phase : of (1b)
+    n_basis : number of weights w_n a column
+    population : K, samples a generation
+    sigma : sigma_0, first step size
+    phase : phase of (1b)
     """
 
     name: ClassVar[str] = "printed"
@@ -51,7 +51,7 @@ class Printed(Method):
     phase: Phase = ExponentialPhase()
 
     def run(self, search: Search, *, planner: bool) -> None:
-        """Run Algorithm 1 until it converges, breaks down, or time is up (`OutOfTime`); nothing is planned."""
+        """Run Algorithm 1 until it converges or breaks down; no path is planned. Raises `OutOfTime` if time is up."""
         scene = search.scene
         if not scene.distances:
             raise OptionError(
@@ -95,7 +95,7 @@ class Printed(Method):
 
 
 def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
-    """Whether hands are too far apart, or too near, at every sample, by more than the tolerance.
+    """Return whether hands are too far apart, or too near, at every sample, by more than the tolerance.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
 
     Returns
     -------
-    array, shape (n_rollouts, n_distances * 2 * n_steps)
+    array of bool, shape (n_rollouts, n_distances * 2 * n_steps); for every distance too far apart, then too near
     """
     hands, found = q.reshape(len(q), -1, scene.n_dims, q.shape[2]), []
     for c in scene.distances:
@@ -113,7 +113,7 @@ def violations(scene: Scene, q: Array) -> NDArray[np.bool_]:
 
 
 def of_hands_alone(objective: Objective) -> Objective:
-    """Return equation (4) as printed: obstacles count where a hand is in one, and are not felt before."""
+    """Return equation (4) as printed: an obstacle counts only at samples at which a hand is in it."""
     scene = objective.scene
     data = scene.file.model_dump(exclude_defaults=True)
     data.pop("load", None)

@@ -13,7 +13,7 @@ import numpy as np
 from comove.reaction.desk import LIMIT
 
 INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
-ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: what is still within, and what is far outside
+ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -65,8 +65,9 @@ def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def broken_limits(points, freedom, desk, m, x):
-    """Write tangents to the balls that x is outside of; return the number of rows and whether x is far outside of a
-    ball.
+    """Write tangents to the balls that x is outside of.
+
+    Returns the number of rows and whether x is far outside of a ball.
     """
     n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
     y, far_out = np.empty(3), False
@@ -87,8 +88,9 @@ def broken_limits(points, freedom, desk, m, x):
 
 @numba.njit(cache=True, error_model="numpy")
 def bent_limits(points, freedom, desk, m, x, dt):
-    """Write tangents to the balls that the hands' average velocities over the step are outside of; return the row
-    count.
+    """Write tangents to the balls that the hands' average velocities over the step are outside of.
+
+    Returns the number of rows.
 
     The average velocity of a hand is its displacement to `desk.nodes_after`, divided by `dt`. A hand turns within a
     step, so this differs from its first velocity to second order, by an amount that is treated as constant until the

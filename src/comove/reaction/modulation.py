@@ -308,8 +308,9 @@ def _heads(table):
 
 @numba.njit(cache=True, error_model="numpy")
 def _directions(table, j, point, by_reference, normal, away, carried):
-    """Return the level of obstacle `j`, and write its normal n, r / (n^T r) and its velocity there in the last
-    three.
+    """Return the level of obstacle `j` at a point, and write three vectors there in the last three arguments.
+
+    These are its normal n, r / (n^T r) and its velocity.
     """
     level, _, nx, ny, nz = level_at(table, j, point[0], point[1], point[2])
     normal[0], normal[1], normal[2] = nx, ny, nz
@@ -323,7 +324,7 @@ def _directions(table, j, point, by_reference, normal, away, carried):
         slope = nx * rx + ny * ry + nz * rz
         if slope > max(GRAZING * sqrt(rx * rx + ry * ry + rz * rz), TINY):
             away[0], away[1], away[2] = rx / slope, ry / slope, rz / slope
-    # The lever arm ends at the obstacle's reach, so that what turns does not stir what is far away.
+    # The lever arm ends at the obstacle's reach, so that an obstacle's rotation does not move points far away.
     x, y, z = point[0] - table[j, CENTER], point[1] - table[j, CENTER + 1], point[2] - table[j, CENTER + 2]
     arm = min(1.0, table[j, REACH] / max(sqrt(x * x + y * y + z * z), TINY))
     u, v, w = table[j, TURN], table[j, TURN + 1], table[j, TURN + 2]
@@ -335,8 +336,9 @@ def _directions(table, j, point, by_reference, normal, away, carried):
 
 @numba.njit(cache=True, error_model="numpy")
 def _weigh(level, head, excess, share, weight):
-    """Write the weights of obstacles within their groups, which sum to 1, in `share`, and those of groups in
-    `weight`.
+    """Write the weights of obstacles within their groups in `share`, and those of groups in `weight`.
+
+    The weights within a group sum to 1.
 
     The weight of a group stands at its head. `excess` is the least Gamma - 1 of a group, 0 inside.
     """

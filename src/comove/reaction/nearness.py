@@ -51,8 +51,9 @@ class LoadPoints(NamedTuple):
 
 
 def load_points(scene: Scene, n_points: int) -> LoadPoints:
-    """Sample points along every edge, `n_points` on the longest of a body and equally dense on the others, ends
-    included.
+    """Sample points along every edge, its ends included.
+
+    There are `n_points` on the longest edge of a body and equally dense ones on the others.
 
     Solids have a grid on their faces, coarser than the points on edges. The velocity of a point between them, which
     an obstacle's corner is about to touch, is approximated by those of its neighbours.
@@ -97,8 +98,9 @@ def load_points(scene: Scene, n_points: int) -> LoadPoints:
 
 
 def _on_faces(corners: Array, n_points: int) -> Array:
-    """Return a grid (n, 3) on the faces of a box, corners included, given by its corners, array of shape (8, 3)
-    [m].
+    """Return a grid (n, 3) on the faces of a box, corners included [m].
+
+    The box is given by its corners, array of shape (8, 3) [m].
     """
     halves = 0.5 * (corners[[1, 2, 4]] - corners[0])
     lengths = np.linalg.norm(halves, axis=1)

@@ -24,7 +24,7 @@ PLANAR_CAPSULE = np.array(
 )  # the kernel's lies along z, the planar one along x
 ROTATION_ERROR = 1e-6  # by which a rotation matrix may miss one
 FARTHEST = 1e100  # of a number: beyond it squares overflow
-APART = -1.0  # the group of what has none
+APART = -1.0  # the group of obstacles without one
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class MovingObstacle:
         for name in ("velocity", "reference"):
             value = getattr(self, name)
             given[name] = np.zeros(n_dims) if value is None else vector(name, value, n_dims)
-        for name, array in given.items():  # own copies that nobody can change behind the table's back
+        for name, array in given.items():  # own read-only copies, as the table is kept
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if not hasattr(self.shape, "in_table"):
@@ -138,7 +138,7 @@ class MovingObstacle:
         center, rotation = self.center + self.velocity * dt, self.rotation
         if self.angular_velocity.any():
             rotation = _turn(self.angular_velocity * dt) @ rotation
-        # A control loop moves every obstacle at every step; what was checked needs no second look.
+        # A control loop moves every obstacle at every step; checked values are not checked again.
         later = copy(self)
         for name, array in (("center", center), ("rotation", rotation)):
             array.setflags(write=False)
@@ -178,8 +178,9 @@ def level_obstacle(
     velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
 ) -> MovingObstacle:
-    """Return the `j`-th obstacle of a scene at its position in the scene file; `dataclasses.replace` moves it
-    elsewhere.
+    """Return the `j`-th obstacle of a scene at its position in the scene file.
+
+    `dataclasses.replace` moves it elsewhere.
 
     Parameters
     ----------

@@ -47,13 +47,13 @@ Array = NDArray[np.float64]
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
-MAX_ROUNDS = 20  # of solving and adding what is missing
-ENDLESS = 1e30  # what the solver takes for infinite
+MAX_ROUNDS = 20  # of solving and adding missing rows
+ENDLESS = 1e30  # infinite for the solver
 TOLERANCE = 1e-9  # m/s, of rows in the solver
 # Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
 MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 TOLD = 1e-8  # m/s, relaxing by less is rounding
-HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # what gives way
+HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 
 
 class Sighting(NamedTuple):
@@ -304,8 +304,9 @@ class TwistProgramme:
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
-        """Return the solution and its multipliers with rows relaxed, None where that is not enough; write the slacks
-        on the desk.
+        """Return the solution and its multipliers with rows relaxed, None where that is not enough.
+
+        The slacks are written on the desk.
         """
         desk, n = self._desk, len(self._desk.linear)
         owner, body = desk.owner[:m], desk.body[:m]
@@ -336,8 +337,9 @@ class TwistProgramme:
         return np.ascontiguousarray(x[:n]), info["lam"]
 
     def _blocking(self, multipliers: Array) -> int:
-        """Return the owner of the row with the largest multiplier, `NOTHING` where no obstacle and no border
-        hinders.
+        """Return the owner of the row with the largest multiplier.
+
+        It is `NOTHING` where no obstacle and no border hinders.
         """
         owner = self._desk.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)

@@ -38,7 +38,7 @@ from comove.scenes.closest_points import (
 )
 from comove.scenes.distances import CENTER, REACH, TINY, point_distance
 
-BEND = 0.05  # of a distance, that a step may take beyond its rate: what bends to second order
+BEND = 0.05  # of a distance: allowance of a step for second-order terms
 ROUNDING = 1e-9  # m, by which a clearance may be missed
 SPARE = 2e-6  # m/s, by which rows that a step has broken are kept the next time: rounds come to an end
 RESERVE = 1e-7  # m, kept on top of every clearance, so that rounding never uses it up
@@ -105,10 +105,10 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
     for i in range(n_hands):
         g, fast = points.node_group[i], length_of(before[i])
         pace = max(pace, fast, length_of(wanted[i]))
-        if rates.braking < np.inf:  # who is fast, in whatever direction, needs long to stop
+        if rates.braking < np.inf:  # a fast group needs long to stop
             desk.gain[g] = min(desk.gain[g], 2.0 * rates.braking / fast)
     pace = min(pace, rates.speed)
-    # Obstacles: sampled points, then what is nearest now.
+    # Obstacles: sampled points, then the nearest points.
     n_edges = points.edges.shape[0]
     for j in range(n_obstacles):
         fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
@@ -183,7 +183,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
             for c in range(n):
                 twists[g, k] += freedom.basis[g, k, c] * x[c]
     m, far_out = broken_limits(points, freedom, desk, m, x)
-    if far_out:  # what a step of this size would break says nothing of smaller ones
+    if far_out:  # violations by so large a step say nothing about smaller ones
         return m, worst
     step(center, quaternion, twists, dt, desk.center_after, desk.quaternion_after)
     after = desk.quaternion_after
@@ -259,8 +259,9 @@ def _promise(h, gain, rates):
 
 @numba.njit(cache=True, error_model="numpy")
 def _objective(points, freedom, desk, center, wanted):
-    """Write the objective: sum over the hands of |velocity - wanted|^2 / 2, and the cost of rotation that moves no
-    hand.
+    """Write the objective: the deviation from the desired velocities, and the cost of rotation that moves no hand.
+
+    The deviation is the sum over the hands of |velocity - wanted|^2 / 2.
     """
     n_groups, _, n = freedom.basis.shape
     desk.quadratic[:] = 0.0

@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 
 
 def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
-    """Return the obstacles with those that overlap, margins included, in groups about a point common to all of a
-    group.
+    """Return the obstacles, with those that overlap put in groups about a common point.
+
+    Margins are part of the obstacles, and the point is inside all obstacles of the group.
 
     References and groups that were given before are replaced. Call it again when obstacles have moved against each
     other. Overlapping obstacles that have no common point, such as three in a row, form groups as far as they have

@@ -1,10 +1,10 @@
-"""From home to the grasp and back home: what a robot does before and after it carries.
+"""Approach and release: the joint motions from home to the grasp before a carry, and back home after it.
 
-The *approach* leads from home through free space to a place straight behind the grasp, from there along the approach
-axis to the grasp, with open hands, and waits while these close. The *release* waits while they open, draws back along
-the axis and leads home. Every part is a minimum-jerk motion from rest to rest; both are judged like the carry: at
-every instant limits are kept and nothing comes nearer than it may. The load stands at its start, then at its goal;
-only on the straight part hands may be near it. What is not judged is how fingers move while they are open.
+The *approach* leads from home through free space to a place straight behind the grasp, then along the approach axis
+to the grasp, with open hands, and waits while these close. The *release* waits while the hands open, draws back along
+the axis and leads home. Every part is a minimum-jerk motion from rest to rest. Both are judged like the carry: limits
+and clearances are kept at every instant. The load lies at its start during the approach and at its goal during the
+release; hands may be near it on the straight part only. The motion of the open fingers is not judged.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ _JUDGED = object()
 
 
 class Transfers(Sealed):
-    """Approach and release of a carry that passed every check. Only `plan_transfers` makes it.
+    """Approach and release of a carry, which passed every check. Only `plan_transfers` makes it.
 
     Attributes
     ----------
-    carry : VerifiedJointMotion between the two
+    carry : VerifiedJointMotion between approach and release
     approach, release : JointMotion of all joints
-    grip_time : during which hands close at the approach's end, and open at the release's beginning [s]
-    clearance_min : certified lower bound of what bodies keep from each other on both [m]; hands and load on the
-        straight parts excepted
+    grip_time : time in which hands close at the end of the approach, and open at the beginning of the release [s]
+    clearance_min : certified lower bound of the clearance on both [m], except of hands from the load on the straight
+        parts
     """
 
     __slots__ = ("approach", "carry", "clearance_min", "grip_time", "release")
@@ -84,21 +84,21 @@ class Transfers(Sealed):
 def plan_transfers(
     carry: VerifiedJointMotion, *, height: float = HEIGHT, grip_time: float = GRIP_TIME, seed: int = 0
 ) -> Transfers:
-    """Plan and judge the ways from home to the grasp and from there home.
+    """Plan and judge the joint motions from home to the grasp, and from there home.
 
     Parameters
     ----------
-    carry : what the robot does between the two
-    height : by which hands draw back straight from the load [m]
-    grip_time : that hands have to close or to open [s]
-    seed : of the search
+    carry : verified motion of the robot between the two
+    height : distance by which hands draw back straight from the load [m]
+    grip_time : time in which hands close or open [s]
+    seed : seed of the search
 
     Raises
     ------
     OptionError
-        If a length or a time is none.
+        If `height` or `grip_time` is not positive and finite.
     RobotError
-        If a hand cannot draw back, or no way was found; says what is in the way.
+        If a hand cannot draw back, or no path was found; the message names what is in the way.
     """
     for name, value in (("height", height), ("grip_time", grip_time)):
         if not 0.0 < value < np.inf:
@@ -111,7 +111,7 @@ def plan_transfers(
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """The load where it lies; stands in for `Carried`."""
+    """The load at rest where it lies; replaces `Carried` in the judge's checks."""
 
     motion: Any
     place: Array
@@ -127,7 +127,9 @@ class _Still:
 def _withdrawal(
     carry: VerifiedJointMotion, end: str, height: float, grip_time: float, seed: int
 ) -> tuple[JointMotion, float]:
-    """From the grasp home, after hands had time to open; and a lower bound of the clearance [m]."""
+    """Plan and judge the motion from the grasp home, after the hands had time to open; returns it and a lower bound
+    of the clearance [m].
+    """
     robot, scene = carry.robot, carry.scene
     arms = tuple(robot.arm(name) for name in scene.manipulators)
     holders = tuple(robot.arm(name) for name in scene.file.holders)
@@ -159,7 +161,7 @@ def _withdrawal(
 
 
 def _put(bodies: Bodies, place: Array) -> Bodies:
-    """The same with the load where it lies."""
+    """Place the load's bodies at `place`, in the geometry of `bodies`, and return `bodies`."""
     for rod, *spanned in bodies.rods:
         (turn,), (middle,) = placements(place[None], tuple(spanned))
         bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
@@ -167,7 +169,9 @@ def _put(bodies: Bodies, place: Array) -> Bodies:
 
 
 def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
-    """What the judge of the carry leaves out: the load with what goes rigidly with a hand that holds it."""
+    """Build the pairs that the judge of the carry leaves out: the load with the links that move rigidly with a hand
+    that holds it.
+    """
     robot, geometry = bodies.robot, bodies.geometry.copy()
     geometry.removeAllCollisionPairs()
     lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in holders}
@@ -194,7 +198,9 @@ def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
 
 
 def _drawn_back(robot: Robot, holders: tuple[Arm, ...], q: Array, height: float, end: str) -> Array:
-    """Joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS, n_joints)."""
+    """Compute the joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS,
+    n_joints).
+    """
     rows = [np.array(q)]
     grasps = [robot.tool_pose(q, arm) for arm in holders]
     for share in np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:]:
@@ -232,7 +238,8 @@ def _reach(robot: Robot, arm: Arm, target: Array, q: Array) -> bool:
 def _way_home(
     bodies: Bodies, hands: Bodies, start: Array, end: str, rng: np.random.Generator
 ) -> Array | None:
-    """A way from behind the grasp home, array of shape (n_configurations, n_joints); None where none was found.
+    """Search a path home from behind the grasp, array of shape (n_configurations, n_joints); None where none was
+    found.
 
     Raises
     ------
@@ -260,7 +267,7 @@ def _way_home(
 
 
 def _both(bodies: Bodies, hands: Bodies) -> Bodies:
-    """All pairs in one."""
+    """Join the pairs of both into one `Bodies`."""
     geometry, count = bodies.geometry.copy(), len(bodies.kind)
     for pair in hands.geometry.collisionPairs:
         geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
@@ -275,11 +282,11 @@ def _both(bodies: Bodies, hands: Bodies) -> Bodies:
 
 
 def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
-    """Minimum-jerk samples along a path, as fast as shares of the limits of joints and hands allow.
+    """Sample a path with minimum jerk, as fast as shares of the limits of joints and hands allow.
 
     Parameters
     ----------
-    path : array, shape (n_configurations, n_joints), evenly spaced along the way
+    path : array, shape (n_configurations, n_joints), evenly spaced
     """
     curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
@@ -307,7 +314,7 @@ def _minimum_jerk(s: Array) -> Array:
 
 
 def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
-    """One motion of several, after a while at rest."""
+    """Join several parts into one motion, after a time at rest."""
     still = np.repeat(parts[0][:1], round(wait * SAMPLE_RATE), axis=0)
     position = np.concatenate([still, parts[0], *(part[1:] for part in parts[1:])])
     return _unchanging(JointMotion(np.arange(len(position)) / SAMPLE_RATE, robot.joint_names, position))
@@ -319,14 +326,14 @@ def _reversed(motion: JointMotion) -> JointMotion:
 
 
 def _unchanging(motion: JointMotion) -> JointMotion:
-    """The same in arrays that nobody can change behind the judge's back."""
+    """Make the motion's arrays read-only, so that nobody can change what was judged, and return the motion."""
     for array in (motion.time, motion.position):
         array.setflags(write=False)
     return motion
 
 
 def _whole(time: float) -> float:
-    """The time as whole samples."""
+    """Round a time up to whole samples."""
     return np.ceil(time * SAMPLE_RATE - 1e-9) / SAMPLE_RATE
 
 
@@ -339,11 +346,11 @@ def _judged(
     hands: Bodies,
     still: _Still,
 ) -> tuple[list[str], float]:
-    """Reasons against a withdrawal, and a lower bound of its clearance [m].
+    """Return the reasons against a withdrawal, and a lower bound of its clearance [m].
 
     Parameters
     ----------
-    free_from : from when on hands must keep clear of the load, too [s]
+    free_from : time from which hands must keep clear of the load, too [s]
     """
     curve = motion.curve
     findings = [
@@ -360,6 +367,6 @@ def _judged(
 
 
 def _after(curve: PPoly, time: float) -> PPoly:
-    """The same curve from a sample on, its time counted from there."""
+    """Return the curve from the sample nearest to `time` on, with its time counted from there."""
     first = int(np.abs(curve.x - time).argmin())
     return PPoly(curve.c[:, first:], curve.x[first:] - curve.x[first])

@@ -1,4 +1,4 @@
-"""`carry`: from a scene and a robot to a judged joint motion."""
+"""`carry`, which finds and judges a joint motion for a scene and a robot."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from comove.robots.search.carrying import Carrying, robot_method
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 
-AT_LEISURE = 30.0  # s, in which arms go any way, where the duration is open
+AT_LEISURE = 30.0  # s, duration in which arms can follow any path, where the duration is open
 TIMED = 0.7  # share of the budget, after which it is seen how long a way takes that arms go at leisure
 
 
 @dataclass(frozen=True, eq=False)
 class RobotSolution:
-    """The outcome of `carry`.
+    """The outcome of `carry`: a motion of the hands, a joint motion and the verdict on it.
 
     Attributes
     ----------
-    robot : who carries
-    solution : the motion of the hands; its reasons hold those of the robot
-    joints : the joint motion handed out: the verified one, or what comes nearest to it
-    verdict : of the judge on `joints`
+    robot : the robot that carries
+    solution : the motion of the hands; its reasons include those of the robot
+    joints : the verified joint motion, or the one that comes nearest to a verified one
+    verdict : verdict of the judge on `joints`
     """
 
     robot: Robot
@@ -44,17 +44,17 @@ class RobotSolution:
 
     @property
     def motion(self) -> VerifiedJointMotion | None:
-        """The verified joint motion; None where none was found."""
+        """Return the verified joint motion; None where none was found."""
         return self.verdict.verified
 
     @property
     def report(self) -> JointReport:
-        """What the judge measured."""
+        """Return the measures of the judge."""
         return self.verdict.report
 
     @property
     def verified(self) -> bool:
-        """Whether `motion` holds a verified motion."""
+        """Return whether `motion` holds a verified motion."""
         return self.motion is not None
 
 
@@ -74,7 +74,7 @@ def carry(
     Parameters
     ----------
     scene
-        With a grasp; its manipulators are arms of the robot. Where it leaves its duration out, or `LeastTime()` is
+        A scene with a grasp, whose manipulators are arms of the robot. If it has no duration, or `LeastTime()` is
         asked for, the motion is as fast as the limits of hands and joints allow at its own law of motion.
     robot
         `Robot.load("baxter")`, for example.
@@ -84,7 +84,7 @@ def carry(
     demonstration, seed, objective, progress
         As for `comove.planning.solve`.
     budget
-        Seconds after which the best so far is returned; compiling, once after installation, is apart.
+        Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def carry(
 def _searched(
     scene: Scene, task: Carrying, method: Method, budget: float, wanted: dict[str, Any]
 ) -> RobotSolution:
-    """Search in the duration of the task's scene for a motion on `scene`."""
+    """Search a motion on `scene`, with the robot's constraints at the duration of the task's scene."""
     check = RobotCheck(task)
     solution = solve(scene, method=method, budget=budget, carrier=task, checks=[check], **wanted)
     done = check.carried_out(solution.attempt)
@@ -138,7 +138,7 @@ def _searched(
 
 
 def _on_time(found: RobotSolution, scene: Scene) -> RobotSolution:
-    """The same movement in the duration of a scene, judged."""
+    """Return the same motion in the duration of a scene, judged."""
     check, motion = RobotCheck(Carrying(found.robot, scene)), found.solution.attempt.on(scene)
     verdict, done = verify(motion, [check]), check.carried_out(motion)
     solution = replace(

@@ -1,9 +1,9 @@
-"""A joint motion in a result folder: `joints.npz`, `robot.json` and `scene.json`, beside the hands' `solution.npz`.
+"""Joint motions in a result folder: `joints.npz`, `robot.json` and `scene.json`, beside the hands' `solution.npz`.
 
 `joints.npz` holds `time` (n_steps,) [s], `joint_names` (n_joints,) and `position`, `velocity` and `acceleration`
-(n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. Position and time are what rebuilds the curve.
-`robot.json` holds the judgement and its measures and the checksums of scene, robot and motions; `scene.json` is the
-scene itself, so that the folder can be judged anew and played by itself.
+(n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. The curve is rebuilt from position and time.
+`robot.json` holds the verdict, its measures, and the checksums of scene, robot and motions; `scene.json` is the
+scene itself, so that the folder can be judged anew and played without other files.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ AGAIN = "solve the scene again"
 
 @dataclass(frozen=True, eq=False)
 class StoredJoints:
-    """What a result folder holds of a robot.
+    """Contents of a result folder that belong to a robot.
 
     Attributes
     ----------
-    folder : where it is
+    folder : path of the result folder
     summary : the contents of robot.json
     arrays : the contents of joints.npz
-    scene : Scene of scene.json
+    scene : the scene read from scene.json
     """
 
     folder: Path
@@ -72,7 +72,7 @@ class StoredJoints:
 
     @property
     def joints(self) -> JointMotion:
-        """The joint motion."""
+        """Return the joint motion."""
         names = tuple(str(name) for name in self.arrays["joint_names"].ravel())
         return JointMotion(self.arrays["time"], names, self.arrays["position"])
 
@@ -91,12 +91,12 @@ def write_joints(
     Parameters
     ----------
     joints, verdict
-        The motion and what the judge says of it.
+        The motion, and the verdict on it.
     motion
-        Of the hands, as in `solution.npz`.
+        Motion of the hands, as in `solution.npz`.
     source
-        Where the robot's description is: the name of a bundled one or a path; unless given, what its name or the
-        scene says.
+        The robot's description: the name of a bundled one or a path; found by the robot's name or from the scene
+        unless given.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def _joint_arrays(joints: JointMotion) -> dict[str, NDArray]:
 
 
 def _source(robot: Robot, scene: Scene, source: str | Path | None) -> str | None:
-    """The name of a bundled description, or else its absolute path; None where nobody knows."""
+    """Return the name of a bundled description, or else its absolute path; None where it is unknown."""
     named = source if source is not None else robot.name
     if str(named) in bundled_robots():
         return str(named)
@@ -149,12 +149,12 @@ def _source(robot: Robot, scene: Scene, source: str | Path | None) -> str | None
 
 
 def read_joints(folder: str | Path) -> StoredJoints:
-    """Read what a result folder holds of a robot.
+    """Read the files of a robot's joint motion in a result folder.
 
     Raises
     ------
     ResultError
-        If it is missing, incomplete or unreadable.
+        If a file is missing, incomplete or unreadable.
     """
     folder = Path(folder)
     return steadily(folder, lambda: _read(require_folder(folder, "comove robot solve")))
@@ -170,12 +170,12 @@ def _read(folder: Path) -> StoredJoints:
 
 
 def require_whole_joints(stored: StoredJoints) -> StoredJoints:
-    """Return what may be shown: nothing in it was changed that checksums cover, and all of it has its type.
+    """Return `stored` if it may be shown: its checksums fit, and all entries have their types.
 
     Raises
     ------
     ResultError
-        If a checksum does not fit, or an entry is of another type; names it.
+        If a checksum does not fit, or an entry is of another type; the message names it.
     """
     file = stored.folder / SUMMARY
     if stored.summary.get("joints_sha256") != checksum(stored.arrays):
@@ -227,17 +227,17 @@ def verify_stored(
 ) -> JointVerdict:
     """Judge a stored joint motion anew.
 
-    What the judge assumes comes from the scene, the robot's description and the caller, never from what `robot.json`
-    says of it: that must agree.
+    The judge's assumptions come from the scene, the robot's description and the caller, never from `robot.json`,
+    which must agree with them.
 
     Parameters
     ----------
     robot
-        Unless given, the one that `robot.json` names.
+        The robot; the one that `robot.json` names unless given.
     scene
-        On which it is judged; `scene.json` unless given.
+        Scene on which the motion is judged; `scene.json` unless given.
     uncertainty
-        Of the bases; the description's unless given.
+        Tolerances of the places of the bases; the description's unless given.
     mass_shares
         Parts of the load's mass that its holders carry; equal unless given.
 
@@ -300,7 +300,7 @@ def _robot(stored: StoredJoints) -> Robot:
 def _other_assumptions(
     summary: Mapping[str, Any], uncertainty: Uncertainty, mass_shares: Sequence[float] | None
 ) -> list[str]:
-    """What the summary says was assumed, and the judge does not assume, in words."""
+    """List the assumptions in the summary that differ from the judge's, in words."""
     assumed = {
         "uncertainty": (uncertainty.model_dump(), "the robot's description says"),
         "mass_shares": (None if mass_shares is None else [float(x) for x in mass_shares], "it is judged by"),
@@ -313,7 +313,7 @@ def _other_assumptions(
 
 
 def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot) -> list[str]:
-    """Which checksums do not fit, in words."""
+    """List the checksums that do not fit, in words."""
     summary = stored.summary
     expected = {
         "summary_sha256": (
@@ -341,7 +341,7 @@ def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot
 
 
 def _misshapen(arrays: Mapping[str, NDArray]) -> list[str]:
-    """Which arrays cannot be samples of joints."""
+    """List the arrays whose type or shape does not fit samples of joints, in words."""
     shape, flaws = arrays["position"].shape, []
     for name, array in arrays.items():
         kind, right = ("U", shape[1:]) if name == "joint_names" else ("f", shape)
@@ -354,7 +354,8 @@ def _misshapen(arrays: Mapping[str, NDArray]) -> list[str]:
 
 
 def _edited_samples(joints: JointMotion, arrays: Mapping[str, NDArray]) -> list[str]:
-    """Which samples do not go with the others, in words: the first array of each joint, where it is furthest off.
+    """List the samples that do not fit the others, in words: for each joint, the first array, at its largest
+    deviation.
 
     On a cubic of duration h, v1 - v0 = h/2 (a0 + a1) and q1 - q0 = h/2 (v0 + v1) + h^2/12 (a0 - a1). Where only the
     latter is broken, a position was changed: the one that two such cubics share.
@@ -378,7 +379,7 @@ def _edited_samples(joints: JointMotion, arrays: Mapping[str, NDArray]) -> list[
 
 
 def _shared(broken: NDArray[np.int64], n_intervals: int) -> int:
-    """The sample that broken intervals have in common."""
+    """Return the sample that broken intervals have in common."""
     if len(broken) > 1:
         return int(broken[0]) + 1
     return n_intervals if broken[0] == n_intervals - 1 else int(broken[0])
@@ -395,7 +396,7 @@ def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) ->
 
 
 def _edited_entries(stored: StoredJoints, robot: Robot) -> list[str]:
-    """What else the summary tells wrongly."""
+    """List the other wrong entries of the summary, in words."""
     reasons = []
     if stored.summary.get("robot") != robot.name:
         told = shortened(repr(stored.summary.get("robot")))
@@ -408,7 +409,7 @@ def _edited_entries(stored: StoredJoints, robot: Robot) -> list[str]:
 
 
 def _edited_measures(summary: Mapping[str, Any], report: JointReport) -> list[str]:
-    """Which measures of the summary are not those of the motion."""
+    """List the measures of the summary that differ from those of the motion, in words."""
     reasons = []
     for name, right in _finite(report.asdict()).items():
         stated = summary.get(name)
@@ -423,13 +424,13 @@ def _edited_measures(summary: Mapping[str, Any], report: JointReport) -> list[st
 
 
 def _summary_checksum(summary: Mapping[str, Any]) -> str:
-    """SHA-256 of all entries but the checksum itself."""
+    """Compute the SHA-256 of all entries but the checksum itself."""
     entries = {key: value for key, value in summary.items() if key != "summary_sha256"}
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def _finite(measures: Mapping[str, float]) -> dict[str, float | None]:
-    """Measures as JSON has them: nothing to hit, and what was not come to, are null."""
+    """Return measures as JSON has them: infinite clearances, and measures that were not computed, become null."""
     return {name: value if math.isfinite(value) else None for name, value in measures.items()}
 
 

@@ -1,7 +1,8 @@
-"""Ways of all joints through free space: straight, one arm after the other, or by RRT-Connect and shortcuts.
+"""Paths of all joints through free space: straight, one arm after the other, or by RRT-Connect and shortcuts.
 
-Joint space is measured in metres: by how far a joint can move any part of the robot against any other. On a straight
-way no distance then changes by more than half the length between two configurations that were looked at.
+Joint space is measured in metres: the length of a joint's motion is the largest change of distance between two bodies
+that it can cause. So, on a straight path, no distance changes between two checked configurations by more than half
+the length between them.
 
 Kuffner and LaValle, RRT-Connect: an efficient approach to single-query path planning, 2000.
 """
@@ -31,13 +32,13 @@ SPREAD = 0.5  # rad, of these
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where a robot can be: links clear of the scene, the load and each other.
+    """Free space of a robot, in which links keep clear of the scene, the load and each other.
 
     Attributes
     ----------
-    bodies : and what their pairs have to keep; a load stands where it was put
-    arms : the columns of each arm's joints
-    spare : kept beyond what is required [m]
+    bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
+    arms : columns of each arm's joints
+    spare : clearance kept beyond the required one [m]
     """
 
     bodies: Bodies
@@ -46,7 +47,9 @@ class Room:
 
     @cached_property
     def _placed(self) -> tuple[Any, Any, NDArray[np.int64]]:
-        """Geometry of the exact pairs alone, its data with what each has to keep, and the pairs' numbers."""
+        """Return the geometry of the exact pairs alone, its data with the clearance of each, and the pairs'
+        numbers.
+        """
         bodies, geometry = self.bodies, self.bodies.geometry.copy()
         exact = np.flatnonzero(bodies.exact == np.arange(len(bodies.exact)))
         pairs = [geometry.collisionPairs[int(k)] for k in exact]
@@ -62,7 +65,7 @@ class Room:
 
     @cached_property
     def lever(self) -> Array:
-        """By how much a joint changes a distance at most; array, shape (n_joints,) [m/rad]."""
+        """Return the largest change of a distance per unit of each joint; array, shape (n_joints,) [m/rad]."""
         return self.bodies.reach[:, :-1].max(axis=0)
 
     @cached_property
@@ -70,12 +73,12 @@ class Room:
         return self.bodies.robot.model.createData()
 
     def is_free(self, q: Array) -> bool:
-        """Whether everything keeps its distance at joint positions q."""
+        """Return whether all pairs keep their clearance at joint positions q."""
         geometry, data, _ = self._placed
         return not pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, True)
 
     def contact(self, q: Array) -> str:
-        """What is too near at q, for people; empty where nothing is."""
+        """Return the names of two bodies that are too near at q; empty where there are none."""
         geometry, data, exact = self._placed
         pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, False)
         for number, result in zip(exact, data.collisionResults, strict=True):
@@ -84,11 +87,11 @@ class Room:
         return ""
 
     def length(self, first: Array, second: Array) -> float:
-        """By how much any distance can change on the straight way between two configurations [m]."""
+        """Return the largest change of any distance on the straight path between two configurations [m]."""
         return float(np.abs(second - first) @ self.lever)
 
     def is_free_between(self, first: Array, second: Array) -> bool:
-        """Whether everything keeps its distance, less the spare, straight between two free configurations."""
+        """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
         count = int(np.ceil(self.length(first, second) / (2.0 * self.spare)))
         shares = np.arange(1, count) / max(count, 1)
         coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares
@@ -96,7 +99,7 @@ class Room:
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
-    """Configurations from start to goal, straight ways between which are free; None where none were found.
+    """Search configurations from start to goal with free straight paths between them; None where none were found.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
 
 
 def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
-    """Straight, and one arm after the other."""
+    """Yield the straight path, and the paths that move one arm after the other."""
     yield np.stack([start, goal])
     for columns in room.arms if len(room.arms) > 1 else ():
         between = start.copy()
@@ -123,7 +126,7 @@ def _is_free_along(room: Room, path: Array) -> bool:
 
 
 class _Tree:
-    """Configurations and which each was reached from."""
+    """A search tree: configurations, and the parent of each."""
 
     def __init__(self, root: Array):
         self.nodes, self.parents = [root], [-1]
@@ -137,7 +140,7 @@ class _Tree:
         return len(self.nodes) - 1
 
     def branch(self, node: int) -> list[Array]:
-        """From the root to a node."""
+        """Return the configurations from the root to a node."""
         path = []
         while node >= 0:
             path.append(self.nodes[node])
@@ -162,7 +165,9 @@ def _rrt_connect(room: Room, start: Array, goal: Array, rng: np.random.Generator
 
 
 def _extend(room: Room, tree: _Tree, target: Array) -> int | None:
-    """A step from the nearest node towards the target; the node's number, None where something is in the way."""
+    """Add a step from the nearest node towards the target; returns the new node's number, None where the step is not
+    free.
+    """
     near = tree.nearest(target, room.lever)
     q, away = tree.nodes[near], room.length(tree.nodes[near], target)
     if away == 0.0:
@@ -182,7 +187,7 @@ def _random(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> 
 
 
 def _shortened(room: Room, path: Array, rng: np.random.Generator) -> Array:
-    """The path with straight ways between points drawn from it, where these are free."""
+    """Shorten the path by straight pieces between random points on it, where these are free."""
     for _ in range(SHORTCUTS):
         if len(path) < 3:
             break
@@ -199,7 +204,7 @@ def _point(path: Array, mark: float) -> tuple[int, Array]:
 
 
 def _corners(path: Array) -> list[int]:
-    """Ends and configurations at which the path turns."""
+    """Return the indices of both ends and of the configurations at which the path turns."""
     kept = [0]
     for k in range(1, len(path) - 1):
         before, after = path[k] - path[kept[-1]], path[k + 1] - path[k]
@@ -211,7 +216,7 @@ def _corners(path: Array) -> list[int]:
 
 
 def _bits(number: int) -> float:
-    """The van der Corput sequence: what is far from all before comes first."""
+    """Return a term of the van der Corput sequence; sorted by it, numbers far from all earlier ones come first."""
     value, share = 0.0, 0.5
     while number:
         value, share, number = value + share * (number & 1), 0.5 * share, number >> 1

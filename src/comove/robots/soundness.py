@@ -1,4 +1,4 @@
-"""What a URDF must be beyond what Pinocchio asks: names, numbers and a tree that mean something."""
+"""Checks of a URDF beyond those of Pinocchio: names, numbers and the tree of links must be sound."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effor
 MAX_NAME = 200  # characters
 MAX_CHAIN = 1000  # joints one after the other: Pinocchio goes down by recursion
 MAX_JOINTS, MAX_BODIES = 1000, 1000  # that move; shapes, every two of which are compared
-FARTHEST = 1000.0  # m, of a frame from the one it stands in
+FARTHEST = 1000.0  # m, of a frame from its parent frame
 HEAVIEST = 1e6  # kg, and kg m^2
 ROUNDING, LEAST = (
     1e-6,
@@ -31,17 +31,17 @@ TAKEN = "universe"  # Pinocchio's own frame
 
 
 def require_sound(tree: ET.Element, prefix: str, path: Path) -> None:
-    """Refuse a model that means nothing, or is too large to be worked with.
+    """Refuse a model that is meaningless or too large.
 
     Parameters
     ----------
-    prefix : that its names will have
-    path : of its file, for messages
+    prefix : prefix of its names
+    path : path of its file, for messages
 
     Raises
     ------
     RobotError
-        It says which link or joint, and the way out.
+        If the model is refused; the message names the link or joint, and the way out.
     """
     try:
         joints = tree.findall("./joint")
@@ -103,7 +103,7 @@ def _check_axis(joint: ET.Element, name: str) -> None:
 
 
 def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
-    """Each goes along, in the end, with one that goes along with none."""
+    """Refuse joints that mimic each other in a circle."""
     follows = {joint.get("name"): mimic.get("joint") for joint in joints for mimic in joint.findall("mimic")}
     for name, other in follows.items():
         met = {name}
@@ -127,7 +127,7 @@ def _check_link(link: ET.Element, told: str) -> None:
 
 
 def _check_place(element: ET.Element, told: str) -> None:
-    """Frames are where robots reach."""
+    """Refuse origins that are too far away, or turned by impossible angles."""
     origin = element.find("origin")
     for text in "" if origin is None else origin.get("xyz", "").split():
         if abs(number(text) or 0.0) > FARTHEST:
@@ -140,7 +140,7 @@ def _check_place(element: ET.Element, told: str) -> None:
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
-    """A mass is what a robot has, and so are moments of inertia."""
+    """Refuse masses and moments of inertia of impossible size."""
     mass = inertial.find("mass")
     kilograms = None if mass is None else number(mass.get("value", ""))
     if kilograms is not None and not 0 <= kilograms < HEAVIEST:
@@ -153,7 +153,9 @@ def _check_inertia(inertial: ET.Element, told: str) -> None:
 
 
 def _moments(inertial: ET.Element) -> NDArray[np.float64] | None:
-    """The principal moments of inertia [kg m^2], the least first; None where they are no numbers: Pinocchio tells."""
+    """Compute the principal moments of inertia [kg m^2], the least first; None where entries are not numbers, which
+    Pinocchio reports.
+    """
     inertia = inertial.find("inertia")
     if inertia is None:
         return None
@@ -170,7 +172,7 @@ def _listed(moments: NDArray[np.float64]) -> str:
 
 
 def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
-    """What no robot has and known ones are written with."""
+    """Yield warnings of values that no real robot has but published models contain."""
     for link in tree.findall("./link"):
         for inertial in link.findall("inertial"):
             moments = _moments(inertial)
@@ -182,7 +184,7 @@ def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
 
 
 def _check_shape(shape: ET.Element) -> None:
-    """Sizes are positive numbers; a mesh may be mirrored."""
+    """Refuse sizes that are not positive; a mesh may be mirrored."""
     for key in ("size", "radius", "length", "scale"):
         values = [number(text) for text in shape.get(key, "").split()]
         if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
@@ -203,7 +205,7 @@ def _check_sizes(tree: ET.Element) -> None:
 
 
 def _check_tree(tree: ET.Element) -> None:
-    """Every link hangs on one joint, in a tree that is not too deep; Pinocchio tells of links that are not there."""
+    """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
     below: dict[str, list[str]] = {link.get("name", ""): [] for link in tree.findall("./link")}
     hangs: dict[str, str] = {}
     for joint in tree.findall("./joint"):
@@ -238,7 +240,7 @@ def _levels(links: list[str], below: dict[str, list[str]]) -> Iterator[list[str]
 
 
 def number(text: str) -> float | None:
-    """A finite number, None where the text is none."""
+    """Return the finite number that a text holds, or None."""
     try:
         value = float(text)
     except ValueError:
@@ -247,5 +249,5 @@ def number(text: str) -> float | None:
 
 
 def short(text: str) -> str:
-    """A text as a message may show it."""
+    """Shorten a text for a message."""
     return text if len(text) <= 100 else f"{text[:97]}..."

@@ -1,14 +1,15 @@
-"""How fast a joint path can be gone: the shortest durations that keep velocity, acceleration and torque limits.
+"""Time scaling of joint paths: the shortest durations that keep velocity, acceleration and torque limits.
 
-`shortest_duration` changes the pace throughout, by one factor: hands and load keep their law of motion, so that the
-motion of the hands on a scene of that duration is carried out by it. `fastest_timing` is free to choose the pace at
-every place (TOPP-RA; Pham and Pham, 2018): a lower bound for what the path allows, and a motion of the robot alone.
+`shortest_duration` scales the pace of the whole motion by one factor: hands and load keep their law of motion, so the
+result carries out the motion of the hands on a scene of the new duration. `fastest_timing` chooses the pace at every
+place (TOPP-RA; Pham and Pham, 2018): its duration is a lower bound for the path, and its motion is one of the robot
+alone.
 
-At another pace, T/T' = r times as fast, velocities are r, accelerations r^2 times as large, and a torque is
+At r = T/T' times the pace, velocities are r times and accelerations r^2 times as large, and a torque is
 
-    tau(r) = s + r^2 d
+    tau(r) = s + r^2 d,
 
-with s what holds the weight and d what moves the masses: both are computed once.
+where s holds the weight and d accelerates the masses: both are computed once.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 
 GRID = 1000  # points of the path; with fewer than 500, TOPP-RA exceeds acceleration limits
 RATE = 200.0  # Hz, of the samples of a new timing
-STILL = 1e-12  # share of a limit that a robot uses which does not move
+STILL = 1e-12  # share of a velocity limit, below which a robot counts as standing still
 PATIENCE = 1e-4  # by which a motion is stretched at a time until its torques keep their limits
 TRIES = 100
 HALVINGS = 50
@@ -47,8 +48,8 @@ class Timing:
 
     Attributes
     ----------
-    joints : JointMotion
-    limit : what forbids to be faster, in words
+    joints : the joint motion
+    limit : the limit that prevents a faster motion, in words
     """
 
     joints: JointMotion
@@ -56,7 +57,7 @@ class Timing:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Return the duration [s]."""
         return self.joints.duration
 
 
@@ -68,9 +69,9 @@ def shortest_duration(
     Parameters
     ----------
     carried
-        Masses at the grasps by arm [kg]; nothing unless given.
+        Masses at the grasps, by arm [kg]; none unless given.
     share
-        Of velocity, acceleration and effort limits that may be used.
+        Share of velocity, acceleration and effort limits that may be used.
 
     Raises
     ------
@@ -110,17 +111,17 @@ def fastest_timing(
     share: float = 1.0,
     grid_points: int = GRID,
 ) -> Timing:
-    """Go the same path as fast as limits allow at every place.
+    """Compute the fastest motion along the same path that keeps the limits at every place.
 
-    The optimal law switches between accelerations, which a smooth curve cannot: limits are drawn in where the cubic
-    spline through the samples exceeds them, and what is left is stretched away.
+    The acceleration of the optimal law jumps, that of a smooth curve cannot: where the cubic spline through the
+    samples exceeds limits, these are tightened, and what still exceeds them is removed by stretching the motion.
 
     Parameters
     ----------
     carried, share
         As for `shortest_duration`.
     grid_points
-        Of the path.
+        Number of grid points of the path.
 
     Raises
     ------
@@ -154,7 +155,7 @@ def fastest_timing(
 
 
 def _optimal(robot: Robot, joints: JointMotion, masses: Array, shares: Array, grid_points: int) -> Any:
-    """TOPP-RA's trajectory within shares of velocity, acceleration and effort limits."""
+    """Compute TOPP-RA's trajectory within shares of velocity, acceleration and effort limits."""
     try:
         import toppra
         from toppra import algorithm, constraint
@@ -188,12 +189,12 @@ def _optimal(robot: Robot, joints: JointMotion, masses: Array, shares: Array, gr
 
 
 def _by_length(joints: JointMotion, count: int) -> tuple[Array, Array]:
-    """The path by the length that joints have gone, which has no singular ends where motions begin gently.
+    """Sample the path by the length that joints have gone, in which gentle starts and ends are not singular.
 
     Returns
     -------
-    length : array, shape (count + 1,), nearly even
-    position : array, shape (count + 1, n_joints)
+    length : array, shape (count + 1,), path length, nearly evenly spaced
+    position : array, shape (count + 1, n_joints), joint positions
     """
     time, _ = subdivided(joints.time, np.full(len(joints.time) - 1, 4))
     speed = np.linalg.norm(joints.curve(time, 1), axis=1)
@@ -206,7 +207,7 @@ def _by_length(joints: JointMotion, count: int) -> tuple[Array, Array]:
 def _pace_of_torques(
     robot: Robot, joints: JointMotion, masses: Array, share: float
 ) -> tuple[float, str, Extreme]:
-    """How many times as fast motors can go: all squares of paces from 0 to the largest are possible."""
+    """Compute the largest factor of the pace that the motors allow; all squares from 0 to its square are possible."""
     time, model = sampling(joints.time), loaded_model(robot, robot.arms, masses)
     position, velocity, acceleration = joints.at(time)
     still = np.zeros_like(position)
@@ -235,7 +236,7 @@ def _too_weak(robot: Robot, weight: Extreme, share: float) -> RobotError:
 
 
 def _shares(robot: Robot, joints: JointMotion, masses: Array) -> Array:
-    """Largest shares of velocity, acceleration and effort limits; array, shape (3,)."""
+    """Compute the largest shares of velocity, acceleration and effort limits; array, shape (3,)."""
     curve = joints.curve
     return np.array(
         [
@@ -247,7 +248,7 @@ def _shares(robot: Robot, joints: JointMotion, masses: Array) -> Array:
 
 
 def _masses(robot: Robot, carried: Mapping[str, float] | None) -> Array:
-    """What each arm carries; array, shape (n_arms,) [kg]."""
+    """Return the mass that each arm carries; array, shape (n_arms,) [kg]."""
     masses = np.zeros(len(robot.arms))
     for name, mass in (carried or {}).items():
         if not 0 <= mass < np.inf:

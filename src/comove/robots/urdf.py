@@ -1,8 +1,9 @@
-"""A URDF before Pinocchio takes it: found, looked at, completed by the description's limits, its names prefixed.
+"""Reader of URDF models: finds, checks and prepares a model before Pinocchio builds it.
 
-Pinocchio's reader leaves out what it does not understand, such as a body's shape, and says so on stderr at most; here
-that is an error (`comove.robots.soundness`). Meshes of bodies are read here, since its reader of meshes guesses, or
-breaks down, where a file is damaged: Pinocchio gets triangles that were looked at.
+The description's limits and the prefix are written into the model. Pinocchio's reader skips what it does not
+understand, such as a body's shape, and at most prints a message on stderr; here that is an error
+(`comove.robots.soundness`). Collision meshes are read here, since Pinocchio's reader of meshes guesses or crashes on
+damaged files: Pinocchio gets checked triangles.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ MAX_BYTES = 20_000_000
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that goes along with another one: `multiplier` times its value, plus `offset` [rad or m]."""
+    """A joint that follows another one: `multiplier` times its value, plus `offset` [rad or m]."""
 
     joint: str
     multiplier: float
@@ -40,16 +41,16 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Source:
-    """A model as it was read.
+    """A model as it was read from its files.
 
     Attributes
     ----------
-    urdf : its text, with the description's limits and prefix
-    base : where it stands
-    file : the URDF
+    urdf : text of the URDF, with the description's limits and prefix
+    base : pose of its base in the scene
+    file : path of the URDF
     srdf : text of the SRDF with the prefix, None where there is none
-    mimics : joints that go along with others, by name
-    meshes : what the bodies' meshes hold, as binary STL, by the name that the URDF has for it
+    mimics : joints that follow others, by name
+    meshes : collision meshes as binary STL, by their names in the URDF
     """
 
     urdf: str
@@ -61,7 +62,7 @@ class Source:
 
 
 def package_folders(file: Path) -> list[str]:
-    """Where packages may be: beside the file, in ROS's path, in installed data."""
+    """Return the folders in which packages may be: beside the file, in ROS's path, in installed data."""
     folders = [str(file.parent)]
     folders += [part for part in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if part]
     try:
@@ -72,10 +73,10 @@ def package_folders(file: Path) -> list[str]:
 
 
 def resolve(uri: str, file: Path) -> Path:
-    """The path that a URI in a description or a model means.
+    """Find the file that a URI in a description or a model refers to.
 
-    ``package://NAME/`` is the package that the file itself is in, or one in a folder of packages; what it names stays
-    inside the package.
+    ``package://NAME/`` is the package that contains the file itself, or one in a folder of packages; the path must
+    stay inside the package.
 
     Raises
     ------
@@ -106,13 +107,13 @@ def resolve(uri: str, file: Path) -> Path:
 
 
 def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Path, digest: Any) -> Source:
-    """Read a model and what belongs to it.
+    """Read a model, its SRDF and its collision meshes.
 
     Parameters
     ----------
-    limits : of the description, by joint
-    file : the description
-    digest : of hashlib; takes in all that was read
+    limits : limits of the description, by joint
+    file : path of the description
+    digest : hash object of hashlib, updated with everything that was read
 
     Raises
     ------
@@ -147,7 +148,7 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:
-    """The model with nothing in it but what Pinocchio needs; the meshes of its bodies are written into a folder."""
+    """Return the URDF reduced to what Pinocchio needs, and write the meshes of its bodies into a folder."""
     tree = ET.fromstring(source.urdf)
     for part in [part for part in tree if part.tag not in ("link", "joint")]:
         tree.remove(part)
@@ -166,7 +167,7 @@ def for_pinocchio(source: Source, folder: Path) -> str:
 
 @contextmanager
 def errors_of_reader() -> Iterator[list[str]]:
-    """Collect the errors that Pinocchio's reader, which is no Python, prints on the process's stderr."""
+    """Collect the errors that Pinocchio's reader, which is written in C++, prints on the process's stderr."""
     errors: list[str] = []
     if sys.stderr is not None:
         sys.stderr.flush()
@@ -193,7 +194,7 @@ def _tree(path: Path) -> ET.Element:
 
 
 def _bytes_of(path: Path, limit: int) -> bytes:
-    """What is in a file, at most so much."""
+    """Read a file of at most `limit` bytes."""
     try:
         with open(path, "rb") as file:
             data = file.read(limit + 1)
@@ -207,7 +208,7 @@ def _bytes_of(path: Path, limit: int) -> bytes:
 
 
 def _stl(data: bytes, path: Path) -> bytes:
-    """The triangles of a mesh."""
+    """Convert a mesh to binary STL."""
     try:
         return as_stl(*triangles_of(data, path.suffix.lower()))
     except MeshError as error:
@@ -254,7 +255,7 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
 
 
 def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:
-    """The file of a mesh whose format can be read."""
+    """Return the file of a mesh whose format can be read."""
     named = mesh.get("filename", "")
     if Path(named).suffix.lower() not in FORMATS:
         raise RobotError(
@@ -266,7 +267,7 @@ def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:
 
 
 def _found(named: str, path: Path, file: Path) -> Path:
-    """What a URDF at `path` names; packages may be where the description `file` is, too."""
+    """Find the file that a URDF at `path` names; packages may also be beside the description `file`."""
     try:
         return resolve(named, path)
     except RobotError:

@@ -39,8 +39,9 @@ class DistanceConstraint:
 
 @dataclass(frozen=True)
 class RelativePoseConstraint:
-    """A constraint that makes two hands parts of one rigid body; start and goal may miss their distance by
-    `tolerance` [m].
+    """A constraint that makes two hands parts of one rigid body.
+
+    Start and goal may miss the hands' distance by `tolerance` [m].
 
     A `DistanceConstraint` of the same hands states how far they are apart.
     """
@@ -67,7 +68,7 @@ class SeparationConstraint:
 
 @dataclass(frozen=True)
 class UprightConstraint:
-    """A constraint that keeps the inclination of lines between `members`, the load's holders, within `tolerance`
+    """A constraint that keeps the inclination of lines between the load's holders, `members`, within `tolerance`
     [rad].
     """
 

@@ -32,31 +32,31 @@ Array = NDArray[np.float64]
 
 SHARE = 0.03  # of the longest side, the resolution where none is given
 SHEET = 2e-4  # of a mesh's longest side, how thick a sheet is taken to be
-N_CELLS = 8  # along the longest side, of what is not convex
+N_CELLS = 8  # along the longest side, of parts not convex
 N_NODES, MOST_NODES = 64, 200_000  # of the grid of known distances: along the longest side, and in all
 BEND, SMALLEST = 0.3, 0.5  # of the resolution: how far from convex pieces may be, and how small they are cut
 CONVEX = 1e-9  # of its size, by which a solid may miss being convex
 FOR_GROUPS = 0.75  # of the resolution; the rest is for coarser hulls
 STRICTNESS = (1.0, 0.6, 0.3, 0.1)  # of this, tried in turn until a group's hull is near enough to the mesh
 N_SEEDS, N_ORDERS, N_TRIED = 24, 3, 6
-MOST_PIECES = 1000  # that are not put together; where there are more they are made coarser
+MOST_PIECES = 1000  # that are not combined; beyond it the resolution is coarser
 MOST_WORK, LITTLE_WORK = (
     1500,
     300,
-)  # pieces of a mesh that are put together to few, and where little is asked for
+)  # largest numbers of pieces that are combined: with `few`, and without
 MOST_HULLS = 60  # of one part; where more would come of it its pieces stay as they are
-MOST_PARTS = 100  # that are taken to pieces one by one
+MOST_PARTS = 100  # that are cut one by one
 COARSER = 1.5  # than before, the resolution of the next try
 MOST_SAMPLES = 16  # along a line
 N_SEEN = 8  # points of a piece that see
 PLANE_AREA, N_PLANES = (
     1e-4,
     12,
-)  # of the surface, from which on what lies in one plane is worth a cut; most an axis
+)  # least share of the surface in one plane for a cut there; cuts per axis
 FINEST = 0.5  # of the resolution, below which overhangs are not told apart
 FLAT = 1e-12  # of the square of its size: a triangle of less has no plane
-HELD = 1e-9  # of a mesh's size, by which a triangle may be outside what holds it
-MOST_CORNERS, MOST_OPEN = 64, 192  # of what is left of a triangle, and pieces of it to look at
+HELD = 1e-9  # of a mesh's size, by which a triangle may be outside its polytopes
+MOST_CORNERS, MOST_OPEN = 64, 192  # corners of a remaining polygon; pending polygons
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True)
     for part, thickness in [(p, 0.0) for p in parts.solids] + [(p, SHEET * size) for p in parts.sheets]:
         corners = parts.vertices[part]
         if _area(corners).max() <= FLAT * size**2:
-            continue  # lines: what is left out below
+            continue  # only lines: `left_out` covers them below
         hull = _hull(corners, resolution, thickness)
         groups = None if hull else _Groups(corners, resolution, thickness)
         if hull is None and groups.n <= (work if few or not thickness else 0):
@@ -109,8 +109,9 @@ def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True)
 
 
 def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Polytope], float] | None:
-    """Return the hull of a part and its overhang [m], where the part is convex or no larger than the resolution; else
-    None.
+    """Return the hull of a part and its overhang [m].
+
+    It is None unless the part is convex or no larger than the resolution.
     """
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = float(np.ptp(points, axis=0).max())
@@ -135,7 +136,7 @@ def _singles(
     parts : list of pairs: triangles, array of shape (n, 3, 3) [m], and the thickness of a sheet, 0 for a solid [m]
     thickness : thickness of the sheet that all parts are merged to where they are too many [m]
     """
-    if len(parts) > MOST_PARTS:  # as one sheet: what is inside is of no account where nothing gets in
+    if len(parts) > MOST_PARTS:  # as one sheet: the inside does not matter, as nothing gets in
         parts = [(np.concatenate([corners for corners, _ in parts]), thickness)]
     n_planes = N_PLANES
     while True:
@@ -151,7 +152,7 @@ def _singles(
 
 
 def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
-    """Return what is left of triangles outside all polytopes, as polygons, arrays of shape (n, 3) [m].
+    """Return the parts of triangles that are outside all polytopes, as polygons, arrays of shape (n, 3) [m].
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def _thin(points: Array, thickness: float) -> Polytope:
 
 
 def _thickened(points: Array, thickness: float) -> Array:
-    """Return, for every point, its neighbours half the thickness away along the axes; array, shape (6 n, 3) [m]."""
+    """Return the neighbours of every point, half the thickness away along the axes; array, shape (6 n, 3) [m]."""
     steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
     return (points[:, None] + steps).reshape(-1, 3)
 
@@ -227,9 +228,7 @@ class _Groups:
             self.points, self.first = _thickened(self.points, thickness), 6 * self.first
 
     def _planes(self, axis: int, n_planes: int) -> Array:
-        """Return the positions at which the part is cut across an axis: at its largest flat sides, and evenly in
-        between.
-        """
+        """Return the positions of cuts across an axis: at the part's largest flat sides, and evenly in between."""
         normals = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         area = np.linalg.norm(normals, axis=1)
         across = np.abs(normals[:, axis]) > (1 - 1e-9) * np.maximum(area, 1e-300)
@@ -252,8 +251,9 @@ class _Groups:
         return np.sort(np.concatenate([places, *even]))
 
     def cover(self) -> tuple[list[Polytope], float] | None:
-        """Return hulls that contain all pieces, in the given frame, and their overhang [m]; None where the hulls are
-        too many.
+        """Return hulls that contain all pieces, in the given frame, and their overhang [m].
+
+        It is None where the hulls are too many.
         """
         self.distance = Distance(self.corners, self.solid, self.resolution)
         apart = self._apart()
@@ -266,7 +266,7 @@ class _Groups:
             left &= ~held
             if len(chosen) > MOST_HULLS:
                 return None
-        for k in reversed(range(len(chosen))):  # what the others hold as well is not needed
+        for k in reversed(range(len(chosen))):  # remove hulls whose pieces others contain
             others = [held for i, (_, held) in enumerate(chosen) if i != k]
             if others and np.any(others, axis=0).all():
                 del chosen[k]
@@ -342,13 +342,13 @@ class _Groups:
                     best = hull, held
             if best is not None:
                 return best
-        piece = int(seeds[0])  # what is not convex by less than a piece's bend
+        piece = int(seeds[0])  # a single piece is nearly convex
         hull = hull_of(self._points_of(piece))
         return hull, self._held(hull) | (np.arange(self.n) == piece)
 
     def _is_near(self, hull: Polytope) -> bool:
         """Return whether no point of a hull is farther from the mesh than a group's hull may be."""
-        if self.thickness:  # no node of the grid need be in what is thin
+        if self.thickness:  # a thin hull may contain no grid node
             return self.distance.farthest(hull, FINEST * self.near) <= self.near
         return self.distance.is_near(hull, self.near)
 
@@ -369,8 +369,7 @@ class _Groups:
 
 
 def frame_of(corners: Array) -> Array:
-    """Return the axes of a frame along the normals of the largest flat side and of the largest one across it, as
-    rows.
+    """Return a frame along the normals of the largest flat side and of the largest one across it.
 
     Returns
     -------
@@ -423,7 +422,7 @@ class Distance:
         inside = are_inside(solid, nodes)
         there = inside.copy()
         there[np.ravel_multi_index(np.round((samples - self.origin) / self.step).astype(int).T, count)] = True
-        # About: what is far away is only known to be.
+        # Approximate: exact distances are computed near the solid only.
         field = self.step * distance_transform_edt(~there.reshape(count)).ravel()
         field[inside] = 0.0
         near = ~inside & (field < resolution + 3 * self.step)
@@ -450,8 +449,7 @@ class Distance:
         return not bool(_behind(far, hull.planes, -1e-6 * self.step).any())
 
     def farthest(self, hull: Polytope, enough: float) -> float:
-        """Return an upper bound of the distance of a hull's points from the solid [m]; `enough` where it is less than
-        that.
+        """Return an upper bound of the distance of a hull's points from the solid [m], or `enough` if that is larger.
         """
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         nodes = self._nodes[self._field > enough]
@@ -468,7 +466,7 @@ class Distance:
             inside = _behind(middles, hull.planes, 0.0)
             most = max(most, float(away[inside].max(initial=0.0)))
             half *= 0.5
-            # What is deep inside the solid needs no second look, nor what cannot be farther than what was met.
+            # Drop boxes deep inside the solid, and boxes that cannot be farther than the largest distance found.
             deep = away == 0.0
             deep[deep] = self._tree.query(middles[deep])[0] > reach + self.step
             middles = middles[~deep & (away + reach > most)]
@@ -569,9 +567,7 @@ def _left_out(triangles, planes, first, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _is_beyond(polygon, planes, tolerance):
-    """Return whether all corners of a polygon (n, 3) are beyond one of the planes (m, 4), by `tolerance` [m] or
-    more.
-    """
+    """Return whether all corners of a polygon (n, 3) are `tolerance` [m] or more beyond one of the planes (m, 4)."""
     for plane in planes:
         least = np.inf
         for p in polygon:
@@ -583,8 +579,7 @@ def _is_beyond(polygon, planes, tolerance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _half(polygon, plane, tolerance, side, out):
-    """Write the part of a polygon beyond a plane (`side` 1) or behind it (-1) in `out`, and return its number of
-    corners.
+    """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
 
     If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
     """
@@ -641,8 +636,9 @@ def _lines(points, first, middle, field, origin, step, most):
 
 @numba.njit(cache=True, error_model="numpy")
 def _line(a, b, field, origin, step, most):
-    """Return how far the line between two points leaves the solid [m]; any larger value where it is more than
-    `most`.
+    """Return how far the line between two points leaves the solid [m].
+
+    Where it is more than `most`, any value above `most` may be returned.
     """
     dx, dy, dz = (b[0] - a[0]) / step, (b[1] - a[1]) / step, (b[2] - a[2]) / step
     x, y, z = (a[0] - origin[0]) / step, (a[1] - origin[1]) / step, (a[2] - origin[2]) / step

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
 N_PLANES, N_VERTICES, MIDDLE, BALL, PLANES = 17, 18, 19, 22, 23
 BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
-POLYTOPE = 6  # 5 is what `comove.reaction.levels` adds
+POLYTOPE = 6  # 5 is the superquadric of `comove.reaction.levels`
 TINY = 1e-12
 
 
@@ -184,7 +184,7 @@ def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     return nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance)[0]
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")  # who wants the distance alone pays for no more
+@numba.njit(cache=True, error_model="numpy", inline="always")  # unused results cost nothing
 def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Find where on the segment p-q the distance to obstacle `j` is least, as accurately as `segment_distance`.
 

@@ -68,7 +68,7 @@ class RigidGroup:
 
     @property
     def reach(self) -> float:
-        """Return the largest distance of a point of the group from the centre, or from the vertical axis of rotation
+        """Return the largest distance of the group's points from its centre or, if vertical, its axis of rotation
         [m].
         """
         points = self.points[:, :2] if self.orientation == "vertical" else self.points
@@ -112,16 +112,15 @@ def fit_angle(grasps: Array, hands: Array) -> Array:
 
 
 def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Return the unit vectors (..., 3) along which `grasps` (n, 3) on the x axis are nearest to `hands` (..., n,
-    3).
-    """
+    """Return unit vectors (..., 3) along which `grasps` (n, 3), on the x axis, are nearest to `hands` (..., n, 3)."""
     direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
 def fit_quaternion(grasps: Array, hands: Array) -> Array:
-    """Return unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3) (Horn,
-    1987).
+    """Return unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3).
+
+    The method is Horn's (1987).
     """
     s = np.einsum("ni,...nj->...ij", _about_middle(grasps), _about_middle(hands))
     cross = [s[..., 1, 2] - s[..., 2, 1], s[..., 2, 0] - s[..., 0, 2], s[..., 0, 1] - s[..., 1, 0]]
@@ -135,8 +134,9 @@ def fit_quaternion(grasps: Array, hands: Array) -> Array:
 
 
 def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
-    """Return by how much the tilts of two rotations, arrays of shape (3, 3), differ [rad]; turns about z do not
-    count.
+    """Return by how much the tilts of two rotations, arrays of shape (3, 3), differ [rad].
+
+    Rotations about z do not count.
 
     In the plane this is the angle between them; for an axis in space the difference of its inclinations.
     """
@@ -149,8 +149,8 @@ def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
 
 
 def levelling(along: Array, up: Array) -> Array:
-    """Return the smallest rotation, shape (3, 3), that makes all vectors `along` (n, 3) perpendicular to `up`, of
-    length 1.
+    """Return the smallest rotation, shape (3, 3), that makes all vectors `along` (n, 3) perpendicular to the unit
+    vector `up`.
 
     Where they would have to turn so far that `up` lies almost in their span, it is the identity.
     """
@@ -162,8 +162,9 @@ def levelling(along: Array, up: Array) -> Array:
 
 
 def standing(x: Array) -> Array:
-    """Return the rotation whose x axis is the unit vector `x`, not vertical, and whose z axis leans least; shape (3,
-    3).
+    """Return the rotation whose x axis is `x` and whose z axis leans least; array, shape (3, 3).
+
+    `x` is a unit vector that is not vertical.
     """
     z = np.array([0.0, 0.0, 1.0]) - x[2] * x
     z /= np.linalg.norm(z)

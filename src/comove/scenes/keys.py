@@ -21,8 +21,9 @@ UNTURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Wrong(ValueError):
-    """A value has the right type but breaks the rules of the file; `args` are the message and what to write
-    instead.
+    """Raised when a value has the right type but breaks the rules of the file.
+
+    `args` are the message and what to write instead.
     """
 
 
@@ -39,9 +40,7 @@ def not_huge(number: float) -> float:
 
 
 def measurable(number: float) -> float:
-    """Return a number, or raise `Wrong` where it is too small for a physical quantity such as a length, a time or a
-    mass.
-    """
+    """Return a number, or raise `Wrong` where it is too small for a length, a time or a mass."""
     if number < SMALLEST:
         raise Wrong(
             f"{show(number)} is out of range", f"write a number of at least {SMALLEST:g}, in SI units"
@@ -117,8 +116,9 @@ Name = Annotated[str, AfterValidator(_manipulator_name)]
 
 
 class Part(BaseModel):
-    """Base class of all models: frozen and strict, without unknown keys, NaN or infinity; a bool or a text is no
-    number.
+    """Base class of all models, which are frozen and strict.
+
+    Unknown keys, NaN and infinity are refused, and so are a bool or a text in the place of a number.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

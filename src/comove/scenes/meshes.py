@@ -40,8 +40,8 @@ class Mesh:
     sha256: str
 
     def cover(self, resolution: float | None, *, few: bool) -> Cover:
-        """Return convex polytopes that contain all triangles and what they close, as `comove.scenes.cover.cover_of`
-        does.
+        """Return convex polytopes that contain all triangles and what they close (see
+        `comove.scenes.cover.cover_of`).
         """
         return _cover(self, resolution, few)
 

@@ -35,9 +35,7 @@ class Flaw(NamedTuple):
 
 
 class Family(NamedTuple):
-    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the depth of the
-    place.
-    """
+    """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the place's depth."""
 
     tag: str
     models: dict[str, type[BaseModel]]
@@ -71,8 +69,9 @@ _BOUNDS = {
 
 
 def show(value: Any) -> str:
-    """Return a value as text as a scene file would hold it, shortened; characters that a terminal may act on are
-    escaped.
+    """Return a value as a scene file would hold it, shortened.
+
+    Characters that a terminal may act on are escaped.
     """
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]

@@ -95,8 +95,9 @@ Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pai
 
 
 class Workspace(Part):
-    """The box in which load and hands must stay [m]; corners of two numbers make the scene planar, of three
-    spatial.
+    """The box in which load and hands must stay [m].
+
+    Corners of two numbers make the scene planar, corners of three spatial.
     """
 
     lower: Vector
@@ -195,8 +196,9 @@ class _Load(Part):
 
 
 class BarLoad(_Load):
-    """A bar of `radius` [m] between two hands that are `length` apart [m]; it reaches `overhang` [m] beyond both
-    hands.
+    """A bar of `radius` [m] between two hands that are `length` apart [m].
+
+    It reaches `overhang` [m] beyond both hands.
     """
 
     shape: Literal["bar"]
@@ -231,8 +233,7 @@ class PolygonLoad(_Gripped):
 
 
 class BoxLoad(_Gripped):
-    """A solid box that has the full edge lengths `size` [m] and is centred on the load's frame; a rectangle in the
-    plane.
+    """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's frame.
     """
 
     shape: Literal["box"]
@@ -263,8 +264,9 @@ class Manipulator(Part):
 
 
 class LimitsPart(Part):
-    """Limits of each manipulator: `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3]; and the load's `clearance`
-    [m].
+    """Limits of each manipulator's motion, and the clearance that the load must keep.
+
+    `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3], `clearance` [m].
 
     A limit that the file leaves out does not exist, and the clearance is then 5 mm on robots, else 0. Where the file
     leaves the duration out, `solve` fills limits in.
@@ -291,8 +293,9 @@ class DistancePart(Part):
 
 
 class RelativePosePart(Part):
-    """A constraint that moves two hands as one rigid body, as they start; ends may miss their distance by `tolerance`
-    [m].
+    """A constraint that moves two hands as one rigid body, as they start.
+
+    Ends may miss the hands' distance by `tolerance` [m].
     """
 
     type: Literal["relative_pose"]
@@ -319,8 +322,9 @@ class SeparationPart(Part):
 
 
 class UprightPart(Part):
-    """A constraint that lets the load turn about the vertical only; the goal may miss the start's tilt by
-    `tolerance_deg`.
+    """A constraint that lets the load turn about the vertical only.
+
+    The goal may miss the tilt of the start by `tolerance_deg`.
     """
 
     type: Literal["upright"]
@@ -342,8 +346,9 @@ Constraint = Annotated[
 
 
 class GraspPart(Part):
-    """The orientation of the hands that hold the load: they keep their tilt, given in one of two ways, and turn with
-    it.
+    """The orientation of the hands that hold the load.
+
+    The hands keep their tilt, which is given in one of two ways, and turn with the load.
 
     `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
     the load's heading is 0.
@@ -373,9 +378,7 @@ class GraspPart(Part):
 
 
 class LeastJerkObjective(Part):
-    """An objective that asks for smooth motions near the demonstration; see
-    `comove.planning.objectives.LeastJerk`.
-    """
+    """An objective that asks for smooth motions near the demonstration (`comove.planning.objectives.LeastJerk`)."""
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -389,9 +392,7 @@ class LeastTimeObjective(Part):
 
 
 class PaperObjective(Part):
-    """The objective of equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the demonstration's
-    shape.
-    """
+    """An objective that is equation (4) of the paper: c_goal, c_vel, c_obst, and the weight of the taught shape."""
 
     type: Literal["paper"]
     goal: NotNegative = 1.0
@@ -500,9 +501,7 @@ class SceneFile(Part):
 
     @property
     def holders(self) -> tuple[str, ...]:
-        """Return the names of the hands that hold the load: `held_by`, or all where it is not given; none without a
-        load.
-        """
+        """Return the names of the hands that hold the load: `held_by`, by default all; none without a load."""
         if self.load is None:
             return ()
         return self.load.held_by or self.names

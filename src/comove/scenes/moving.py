@@ -53,7 +53,7 @@ class Motion(Part):
             raise Wrong(f"{lone} are given without {other}", "give both, or neither")
         if self.times is not None:
             self._require_order()
-        if len({len(point) for point in self.waypoints or ()}) <= 1:  # or else `checks` says what is wrong
+        if len({len(point) for point in self.waypoints or ()}) <= 1:  # else `checks` reports the error
             self._require_pace()
         return self
 
@@ -137,7 +137,7 @@ class Motion(Part):
         return float((ways / np.diff(self.times)).max(initial=0.0))
 
     def sags(self, time: ArrayLike) -> Array:
-        """Return how far the centre strays at most from its chords between the times; array, shape (n_times - 1,)
+        """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
         time = np.asarray(time, dtype=float)

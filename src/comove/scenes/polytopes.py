@@ -91,8 +91,9 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest_in_hull(vertices, points):
-    """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m]; array, shape
-    (m, 3).
+    """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m].
+
+    Array, shape (m, 3).
     """
     nearest = np.empty_like(points)
     corners, weights = np.empty((4, 3)), np.empty(4)

@@ -261,13 +261,14 @@ def _held(
     path: object,
     cover: Cover | None,
 ) -> tuple[Array, Array]:
-    """Return grasps and further points of the load in the group's frame; arrays, shapes (n_members, 3), (n_corners,
-    3).
+    """Return grasps and further points of the load in the group's frame.
+
+    Arrays, shapes (n_members, 3) and (n_corners, 3) [m].
     """
     holders = tuple(i for i in members if file.names[i] in file.holders)
     grasps, corners = _load_shape(file, holders, cover) if holders else (None, np.zeros((0, 3)))
     held = [members.index(i) for i in holders]
-    if holders and file.load.shape in ("box", "mesh") and grasps is None:  # centred between those who hold it
+    if holders and file.load.shape in ("box", "mesh") and grasps is None:  # centred between its holders
         grasps = _grasps_from_start(holders, hands[held], stated, file, path)
     if grasps is not None and holders == members:
         return grasps, corners
@@ -328,8 +329,9 @@ def _is_solid(corners: Array) -> bool:
 
 
 def _load_shape(file: SceneFile, holders: tuple[int, ...], cover: Cover | None) -> tuple[Array | None, Array]:
-    """Return grasps and corners of the load in its own frame; grasps are None where the hands' start determines
-    them.
+    """Return grasps and corners of the load in its own frame.
+
+    The grasps are None where the hands' start determines them.
     """
     load, names = file.load, file.names
     if load.shape == "bar":

@@ -188,7 +188,7 @@ class Scene:
     def scaled(self, factor: float) -> Scene:
         """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
 
-        The demonstration is left out, as it has lengths of its own.
+        The demonstration is left out, as it has lengths of its own; the settings of an objective are not changed.
         """
         data = self.file.model_dump() | {"demonstration": None}
         for manipulator, start, goal in zip(data["manipulators"], self.start, self.goal, strict=True):
@@ -272,15 +272,16 @@ class Scene:
         return ~np.isin(self.owners, self.surfaces.owner)
 
     def by_row(self, of_obstacles: Array) -> Array:
-        """Return values given by obstacle, (n_times, n_obstacles, ...), by row of the table, (n_times, n_rows,
+        """Return values by row of the table, (n_times, n_rows, ...), from values by obstacle, (n_times, n_obstacles,
         ...).
         """
         several = len(self.owners) > len(self.first_rows)
         return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
 
     def offsets(self, time: Array) -> Array:
-        """Return the offsets of the obstacles' centres from their positions at 0 s; array, shape (n_times,
-        n_obstacles, 3) [m].
+        """Return the offsets of the obstacles' centres from their positions at 0 s.
+
+        Array, shape (n_times, n_obstacles, 3) [m].
 
         Parameters
         ----------
@@ -305,16 +306,18 @@ class Scene:
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
     def obstacle_sags(self, time: Array) -> Array:
-        """Return how far centres stray from their chords between the times; array, shape (n_times - 1, n_obstacles)
-        [m].
+        """Return the largest distances of the obstacles' centres from their chords between the times.
+
+        Array, shape (n_times - 1, n_obstacles) [m].
         """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
 
     @cached_property
     def obstacle_kinks(self) -> Array:
-        """Return the times during the movement at which the velocity of an obstacle may jump [s]; sorted array, shape
-        (n_kinks,).
+        """Return the times during the movement at which the velocity of an obstacle may jump [s].
+
+        Sorted array, shape (n_kinks,).
         """
         kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
@@ -359,8 +362,9 @@ class Scene:
 
     @cached_property
     def demonstration(self) -> Demonstration | None:
-        """Return the recording that the scene names; None where it names none, or a primitive of a library (see
-        `taught`).
+        """Return the recording that the scene names.
+
+        It is None where the scene names none, or a primitive of a library (see `taught`).
 
         Raises
         ------
@@ -411,8 +415,9 @@ class Scene:
 
     @cached_property
     def sha256(self) -> str:
-        """Return the checksum of the canonical parsed scene and its meshes: comments, layout and order of keys do not
-        matter.
+        """Return the checksum of the canonical parsed scene and its meshes.
+
+        Comments, layout and order of keys do not matter.
         """
         return hashlib.sha256(canonical(self.file) + "".join(self.meshes).encode()).hexdigest()
 
@@ -441,8 +446,9 @@ class Scene:
 
     @cached_property
     def workspace(self) -> tuple[Array, Array]:
-        """Return the workspace as the kernels take it: two arrays, shape (3,), unbounded along the axis that the
-        plane lacks.
+        """Return the workspace as the kernels take it: two arrays, shape (3,).
+
+        A planar workspace is extended to `FAR` along z.
         """
         return _spatial(self.lower, -FAR), _spatial(self.upper, FAR)
 
@@ -462,8 +468,9 @@ class Scene:
         return int(self.owners[row]) if row >= 0 else int(row)
 
     def name_of(self, obstacle: int) -> str:
-        """Return a description of an obstacle: -1 is the border of the workspace, numbers beyond the file's are seen
-        objects.
+        """Return a description of an obstacle.
+
+        -1 is the border of the workspace; numbers beyond the file's are objects that were seen.
         """
         if obstacle < 0:
             return "the border of the workspace"
@@ -603,7 +610,7 @@ def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
         else:
             constraints.append(SameHeightConstraint(i, j, c.tolerance))
     if file.grasp is not None and not any(isinstance(c, UprightConstraint) for c in constraints):
-        # Hands that keep their tilt keep that of what they hold.
+        # Hands that keep their tilt also keep the tilt of the load.
         holders = tuple(file.names.index(name) for name in file.holders)
         constraints.append(UprightConstraint(holders, radians(UPRIGHT_TOLERANCE_DEG)))
     return tuple(constraints)
@@ -750,9 +757,7 @@ def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
 
 
 def _require_heading(scene: Scene, path: object) -> None:
-    """Refuse a grasp whose first two holders are one above the other, so that they do not determine the load's
-    heading.
-    """
+    """Refuse a grasp that leaves the load's heading open, as its first two holders are one above the other."""
     if scene.grasp is None or len(scene.grasp.holders) < 2:
         return
     first, second = scene.grasp.holders[:2]

@@ -46,22 +46,21 @@ N_CORNERS = 8
 BOX_ROWS = 4
 TOLERANCE = 1e-8  # m, of the least distance along an edge; the gap there is about as near to the distance
 MAX_STEPS = 60  # of GJK
-TOUCHING = 1e-9  # m, between nearest points of bodies that are taken to cut each other
+TOUCHING = 1e-9  # m, nearest points closer than this count as an overlap
 
 
 @numba.njit(cache=True, error_model="numpy")
 def empty_solid(solids):
-    """Return an uninitialised array for one of `solids`, an array of int, shape (n_solids, 8) for boxes or (n_solids,
-    n) for hulls.
+    """Return an uninitialised array for one of `solids`.
+
+    `solids` is an array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls.
     """
     return np.empty((BOX_ROWS if solids.shape[1] == N_CORNERS else solids.shape[1], 3))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def solid_at(nodes, corners, solid):
-    """Write in `solid` the box or hull whose corners are the rows `corners` of `nodes`, array of shape (n_nodes, 3)
-    [m].
-    """
+    """Write in `solid` the box or hull that has the given `corners`, which are rows of `nodes` (n_nodes, 3) [m]."""
     if solid.shape[0] != BOX_ROWS:
         for i in range(corners.shape[0]):
             for axis in range(3):
@@ -84,8 +83,9 @@ def move_solid(solid, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def support(table, j, x, y, z):
-    """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z), from the obstacle's centre
-    [m].
+    """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z) [m].
+
+    The point is relative to the obstacle's centre.
     """
     kind = int(table[j, 0])
     a, b, c = table[j, 13], table[j, 14], table[j, 15]
@@ -149,8 +149,9 @@ def solid_support(solid, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def gap(table, j, solid, x, y, z):
-    """Return the gap [m] between a solid and obstacle `j` along the unit vector (x, y, z), which points from the
-    solid.
+    """Return the gap [m] between a solid and obstacle `j` along the unit vector (x, y, z).
+
+    The vector points away from the solid.
     """
     if solid.shape[0] != BOX_ROWS or table[j, 0] == POLYTOPE:
         p, q, r = support(table, j, -x, -y, -z)
@@ -238,7 +239,7 @@ def hull_distance(table, j, solid, cutoff, normal, near):
     wide = gap(table, j, solid, normal[0], normal[1], normal[2])
     if wide > cutoff:
         return wide, wide
-    radius = 0.0  # kept out of what GJK sees
+    radius = 0.0  # rounding, which GJK is not given
     if table[j, 0] in (SPHERE, CAPSULE, POLYTOPE):
         radius = table[j, SIZE]
     corners, own, weights = np.empty((4, 3)), np.empty((4, 3)), np.empty(4)
@@ -300,8 +301,9 @@ def hull_distance(table, j, solid, cutoff, normal, near):
 
 @numba.njit(cache=True, error_model="numpy")
 def _core_support(table, j, x, y, z):
-    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z), from its centre
-    [m].
+    """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z) [m].
+
+    The point is relative to the obstacle's centre.
     """
     kind = table[j, 0]
     if kind == SPHERE:
@@ -333,8 +335,9 @@ def _ball(solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _beyond_ball(table, j, x, y, z):
-    """Return a lower bound of a point's distance from obstacle `j` [m]; of a polytope, the distance from the ball
-    around it.
+    """Return a lower bound of a point's distance from obstacle `j` [m].
+
+    For a polytope it is the distance from a ball around it.
     """
     if table[j, 0] != POLYTOPE:
         return point_distance(table, j, x, y, z)
@@ -347,8 +350,9 @@ def _beyond_ball(table, j, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def _deepest(table, j, solid, wide, normal):
-    """Return the widest of the gaps, all negative, of a solid and an obstacle that overlap; write its direction in
-    `normal`.
+    """Return the widest of the gaps, all negative, of a solid and an obstacle that overlap.
+
+    Its direction is written in `normal`.
 
     The directions tried are `normal`, the line between the centres, and the normals of a polytope or the obstacle's
     axes.
@@ -375,8 +379,9 @@ def _deepest(table, j, solid, wide, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def _widened(table, j, solid, x, y, z, wide, normal):
-    """Return the wider of the gaps `wide` and that along (x, y, z); where it is the latter, write (x, y, z) in
-    `normal`.
+    """Return the wider of the gaps `wide` and that along (x, y, z).
+
+    Where it is the latter, (x, y, z) is written in `normal`.
     """
     other = gap(table, j, solid, x, y, z)
     if other > wide:
@@ -413,8 +418,9 @@ def _edge(solid, e):
 
 @numba.njit(cache=True, error_model="numpy")
 def _beyond_face(table, j, solid, k):
-    """Return the signed distance [m] to obstacle `j` of a point of a box, on a face across half edge `k` or inside
-    the box.
+    """Return the signed distance [m] of one point of a box from obstacle `j`.
+
+    The point is on a face across half edge `k`, or inside the box.
 
     An obstacle that overlaps the box and touches none of its edges reaches through the inside of a face, or lies
     inside the box. The line from the obstacle's centre to its point farthest beyond the face then meets the face

@@ -176,7 +176,7 @@ def _built(triangles):
 
 @numba.njit(cache=True, error_model="numpy")
 def signed_distance(surfaces, mesh, points, cutoff):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` where it is larger.
+    """Return the distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` if that is less.
 
     It is negative where the hull cuts the triangles or lies inside a solid that they close: minus the depth of the
     deepest of the points.
@@ -194,8 +194,9 @@ def signed_distance(surfaces, mesh, points, cutoff):
 
 @numba.njit(cache=True, error_model="numpy")
 def holds(surfaces, mesh, x, y, z):
-    """Return whether a point is inside a solid that triangles of a mesh close; on the surface the answer may be
-    either.
+    """Return whether a point is inside a solid that triangles of a mesh close.
+
+    For a point on the surface the answer may be either.
 
     A ray counts the triangles that it crosses, +1 or -1 by their side.
     """
@@ -241,16 +242,14 @@ def holds(surfaces, mesh, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def surface_distance(surfaces, mesh, points, cutoff):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s; `cutoff` where it is
-    larger.
+    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is less.
     """
     return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s; `cutoff` where it is
-    larger.
+    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is less.
 
     The nearest point of the hull is written in `near` and the unit vector from the mesh to it in `way`; both are left
     unchanged where nothing is nearer than `cutoff`. Where the hull cuts a triangle the distance is negative: about
@@ -312,8 +311,9 @@ def box_gap(surfaces, box, points, others, normal):
 
 @numba.njit(cache=True, error_model="numpy")
 def triangle_gap(triangle, points, normal):
-    """Return the gap [m] along the unit vector `normal`, which points from the hull of points (n, 3) to the
-    triangle.
+    """Return the gap [m] along the unit vector `normal` between the hull of points (n, 3) and a triangle.
+
+    The vector points from the hull to the triangle.
     """
     least, most = np.inf, -np.inf
     for i in range(3):
@@ -402,8 +402,9 @@ def nearest(triangle, points, normal, scratch):
 
 @numba.njit(cache=True, error_model="numpy")
 def _deepest(triangle, points, wide, normal):
-    """Return the widest of the gaps of a body and a triangle that overlap, 0 or less; write its direction in
-    `normal`.
+    """Return the widest of the gaps, 0 or less, of a body and a triangle that overlap.
+
+    Its direction is written in `normal`.
 
     The directions tried are `normal` and both normals of the triangle.
     """

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 SAME = 1e-9  # of a mesh's size, within which vertices are one
-FLAT = 1e-12  # of the cube of a part's size: what closes less has no inside
+FLAT = 1e-12  # of the cube of a part's size: a smaller volume counts as 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,7 @@ def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces
 
 
 def _without_rims(faces: Faces) -> NDArray[np.bool_]:
-    """Return which triangles remain when those with an edge that no other shares are removed, until there are
-    none.
-    """
+    """Return which triangles remain when those with an edge that no other shares are removed, again and again."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
     side = side.reshape(3, -1).T  # of every triangle, by number
@@ -106,8 +104,9 @@ def _without_rims(faces: Faces) -> NDArray[np.bool_]:
 
 
 def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
-    """Return the triangles with vertices at one place merged and unused ones removed, and how far vertices moved
-    [m].
+    """Return the triangles with vertices at one place merged and unused ones removed.
+
+    The last result is how far vertices moved [m].
     """
     used, place = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], place.reshape(faces.shape)
@@ -183,9 +182,7 @@ def _turned_alike(faces: Faces) -> Faces | None:
 
 
 def volume_of(corners: Array) -> float:
-    """Return the volume that triangles enclose, array of shape (n_triangles, 3, 3); negative where turned inwards
-    [m^3].
-    """
+    """Return the volume enclosed by triangles (n_triangles, 3, 3) [m^3]; negative where they are turned inwards."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return float((a * np.cross(b, c)).sum()) / 6
 

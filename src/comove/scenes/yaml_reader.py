@@ -119,9 +119,7 @@ def plain_value(text: str) -> str | int | float | bool | None:
 
 
 def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
-    """Return a text that says which files with one of the `suffixes` are in `folder`, and which of them is near to
-    `name`.
-    """
+    """Return a text that lists the files in `folder` with one of the `suffixes`, and the one nearest to `name`."""
     if not folder.is_dir():
         return f"the folder {folder} does not exist either"
     names = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)

@@ -164,7 +164,7 @@ def certify_nodes(scene: Scene, nodes: Array, bulge: Array, time: Array, paths: 
                 )
                 nearest = int(obstacle) if found[1] < upper - need.rounding else nearest
                 lower, upper, k = found
-    if body.filled or len(scene.surfaces.root):  # at the start what is inside need not touch a border
+    if body.filled or len(scene.surfaces.root):  # at the start, a body inside may touch no border
         at_start, _ = scene.clearance_at(nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)
     return Clearance(lower, upper, float(time[k]), nearest)
@@ -503,8 +503,9 @@ def _solid_seen_from(paths, k, j, nodes, corners, solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _gap_throughout(obstacles, j, begin, end, t0, t1, solid, normal):
-    """Return the least gap [m] along `normal` while a solid moves from the fraction t0 to t1 of its path; `solid` is
-    scratch.
+    """Return the least gap [m] along `normal` while a solid moves from the fraction t0 to t1 of its path.
+
+    `solid` is scratch.
     """
     x, y, z = normal[0], normal[1], normal[2]
     _between(begin, end, t0, solid)
@@ -522,8 +523,9 @@ def _between(begin, end, t, solid):
 
 @numba.njit(cache=True, error_model="numpy")
 def _slack(met, need):
-    """Return how far [m] the bound may stay below the least clearance found: little where that is close to the
-    required one.
+    """Return how far [m] the bound may stay below the least clearance found.
+
+    It is little where that is close to the required clearance.
     """
     spare = 0.5 * (met - need.clearance)
     return need.loose if spare < 0.0 else min(need.loose, max(need.tight, spare))

@@ -83,8 +83,9 @@ def largest_rates(motion: CoordinatedMotion) -> tuple[float, float, float]:
 
 
 def _series_at_ends(columns: Array) -> tuple[Array, Array]:
-    """Return the power series of q at the start and at the end of every interval; arrays, shape (4, n_intervals,
-    width).
+    """Return the power series of q at the start and at the end of every interval.
+
+    Arrays, shape (4, n_intervals, width).
     """
     p, q, decay = columns[2, :-1], _slopes(columns), np.exp(-OMEGA * INTERVAL)
     third = q - OMEGA * p, decay * (q - OMEGA * p - OMEGA * INTERVAL * q)
@@ -100,8 +101,9 @@ def _slopes(columns: Array) -> Array:
 
 
 def _norms(columns: Array) -> Array:
-    """Return bounds of the norms of the derivatives of x, up to the fifth, on every interval; array, shape (6,
-    n_intervals).
+    """Return bounds of the norms of the derivatives of x, up to the fifth, on every interval.
+
+    Array, shape (6, n_intervals).
 
     The decay is at most 1, and its factor is a line, whose norm is largest at an end. The norm of x itself is not
     bounded (row 0 is 0).
@@ -156,8 +158,9 @@ def _turned(kind: int, turn: Array, points: Array, n_dims: int) -> Array:
 
 
 def _turning(kind: int, turn: Array) -> Array:
-    """Return a bound of the fifth derivative of a turning point at unit distance on every interval, shape
-    (n_intervals,).
+    """Return a bound of the fifth derivative of a turning point at unit distance.
+
+    Array, shape (n_intervals,).
 
     A unit vector (v + e)/|v + e| is majorised by (1 + x) (1 - 2x - x^2)^(-1/2) with x = |e|/|v|, a point that a
     quaternion turns by (1 + x)^2 (1 - 2x - x^2)^(-1), and a point turned by an angle by exp(x).

@@ -93,16 +93,15 @@ class Record:
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
     def holds(self, c: PairConstraint) -> bool:
-        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps
-        too.
-        """
+        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps."""
         return any({c.first, c.second} <= set(own) for own in self.scene.nodes_of_groups)
 
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
-    """A record of sampled hand positions from any source: hands go straight from sample to sample, obstacles as
-    known.
+    """A record of sampled hand positions from any source.
+
+    Hands go straight from sample to sample, and obstacles move as the scene says.
 
     Attributes
     ----------
@@ -336,8 +335,9 @@ _MEASURES: dict[type, Callable[..., float]] = {
 
 
 def _relative(record: Record | RecordSamples, c: PairConstraint) -> tuple[Array, Array]:
-    """Return one hand relative to the other, (n_steps, 3), and how far it strays from its chords, (n_steps - 1,)
-    [m].
+    """Return one hand relative to the other and the largest distance of it from its chords.
+
+    Arrays, shapes (n_steps, 3) and (n_steps - 1,) [m].
     """
     nodes, bulges = record.nodes, record.bulges
     return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]

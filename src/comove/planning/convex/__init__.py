@@ -1,1 +1,1 @@
-"""Convex optimisation of motions: a sequence of quadratic programmes with linearised clearances."""
+"""The optimisation of motions by a sequence of convex quadratic programmes with linearised clearances."""

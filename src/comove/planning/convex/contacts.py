@@ -1,7 +1,7 @@
-"""Where along a movement the load is near to something, in numba kernels.
+"""Contacts: the places along a movement at which the load is near to something, found by numba kernels.
 
-A movement is looked at in even samples, and between them where it is nearest. Every contact is a point of the load,
-the direction in which it would get away, and the distance: what a linearised clearance needs.
+A movement is checked at even samples, and between them where it is nearest. Every contact is a point of the load, the
+direction away from the obstacle, and the distance: the data of a linearised clearance.
 """
 
 from __future__ import annotations
@@ -22,32 +22,33 @@ from comove.scenes.surfaces import Surfaces, near_on_surface
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-CLOSE = 0.03  # m, nearer than which a part is looked at closely: in all samples, and at the ends of rods and corners
-# One sample of so many is kept when close, and up to three times as far; beyond one in 12.
+CLOSE = 0.03  # m, distance below which a part is checked at all samples, and at the ends of rods and corners
+# One sample in so many becomes a contact when close, and up to three times as far; beyond that, one in 12.
 FINE, COARSE = 2, 4
 TOLERANCE = 1e-6  # m, of the distance of a rod
-HALVINGS = 3  # of the step in which a nearest place between samples is looked for
+HALVINGS = 3  # halvings of the step in the search for the nearest place between samples
 
-# Columns of a contact: sample, how far on towards a neighbouring sample (-1 to 1), block of the point, and of the
-# other hand where two are to be kept apart (else -1), point, direction, the other hand, distance [m], its owner.
+# Columns of a contact: sample, share of the time to the next or previous sample (-1 to 1), block of the point, block
+# of the other hand if two must stay apart (else -1), point, direction, the other hand, distance [m], owner.
 SAMPLE, TAU, BLOCK, OTHER, PLACE, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15
 
 
 class Surroundings(NamedTuple):
-    """A load and what it must not touch.
+    """A load and everything that it must not touch.
 
     Attributes
     ----------
-    edges, radii : rods of the load, arrays of shape (n_edges, 2), of nodes, and (n_edges,) [m]
-    solids : array of int, shape (n_solids, n), nodes
-    block : array of int, shape (n_nodes,), which block of the coordinates moves a node
-    thickness : array, shape (n_nodes,), of the thickest rod that ends there [m]; -1 where none does
+    edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), end nodes and radii [m] of the load's rods
+    solids : array of int, shape (n_solids, n), corner nodes of the load's solids
+    block : array of int, shape (n_nodes,), block of the coordinates that moves each node
+    thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
+        solid alone; -1 for nodes of neither
     table : array, shape (n_rows, n_columns), convex obstacles
-    rows, owner : arrays of int, shape (n_rows,), their places in the scene's table, and whose they are
+    rows, owner : arrays of int, shape (n_rows,), rows of `table` in the scene's table, and obstacles they belong to
     surfaces : meshes
-    lower, upper : arrays, shape (3,), the workspace [m]
-    pairs, separations : hands to be kept apart, arrays of shape (n_pairs, 2) and (n_pairs,) [m]
-    n_owners : obstacles; then the border and the separations count as owners too
+    lower, upper : arrays, shape (3,), corners of the workspace [m]
+    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
+    n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
     """
 
     edges: Integers
@@ -67,7 +68,7 @@ class Surroundings(NamedTuple):
 
 
 def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
-    """The load of a scene, as its coordinates move it, and what is around it."""
+    """Return the load of a scene, as its coordinates move it, and everything around it."""
     body, blocks = scene.body, coordinates.blocks
     block = np.zeros(len(blocks.node), dtype=np.int64)
     for b in range(len(blocks.kind)):
@@ -95,22 +96,23 @@ def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
 
 @numba.njit(cache=True, error_model="numpy")
 def find_contacts(around, nodes, offsets, cutoff, found, least):
-    """Write contacts nearer than `cutoff` in `found` and return how many there are.
+    """Write the contacts nearer than `cutoff` into `found` and return their number.
 
     Parameters
     ----------
     around : Surroundings
-    nodes : array, shape (n_samples, n_nodes, 3) [m]
-    offsets : array, shape (n_samples, n_rows, 3), how far obstacles have moved, by row of the scene's table [m];
-        without samples where all stand
-    found : array, shape (n_most, N_FIELDS); without rows where only `least` is asked
-    least : array, shape (n_owners + 2,), in which the least distance from each obstacle, then from the border, and
-        by which hands are farther apart than they must be, is written [m]; `cutoff` where it is more
+    nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
+    offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
+        n_samples = 0 if none moves
+    found : array, shape (n_most, N_FIELDS); n_most = 0 if only `least` is needed
+    least : array, shape (n_owners + 2,), into which the least distance from each obstacle, the least distance from
+        the
+        border, and the least distance of hands beyond their separation are written [m], each at most `cutoff`
     """
     least[:] = cutoff
     n_samples, n_rods, n_solids = nodes.shape[0], around.edges.shape[0], around.solids.shape[0]
     n_rows, n_meshes = around.table.shape[0], around.surfaces.root.shape[0]
-    way = np.zeros(n_samples)  # the farthest that any node has come since the first sample
+    way = np.zeros(n_samples)  # sum, since the first sample, of the largest displacement of any node
     for s in range(1, n_samples):
         moved = 0.0
         for i in range(nodes.shape[1]):
@@ -149,7 +151,7 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
 
 @numba.njit(cache=True, error_model="numpy")
 def _kept(s, distance, nearest):
-    """Whether a sample becomes a contact."""
+    """Return whether a sample becomes a contact."""
     if distance < CLOSE:
         return nearest or s % FINE == 0
     if distance < 3 * CLOSE:
@@ -167,7 +169,7 @@ def _written(contact, found, n):
 
 @numba.njit(cache=True, error_model="numpy")
 def _whose(around, thing):
-    """The row in the scene's table and the owner of a convex obstacle, or of a mesh after them."""
+    """Return row in the scene's table and owner of a thing: a convex obstacle, or a mesh, which are numbered next."""
     n_rows = around.table.shape[0]
     if thing < n_rows:
         return around.rows[thing], around.owner[thing]
@@ -177,7 +179,7 @@ def _whose(around, thing):
 
 @numba.njit(cache=True, error_model="numpy")
 def _moves(offsets, row):
-    """Whether an obstacle ever leaves its place."""
+    """Return whether an obstacle ever moves."""
     for s in range(offsets.shape[0]):
         if offsets[s, row, 0] != 0.0 or offsets[s, row, 1] != 0.0 or offsets[s, row, 2] != 0.0:
             return True
@@ -186,11 +188,11 @@ def _moves(offsets, row):
 
 @numba.njit(cache=True, error_model="numpy")
 def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
-    """Write the distance of a part from a thing at every sample, and where it is nearest between two of them.
+    """Write the distance of a part from a thing at every sample, and the nearest places between samples.
 
     Returns
     -------
-    bool, whether any is below `cutoff`
+    bool, whether any distance is below `cutoff`
     """
     n_samples, any_near, far = nodes.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
@@ -200,7 +202,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
         between = min(distance[first], distance[last])
-        # Nearer than at both samples by what it moves in between, at most: not worth a look where that is far.
+        # In between, the distance is smaller by half of the way at most: samples are skipped where that is still far.
         worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
@@ -230,7 +232,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
 
 @numba.njit(cache=True, error_model="numpy")
 def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
-    """A lower bound [m] of the distance of a part from a thing, by a ball about the part; no better than `enough`."""
+    """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
     n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
     middle, reach = np.zeros(3), 0.0
     if part < n_rods:
@@ -267,10 +269,10 @@ def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
 
 @numba.njit(cache=True, error_model="numpy")
 def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
-    """Distance [m] of a part from a thing at or between samples, `cutoff` where it is more.
+    """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
-    `points` has room for the corners of the part, as seen from the thing, then for the nearest point, and for the
-    way to it.
+    Written into `points` are the corners of the part in the frame of the thing, the nearest point, and its direction
+    from the thing.
     """
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
@@ -298,14 +300,14 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
     else:
         corners = np.arange(n_corners)
         distance = near_on_hull(around.table, thing, points, corners, cutoff, near)
-        if distance <= 0.0:  # of boxes that cut each other, their edges tell more
+        if distance <= 0.0:  # boxes that penetrate each other: their edges give the depth
             distance = near_on_solid(around.table, thing, points, corners, cutoff, near)
     return min(distance - radius, cutoff)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _describe(around, part, thing, offsets, row, s, tau, distance, points, contact):
-    """Write the contact that `_look` has just found, all but its owner."""
+    """Write the contact that `_look` has just found, except its owner."""
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
     near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
@@ -325,7 +327,9 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
 
 @numba.njit(cache=True, error_model="numpy")
 def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
-    """Write contacts of the corners of a part besides its nearest point, that of `contact`, where they are near."""
+    """Write contacts of the corners of a part that are near, other than its nearest point; return their new
+    number.
+    """
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     n_rods = around.edges.shape[0]
@@ -358,7 +362,7 @@ def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
 
 @numba.njit(cache=True, error_model="numpy")
 def _border(around, nodes, cutoff, found, least, n):
-    """Contacts with the border of the workspace."""
+    """Write contacts with the border of the workspace; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
     contact[OTHER], contact[OWNER] = -1, around.n_owners
     for s in range(1, nodes.shape[0] - 1):
@@ -382,7 +386,7 @@ def _border(around, nodes, cutoff, found, least, n):
 
 @numba.njit(cache=True, error_model="numpy")
 def _apart(around, nodes, cutoff, found, least, n):
-    """Contacts of hands that must stay apart."""
+    """Write contacts of hands that must stay apart; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
     contact[OWNER] = around.n_owners + 1
     for k in range(around.separations.shape[0]):
@@ -412,12 +416,12 @@ def spins(blocks, b, q, turns):
 
     Parameters
     ----------
-    q : array, shape (n_columns,)
-    turns : array, shape (4, 3), of which the first rows are written
+    q : array, shape (n_columns,), configuration
+    turns : array, shape (4, 3), into whose first rows the angular velocities are written
 
     Returns
     -------
-    int, how many columns the orientation has
+    int, number of columns of the orientation
     """
     kind, o = blocks.kind[b], blocks.turn[b]
     turns[:] = 0.0
@@ -430,7 +434,7 @@ def spins(blocks, b, q, turns):
         square = q[o] ** 2 + q[o + 1] ** 2
         turns[0, 2], turns[1, 2] = -q[o + 1] / square, q[o] / square
         return 2
-    if kind == DIRECTION:  # across the direction; about it nothing is to be seen
+    if kind == DIRECTION:  # perpendicular to the direction; a rotation about it has no effect
         x, y, z = q[o], q[o + 1], q[o + 2]
         square = x * x + y * y + z * z
         turns[0, 1], turns[0, 2] = z / square, -y / square
@@ -448,7 +452,7 @@ def spins(blocks, b, q, turns):
 
 @numba.njit(cache=True, error_model="numpy")
 def _slope(blocks, b, q, point, normal, sign, slope, turns):
-    """Add to `slope` (n_columns,) how the point of a block moves along `normal` with each column."""
+    """Add to `slope`, (n_columns,), the derivatives by each column of a block's point along `normal`."""
     width = spins(blocks, b, q, turns)
     x, y, z = point[0] - q[blocks.center[b, 0]], point[1] - q[blocks.center[b, 1]], point[2]
     if blocks.n_dims == 3:
@@ -467,11 +471,11 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
     Parameters
     ----------
     contacts : array, shape (n, N_FIELDS)
-    q : array, shape (n_samples, n_columns), where they were found
-    off : array, the same shape: how far that is from the movement whose weights are changed
-    shape : array, shape (n_samples, n_basis), of the basis
-    rows : array, shape (n, n_columns * n_basis)
-    distance : array, shape (n,)
+    q : array, shape (n_samples, n_columns), configurations at which the contacts were found
+    off : array, shape (n_samples, n_columns), `q` less the configurations of the movement whose weights change
+    shape : array, shape (n_samples, n_basis), values of the basis functions
+    rows : array, shape (n, n_columns * n_basis), written
+    distance : array, shape (n,), written [m]
     """
     n_columns, n_basis = q.shape[1], shape.shape[1]
     here, slope, turns, b = np.empty(n_columns), np.empty(n_columns), np.empty((4, 3)), np.empty(n_basis)
@@ -496,11 +500,11 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
 
 @numba.njit(cache=True, error_model="numpy")
 def hand_slopes(blocks, block, nodes, q, n_hands):
-    """How hands move with each column; array, shape (n_samples, n_hands, n_dims, n_columns).
+    """Return the derivatives of the hands by each column; array, shape (n_samples, n_hands, n_dims, n_columns).
 
     Parameters
     ----------
-    block : array of int, shape (n_nodes,), which block moves a node
+    block : array of int, shape (n_nodes,), block that moves each node
     nodes : array, shape (n_samples, n_nodes, 3) [m]
     q : array, shape (n_samples, n_columns)
     """

@@ -18,18 +18,18 @@ N_SAMPLES = 101
 
 @dataclass(frozen=True, eq=False)
 class JerkCost:
-    """Squared jerk of all hands, integrated over unit duration, over that of the straight motions of least jerk.
+    """The integral of the squared jerk of all hands, relative to that of straight motions of least jerk.
 
-    With a demonstration, of the departure from it; and `pull` times the mean square of the departure, over the
-    square of the way from start to goal.
+    With a demonstration, the jerk is that of the deviation from it, and `pull` times the mean squared deviation,
+    divided by `way` squared, is added.
 
     Attributes
     ----------
-    way : root of the summed squared ways of all hands from start to goal [m]
+    way : root of the summed squared distances of all hands from start to goal [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], None without one
-    pull : how strongly hands are drawn to it
-    weight : of all of that
-    haste : what each duration costs that the limits ask for (see `programme.Cost`)
+    pull : weight of the deviation from the demonstration
+    weight : factor of the whole cost
+    haste : cost of a pace of 1 (see `programme.QuadraticCost`)
     """
 
     way: float
@@ -39,7 +39,7 @@ class JerkCost:
     haste: float = 0.0
 
     def residuals(self, hands: Array) -> Array:
-        """What is squared and summed, of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
+        """Return the residuals of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
         scale, jerk = self._scale(len(hands)), third_differences(hands)
         if self.demonstration is None:
             return scale * jerk.ravel()
@@ -49,7 +49,12 @@ class JerkCost:
         return np.concatenate([scale * (jerk - taught).ravel(), away.ravel()])
 
     def slopes(self, moves: Array) -> Array:
-        """How the residuals change, of how hands change with n variables, array (n_samples, n_hands * n_dims, n)."""
+        """Return the derivatives of the residuals by n variables.
+
+        Parameters
+        ----------
+        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
+        """
         n_samples, _, n = moves.shape
         rows = self._scale(n_samples) * third_differences(moves).reshape(-1, n)
         if self.demonstration is None:
@@ -65,13 +70,13 @@ class JerkCost:
 
 @dataclass(frozen=True, eq=False)
 class Anchored:
-    """A cost, and a pull of all hands to where they were planned to be.
+    """A cost to which the deviation of the hands from their planned positions is added.
 
     Attributes
     ----------
-    cost : the cost
-    anchor : array, shape (n_samples, n_hands * n_dims), where hands are drawn to [m]
-    pull : how strongly, as of `JerkCost`
+    cost : cost without the addition
+    anchor : array, shape (n_samples, n_hands * n_dims), planned positions of the hands [m]
+    pull : weight of the deviation, as in `JerkCost`
     """
 
     cost: JerkCost
@@ -80,15 +85,15 @@ class Anchored:
 
     @property
     def haste(self) -> float:
-        """That of the cost."""
+        """Return the `haste` of the cost."""
         return self.cost.haste
 
     def residuals(self, hands: Array) -> Array:
-        """As of `JerkCost`."""
+        """Return the residuals, as `JerkCost.residuals`."""
         return np.concatenate([self.cost.residuals(hands), self._weight() * (hands - self.anchor).ravel()])
 
     def slopes(self, moves: Array) -> Array:
-        """As of `JerkCost`."""
+        """Return the derivatives of the residuals, as `JerkCost.slopes`."""
         return np.concatenate([self.cost.slopes(moves), self._weight() * moves.reshape(-1, moves.shape[2])])
 
     def _weight(self) -> float:
@@ -98,11 +103,11 @@ class Anchored:
 def squares(
     scene: Scene, objective: LeastJerk, demonstration: Array | None, n_samples: int = N_SAMPLES
 ) -> JerkCost:
-    """The objective as a sum of squares at even samples.
+    """Return the objective as a sum of squares at even samples.
 
     Parameters
     ----------
-    demonstration : array, shape (n_steps, n_manipulators, 3), what was taught transferred to every hand [m], where
+    demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every hand [m], where
         n_steps - 1 is a multiple of n_samples - 1; None without one
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
@@ -113,14 +118,14 @@ def squares(
 
 
 def jerk_cost(motion: CoordinatedMotion, objective: LeastJerk, demonstration: Array | None) -> float:
-    """The value of the objective for a motion; `demonstration` as in `squares`."""
+    """Return the value of the objective for a motion; `demonstration` as in `squares`."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_SAMPLES))[0].reshape(N_SAMPLES, -1)
     residuals = squares(motion.scene, objective, demonstration).residuals(hands)
     return float(residuals @ residuals)
 
 
 def third_differences(y: Array) -> Array:
-    """Third derivatives between even samples of what has no acceleration at either end, in unit duration.
+    """Return third derivatives between even samples of a motion in unit duration with no acceleration at its ends.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Limits of the hands' speed, acceleration and jerk, linearised; and the pace that they allow."""
+"""Limits of the hands' speed, acceleration and jerk, their linearisation, and the pace that they allow."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-ACTIVE = 0.7  # of a limit, from which on it is part of a programme
-LITTLE = 1.003  # more than a limit was exceeded by, that it is lowered by
-# Of the limits of speed, acceleration and jerk, kept to: samples miss their peaks.
+ACTIVE = 0.7  # share of a limit from which on it is part of a programme
+LITTLE = 1.003  # ratio by which a limit is lowered to that by which it was exceeded
+# Shares of the limits of speed, acceleration and jerk that are kept to: samples miss the peaks.
 SHARES = (0.99, 0.97, 0.97)
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits in unit duration.
+    """The limits of the hands for a movement in unit duration.
 
     Attributes
     ----------
-    n_dims : of every hand
-    values : of speed, acceleration and jerk, inf where there is none
+    n_dims : number of dimensions of a hand
+    values : limits of speed, acceleration and jerk, inf where there is none
     """
 
     n_dims: int
@@ -35,12 +35,12 @@ class Limits:
 
     @classmethod
     def of(cls, scene: Scene, duration: float) -> Limits:
-        """Those of a scene for a movement of a duration [s]."""
+        """Return the limits of a scene for a movement of a duration [s], scaled to unit duration."""
         limits = scene.speed_limit, scene.acceleration_limit, scene.jerk_limit
         return cls(scene.n_dims, tuple(value * duration ** (i + 1) for i, value in enumerate(limits)))
 
     def stricter(self, exceeded: tuple[float, float, float]) -> Limits:
-        """The same, each divided by a ratio that a motion that seemed to keep it has reached, and a little more."""
+        """Return lower limits, divided by the ratios by which a motion exceeded them, and a little more."""
         values = (
             value / max(1.0, LITTLE * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
         )
@@ -57,16 +57,16 @@ class Limits:
         return max(paces, default=0.0)
 
     def excess(self, hands: Array) -> float:
-        """By how much of themselves the limits are exceeded, all summed."""
+        """Return the relative excess over each limit, summed over the limits."""
         return float(sum(max(ratio.max() - 1.0, 0.0) for _, ratio in self._ratios(hands)))
 
     def linear(self, hands: Array, moves: Array, pace: float = 1.0) -> LinearLimits:
-        """Return the limits as functions of a change of the variables, to first order.
+        """Return the limits, linearised in a change of the variables.
 
         Parameters
         ----------
-        moves : array, shape (n_samples, n_hands * n_dims, n), how hands change with n variables
-        pace : in how many durations the movement is made
+        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by n variables
+        pace : number of durations that the movement takes
         """
         rates, slopes, slower, limits = [], [], [], []
         for order, share, value in self._finite():
@@ -80,27 +80,27 @@ class Limits:
         return LinearLimits(*map(np.concatenate, (rates, slopes, slower, limits)))
 
     def _ratios(self, hands: Array) -> Iterator[tuple[int, Array]]:
-        """Orders of the limited rates, and their sizes over the limits, arrays of shape (n, n_hands)."""
+        """Yield the order of each limited rate and its ratio to the limit, array of shape (n, n_hands)."""
         for order, share, value in self._finite():
             rate = _rate(hands, order)
             size = np.linalg.norm(rate.reshape(len(rate), -1, self.n_dims), axis=2)
             yield order, size / (share * value)
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
-        """Order, share that is kept to, and value of every limit that there is."""
+        """Yield order, share that is kept to, and value of every finite limit."""
         for order, (share, value) in enumerate(zip(SHARES, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value
 
 
 class LinearLimits(NamedTuple):
-    """Limited rates ``rates + slopes dz``, which may reach ``limits + slower dp`` where the pace grows by dp.
+    """Linearised rates ``rates + slopes dz``, whose norms may reach ``limits + slower dp`` if the pace grows by dp.
 
     Attributes
     ----------
-    rates : array, shape (n, n_dims), in shares of the limits
-    slopes : array, shape (n, n_dims, n_variables)
-    slower, limits : arrays, shape (n,)
+    rates : array, shape (n, n_dims), rates divided by their limits
+    slopes : array, shape (n, n_dims, n_variables), derivatives of `rates` by the variables
+    limits, slower : arrays, shape (n,), largest norms of the rates at the present pace, and their derivatives by it
     """
 
     rates: Array
@@ -109,11 +109,11 @@ class LinearLimits(NamedTuple):
     limits: Array
 
     def cuts(self, dz: Array, dp: float, share: float) -> tuple[Array, Array]:
-        """Half-spaces that hold what keeps the limits, for rates that exceed a share of them at a trial.
+        """Return half-spaces that contain all changes within the limits, for rates above a share of them at a trial.
 
         Returns
         -------
-        rows, bounds : ``rows dz + dp >= bounds``
+        rows, bounds : arrays, shapes (n, n_variables) and (n,), of ``rows dz + dp >= bounds``
         """
         rates = self.rates + self.slopes @ dz
         size = np.linalg.norm(rates, axis=1)
@@ -124,7 +124,9 @@ class LinearLimits(NamedTuple):
 
 
 def _rate(y: Array, order: int) -> Array:
-    """First, second or third differences as rates in unit duration; the last without acceleration at either end."""
+    """Return first, second or third derivatives in unit duration, by differences; the third as
+    `third_differences`.
+    """
     if order == 3:
         return third_differences(y)
     return np.diff(y, n=order, axis=0) * (len(y) - 1) ** order

@@ -1,4 +1,4 @@
-"""A sequence of quadratic programmes, with warps of time between them: motions cheap and clear."""
+"""Sequential quadratic programming of motions, with warps of time between the steps."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from comove.planning.convex.warp import warped
 
 Array = NDArray[np.float64]
 
-MOST_SLACK_COST = 1e8  # of a metre
+MOST_SLACK_COST = 1e8  # largest cost of a metre of slack
 
 
 @dataclass
 class ConvexOutcome:
-    """What the search found.
+    """The result of `optimise`.
 
     Attributes
     ----------
-    z : array, shape (n_columns * n_basis,)
-    value : of the cost, more where obstacles are nearer than wished for
-    missed : how far margins are missed beyond the tolerance, summed [m]
-    iterations, programmes : steps tried, and quadratic programmes solved
+    z : array, shape (n_columns * n_basis,), shape weights
+    value : value of the cost, raised where obstacles are nearer than wished for
+    missed : amounts by which margins and limits are missed beyond the tolerance, summed [m]
+    iterations, programmes : numbers of steps tried and of quadratic programmes solved
     """
 
     z: Array
@@ -44,14 +44,14 @@ def optimise(
     reference: Array | None = None,
     over: Callable[[], bool] = lambda: False,
 ) -> ConvexOutcome:
-    """Improve shape weights until nothing is gained.
+    """Optimise shape weights until steps bring no gain.
 
     Parameters
     ----------
-    z : array, shape (n_columns * n_basis,), where to begin
-    reference : array, shape (n_fine, n_columns), a movement that touches nothing, about which the first clearances
-        are linearised; that of `z` unless given
-    over : asked before every step whether it is time to end
+    z : array, shape (n_columns * n_basis,), initial shape weights
+    reference : array, shape (n_fine, n_columns), movement without contact about which the first clearances are
+        linearised; that of `z` unless given
+    over : function that is called before every step and returns whether to end
     """
     radius, mu = settings.radius, settings.slack_cost
     here = stand(programme, cost, z, settings, radius, reference)

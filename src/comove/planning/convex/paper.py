@@ -14,14 +14,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PaperSquares:
-    """J of the hands without its term of obstacles, which are constraints here.
+    """J of the hands, without its term of obstacles, which are constraints here.
 
     Attributes
     ----------
-    weights : of the terms
-    goal : array, shape (n_hands * n_dims,) [m]
-    demonstration : array, shape (n_samples, n_hands * n_dims) [m], where resemblance to it counts; else None
-    haste : 0, as J has no duration (see `programme.Cost`)
+    weights : weights of the terms
+    goal : array, shape (n_hands * n_dims,), goal of the hands [m]
+    demonstration : array, shape (n_samples, n_hands * n_dims) [m], if resemblance to it counts; else None
+    haste : 0, as J does not depend on the duration (see `programme.QuadraticCost`)
     """
 
     weights: PaperCost
@@ -30,7 +30,7 @@ class PaperSquares:
     haste: float = 0.0
 
     def residuals(self, hands: Array) -> Array:
-        """What is squared and summed, of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
+        """Return the residuals of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
         goal, velocity, resemblance = self._roots(len(hands))
         parts = [goal * (hands - self.goal), velocity * np.diff(hands, axis=0)]
         if self.demonstration is not None:
@@ -38,7 +38,12 @@ class PaperSquares:
         return np.concatenate([part.ravel() for part in parts])
 
     def slopes(self, moves: Array) -> Array:
-        """How the residuals change, of how hands change with n variables, array (n_samples, n_hands * n_dims, n)."""
+        """Return the derivatives of the residuals by n variables.
+
+        Parameters
+        ----------
+        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
+        """
         goal, velocity, resemblance = self._roots(len(moves))
         parts = [goal * moves, velocity * np.diff(moves, axis=0)]
         if self.demonstration is not None:

@@ -1,4 +1,4 @@
-"""A scene as what programmes are made of: a cost that is a sum of squares, clearances and limits, to first order."""
+"""The parts of the quadratic programmes of a scene: a cost that is a sum of squares, clearances and limits."""
 
 from __future__ import annotations
 
@@ -25,47 +25,54 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-GAUGE_EVERY = 4  # samples, at which lengths are looked at
-LIMIT = 0.1  # m, that missing a limit by its whole self counts as
-UNNOTICED = 1e-2  # of a limit, less than what is kept back from it
+GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
+LIMIT = 0.1  # m, as which a limit exceeded by 100 % counts
+UNNOTICED = (
+    1e-2  # relative excess over the limits that is tolerated, within the share that is held back (`SHARES`)
+)
 
 
 class QuadraticCost(Protocol):
-    """A sum of squares of the hands at even samples of a motion, and what each duration costs that it needs.
+    """A cost that is a sum of squares of the hands at even samples of a motion, plus a cost of its pace.
 
     Attributes
     ----------
-    haste : cost of a pace of 1, as `Limits.pace` counts; 0 where limits are to be kept in the duration given
+    haste : cost of a pace of 1, as `Limits.pace` counts; 0 if limits must be kept in the given duration
     """
 
     haste: float
 
     def residuals(self, hands: Array) -> Array:
-        """What is squared and summed, of hands of shape (n_samples, n_hands * n_dims)."""
+        """Return the residuals of hands, array of shape (n_samples, n_hands * n_dims)."""
 
     def slopes(self, moves: Array) -> Array:
-        """How the residuals change, of how hands change with n variables, (n_samples, n_hands * n_dims, n)."""
+        """Return the derivatives of the residuals by n variables.
+
+        Parameters
+        ----------
+        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
+        """
 
 
 @dataclass(frozen=True)
 class ConvexSettings:
-    """How steps are taken.
+    """Settings of the sequence of quadratic programmes.
 
     Attributes
     ----------
-    margin : asked of distances beyond what the scene asks for [m]
-    border_margin : the same of the border and of hands that stay apart [m]
-    tolerance : share of the margin that may be lost without a word
-    radius, most : of the trust region, at first and at most [m]; angles by three times as much
-    least : of the trust region, below which the search ends [m]
-    iterations : at most
-    gain : relative gain of the cost that counts as one
-    patience : steps without gain after which the search ends
-    corrections : times that a step is improved before it is shortened
-    slack_cost : of a metre that the linearised distances miss
-    wish : clearance that is wished for besides, where it costs little [m]; 0 for none
-    worth : share of the cost by which an obstacle that is touched makes it dearer; less, the nearer to the wish
-    gauge : weight of what holds directions and quaternions near unit length, which no motion shows
+    margin : distance from obstacles beyond the scene's clearance [m]
+    border_margin : likewise for the border, and for hands that must stay apart beyond their separation [m]
+    tolerance : share of the margins that may be missed without consequence
+    radius, most : radius of the trust region, at first and at most [m]; for angles at most 3 rad/m times as much
+    least : radius of the trust region below which the search ends [m]
+    iterations : largest number of steps
+    gain : least relative decrease of the cost that counts as a gain
+    patience : number of steps without gain after which the search ends
+    corrections : number of times that a step is corrected before the trust region shrinks
+    slack_cost : cost of a metre by which linearised distances are missed
+    wish : clearance beyond the scene's that is wished for where it costs little [m]; 0 for none
+    worth : share of the cost that is added for an obstacle that is touched, and less the more of the wish is met
+    gauge : weight of the penalty that keeps directions and quaternions near unit length; motions do not depend on it
     """
 
     margin: float = 1.5e-3
@@ -85,36 +92,36 @@ class ConvexSettings:
 
 
 class Grid(NamedTuple):
-    """Even samples of all motions with given ends.
+    """The linear map from shape weights to even samples of motions with given ends.
 
     Attributes
     ----------
-    shape : array, shape (n_samples, n_basis), configurations by unit shape weights
-    base : array, shape (n_samples, n_columns), the configurations without weights
+    shape : array, shape (n_samples, n_basis), values of the basis functions
+    base : array, shape (n_samples, n_columns), configurations for zero shape weights
     """
 
     shape: Array
     base: Array
 
     def q(self, z: Array) -> Array:
-        """Configurations, array of shape (n_samples, n_columns); `z` has the shape (n_columns * n_basis,)."""
+        """Return configurations, array of shape (n_samples, n_columns); `z` has the shape (n_columns * n_basis,)."""
         return self.base + self.shape @ z.reshape(self.base.shape[1], -1).T
 
 
 def grid(basis: MotionBasis, boundary: Array, n_samples: int) -> Grid:
-    """Return samples at every so many knots; `n_samples` - 1 divides the number of intervals."""
+    """Return the map to `n_samples` even samples, where `n_samples` - 1 must divide `N_INTERVALS`."""
     step = N_INTERVALS // (n_samples - 1)
     return Grid(np.ascontiguousarray(basis.shape[0][::step]), basis.boundary[0][::step] @ boundary)
 
 
 class Seen(NamedTuple):
-    """A movement where clearances were looked at.
+    """A movement and its contacts.
 
     Attributes
     ----------
-    q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3)
+    q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
-    depth : by how much margins are missed, worst of every owner, array, shape (n_owners + 2,) [m]
+    depth : array, shape (n_owners + 2,), largest amount by which the margin of each owner is missed [m]
     """
 
     q: Array
@@ -124,13 +131,13 @@ class Seen(NamedTuple):
 
 
 class ConvexProgramme:
-    """A scene in one basis, with given ends.
+    """The optimisation problem of a scene, for motions in one basis with given ends.
 
     Parameters
     ----------
-    boundary : array, shape (4, n_columns), as `CoordinatedMotion` has it
-    n_fine, n_coarse : samples at which clearances are looked at, and the cost
-    limits : of the hands; those of the scene unless given
+    boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
+    n_fine, n_coarse : numbers of samples for the clearances, and for cost and limits
+    limits : limits of the hands; those of the scene unless given
     """
 
     def __init__(
@@ -167,46 +174,52 @@ class ConvexProgramme:
         self._found = np.empty((4000, N_FIELDS))
 
     def motion(self, z: Array) -> CoordinatedMotion:
-        """The motion with these weights."""
+        """Return the motion with the shape weights `z`."""
         weights = z.reshape(-1, self.basis.n_basis)
         return CoordinatedMotion(self.scene, self.coordinates, self.basis, self.boundary, weights)
 
     def fit(self, q: Array, ridge: float) -> Array:
-        """Weights of least jerk among those near to configurations, array of shape (n_fine, n_columns)."""
+        """Return shape weights fitted to configurations, array of shape (n_fine, n_columns), by ridge regression."""
         shape, base = self.fine
         square = shape.T @ shape / len(shape) + ridge * np.eye(shape.shape[1])
         return np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Distances that are asked of every owner; array, shape (n_owners + 2,) [m]."""
+        """Return the distance that is required from every owner; array, shape (n_owners + 2,) [m]."""
         need = np.full(self.around.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
         return need
 
     def look(self, q: Array, cutoff: float, need: Array) -> Seen:
-        """Look at clearances below `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
+        """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         least = np.empty(self.around.n_owners + 2)
         n = find_contacts(self.around, nodes, self.offsets, cutoff, self._found, least)
-        if n == len(self._found):  # more room, and once more
+        if n == len(self._found):  # the array may have been too small: once more with a larger one
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)
         return Seen(q, nodes, self._found[:n].copy(), need - least)
 
     def hands(self, q: Array) -> tuple[Array, Array]:
-        """All nodes along configurations (n_samples, n_columns), and the hands, (n_samples, n_hands * n_dims) [m]."""
+        """Return nodes and hands along configurations, (n_samples, n_columns); hands (n_samples, n_hands * n_dims)
+        [m].
+        """
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
     def moves_of_hands(self, q: Array, nodes: Array) -> Array:
-        """How hands at the coarse samples change with the shape weights; (n_samples, n_hands * n_dims, n)."""
+        """Return the derivatives of hands at coarse samples by the shape weights; (n_samples, n_hands * n_dims,
+        n).
+        """
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.around.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
         return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
 
     def value(self, cost: QuadraticCost, z: Array, gauge: float) -> tuple[float, Array]:
-        """The cost at weights `z`, with the gauge of that weight, and the hands at the coarse samples."""
+        """Return the cost at shape weights `z`, with a gauge of the weight `gauge`, and the hands at the coarse
+        samples.
+        """
         q = self.coarse.q(z)
         _, hands = self.hands(q)
         residuals, lengths = cost.residuals(hands), self.gauge(q, gauge)
@@ -214,7 +227,7 @@ class ConvexProgramme:
         return float(residuals @ residuals + lengths @ lengths) + hasty, hands
 
     def gauge(self, q: Array, weight: float) -> Array:
-        """By how much directions and quaternions differ from unit length at some samples."""
+        """Return the weighted differences of directions and quaternions from unit length, at some of the samples."""
         lengths = [
             weight * reach * (np.linalg.norm(q[::GAUGE_EVERY, turn], axis=1) - 1.0)
             for turn, reach in self.normed
@@ -222,7 +235,7 @@ class ConvexProgramme:
         return np.concatenate([np.zeros(0), *lengths])
 
     def moves_of_gauge(self, q: Array, weight: float) -> Array:
-        """How that changes with the shape weights; array, shape (n, n_columns * n_basis)."""
+        """Return the derivatives of `gauge` by the shape weights; array, shape (n, n_columns * n_basis)."""
         rows = [np.zeros((0, self.n))]
         for turn, reach in self.normed:
             p = q[::GAUGE_EVERY, turn]
@@ -233,9 +246,9 @@ class ConvexProgramme:
         return np.concatenate(rows)
 
     def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: QuadraticCost) -> float:
-        """How far margins and limits are missed beyond the tolerance, the worst of every owner summed [m].
+        """Return how far margins and limits are missed beyond the tolerance, as a sum over owners and limits [m].
 
-        A limit that is exceeded by a tenth counts as a centimetre, where the pace is given.
+        If the pace is given, a limit that is exceeded by 10 % counts as a centimetre; else limits do not count.
         """
         zone = np.full(len(seen.depth), settings.margin)
         zone[-2:] = settings.border_margin
@@ -245,7 +258,7 @@ class ConvexProgramme:
         return float(missed) + LIMIT * max(self.limits.excess(hands) - UNNOTICED, 0.0)
 
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Rows A and bounds b of the linearised clearances, ``A dz >= b``, and whom they keep away from."""
+        """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row."""
         rows, distance = np.empty((len(seen.contacts), self.n)), np.empty(len(seen.contacts))
         linearised(self.coordinates.blocks, seen.contacts, seen.q, off, self.fine.shape, rows, distance)
         owner = seen.contacts[:, OWNER].astype(np.int64)
@@ -253,7 +266,7 @@ class ConvexProgramme:
 
 
 def _scale(coordinates: Coordinates) -> Array:
-    """By how much columns may change where a centre may change by a metre; array, shape (n_columns,)."""
+    """Return the size of the trust region in each column, relative to that of a centre [1/m]; shape (n_columns,)."""
     scale = np.ones(coordinates.n_columns)
     reach = float(np.linalg.norm(coordinates.blocks.point, axis=1).max())
     for part in coordinates.parts:

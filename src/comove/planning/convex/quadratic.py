@@ -1,7 +1,8 @@
-"""The quadratic programme of one step, solved with the few of its rows that matter.
+"""The quadratic programme of one step, solved with an active subset of its rows.
 
-Of hundreds of linearised clearances some ten are active in the end. So a programme begins with those that are nearly
-active, and what its solution breaks is added until nothing is: the same solution, several times sooner.
+Of hundreds of linearised clearances some ten are active at the solution. So a programme begins with those that are
+nearly active, and rows that its solution violates are added until there are none. This gives the same solution
+several times faster.
 """
 
 from __future__ import annotations
@@ -16,24 +17,26 @@ from comove.planning.convex.limits import ACTIVE, LinearLimits
 
 Array = NDArray[np.float64]
 
-FREE = 1e30  # what bounds nothing, as DAQP takes it
-UNIT = 1e-3  # m, of the slack in a programme
-NEARLY = 5e-3  # m, from which on a clearance takes part from the beginning
-BROKEN = 1e-6  # m, by which one that takes no part may be missed; of the trust region as a share
-FEW = 40  # of the worst that are added at once
-ROUNDS = 30  # of adding
-LIMIT_TOLERANCE = 1e-3  # of a limit, up to which it is linearised
-CURVED = 1e-2  # of the cost of a pace, by which its model is bent, so that the programme has one solution
+FREE = 1e30  # infinite bound for DAQP
+UNIT = 1e-3  # m, unit of the slack in a programme
+NEARLY = (
+    5e-3  # m, distance from its bound below which a clearance is part of the programme from the beginning
+)
+BROKEN = 1e-6  # m by which rows may be violated that are not part of it; for the trust region, a share of its radius
+FEW = 40  # rows added at once, the most violated ones
+ROUNDS = 30  # rounds of adding rows
+LIMIT_TOLERANCE = 1e-3  # relative excess over a limit up to which no tangent is added
+CURVED = 1e-2  # of the cost of a pace: curvature that is added to it, so that the programme has one solution
 
 
 class Rows(NamedTuple):
-    """Linearised clearances of a programme.
+    """The linearised clearances of a programme.
 
     Attributes
     ----------
-    rows, bound : ``rows dz >= bound`` [m]
-    owner : array of int, shape (n,), whom they keep away from
-    further : array, shape (n,), by how much more is wished for [m]; -inf where nothing is
+    rows, bound : arrays, shapes (n, n_variables) and (n,), of ``rows dz >= bound`` [m]
+    owner : array of int, shape (n,), owner of each clearance
+    further : array, shape (n,), additional distance that is wished for [m]; -inf for no wish
     """
 
     rows: Array
@@ -42,17 +45,17 @@ class Rows(NamedTuple):
     further: Array
 
     def with_more(self, rows: Array, bound: Array, owner: NDArray[np.int64], further: Array) -> Rows:
-        """These and others."""
+        """Return these rows followed by others."""
         more = (rows, bound, owner, further)
         return Rows(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
 
 
 class Trust(NamedTuple):
-    """A region in which the model is trusted.
+    """The trust region of a step.
 
     Attributes
     ----------
-    moves, center, radius : ``|moves dz - center| <= radius``
+    moves, center, radius : arrays, shapes (n, n_variables), (n,) and (n,), of ``|moves dz - center| <= radius``
     """
 
     moves: Array
@@ -61,15 +64,15 @@ class Trust(NamedTuple):
 
 
 class Prices(NamedTuple):
-    """What it costs to miss something.
+    """Prices of violations and of time in a programme.
 
     Attributes
     ----------
-    slack : of a metre that clearances are missed by
-    wish : of the square of a metre by which an owner is nearer than wished for
-    duration : of one more duration
-    pace : in how many durations limits are kept so far
-    faster : share of the pace that may be saved
+    slack : cost of a metre by which clearances are missed
+    wish : cost of a square metre, for the squared distance by which an owner is nearer than wished for
+    duration : cost of one more duration
+    pace : number of durations in which limits are kept so far
+    faster : largest share of the pace that may be saved
     """
 
     slack: float
@@ -80,14 +83,14 @@ class Prices(NamedTuple):
 
 
 class Minimum(NamedTuple):
-    """A solution.
+    """The solution of a programme.
 
     Attributes
     ----------
-    w : array, shape (n,), the whitened weights
-    slack : by how much clearances are missed at most [m]
-    short : squared distances by which owners are nearer than wished for, summed [m^2]
-    slower : by how much the pace grows, in durations
+    w : array, shape (n,), whitened change of the weights
+    slack : largest amount by which clearances are missed [m]
+    short : sum over owners of the squared distance by which each is nearer than wished for [m^2]
+    slower : growth of the pace, in durations
     """
 
     w: Array
@@ -99,13 +102,13 @@ class Minimum(NamedTuple):
 def minimum(
     gradient: Array, whiten: Array, clearances: Rows, trust: Trust, limits: LinearLimits, prices: Prices
 ) -> Minimum | None:
-    """Minimise ``|w|^2 / 2 + gradient w`` and half the `prices` over ``dz = whiten' w``; None where that fails."""
+    """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``; None if that fails."""
     n = len(gradient)
     rows, bound, owner, further = clearances
     wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
     owners, mine = np.unique(owner[wished], return_inverse=True)
     k, m, more = len(rows), len(wished), len(owners)
-    # Variables: the weights, the slack, what is missed of each owner's wish, and the change of the pace.
+    # Variables: the weights, the slack, the amount by which each owner's wish is missed, and the change of the pace.
     dear = prices.duration * prices.pace
     square = np.concatenate(
         [np.ones(n), [1e-3], np.full(more, max(prices.wish * UNIT**2, 1e-6)), [CURVED * dear or 1.0]]
@@ -149,7 +152,7 @@ def minimum(
 
 
 def _worst(broken: Array) -> NDArray[np.int64]:
-    """Which are broken, the worst few of them."""
+    """Return the indices of violated rows, of the worst ones if there are many."""
     at = np.flatnonzero(broken > BROKEN)
     return at if len(at) <= FEW else np.sort(at[np.argsort(-broken[at], kind="stable")[:FEW]])
 
@@ -157,8 +160,8 @@ def _worst(broken: Array) -> NDArray[np.int64]:
 def _solved(
     square: Array, linear: Array, matrix: Array, below: Array, above: Array, known: Array
 ) -> tuple[Array, Array] | None:
-    """Solution and multipliers, from multipliers that are `known`; None where there is none."""
-    for guess in (known, None) if known.any() else (None,):  # from a guess it may go round in circles
+    """Solve a programme from `known` multipliers; return solution and multipliers, None if there is no solution."""
+    for guess in (known, None) if known.any() else (None,):  # from a guess the solver may cycle
         x, _, flag, told = daqp.solve(
             square,
             linear,

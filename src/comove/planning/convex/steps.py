@@ -1,8 +1,8 @@
-"""One step: the model of where a search stands, and the trial that its programme leads to.
+"""One step of the optimisation: the model at the current point, and the trial point found by its programme.
 
-The cost is a sum of squares in the shape weights, taken to first order inside (Gauss-Newton), and distances are taken
-to first order. A step is as good as its trial: what it comes too near to is added to the programme, linearised there,
-before the step is shortened. Steps end in a trust region, in configurations at even times.
+The cost is a sum of squares whose residuals are linearised in the shape weights (Gauss-Newton); distances are
+linearised too. A step is judged by its trial point: contacts that are too near there are linearised and added to the
+programme, before the step is shortened. A trust region bounds the change of configurations at even times.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 Array = NDArray[np.float64]
 
 SOUND = 1e-9  # m, by which margins may be missed
-HASTIER = 0.5  # of the pace, that a step may save
+HASTIER = 0.5  # share of the pace that a step may save
 
 
 class Stand(NamedTuple):
-    """Where a search stands.
+    """The current point of the optimisation, and the model of the problem there.
 
     Attributes
     ----------
-    z : array, shape (n_columns * n_basis,)
-    value : of the cost
-    wish : how much of the wish for clearance is not met
-    gradient : of its model in the variables w, ``dz = whiten' w``, in which its matrix is the identity
+    z : array, shape (n_columns * n_basis,), shape weights
+    value : value of the cost
+    wish : share of the wish for clearance that is not met, squared and summed over obstacles
+    gradient : gradient of half the cost in the variables w, ``dz = whiten' w``, in which its Hessian is the identity
     whiten : array, shape (n_columns * n_basis, n_columns * n_basis)
-    seen : the clearances that are linearised
-    off : array, shape (n_samples, n_columns), how far they are from those of `z`
-    limits : those of the hands, linearised
-    pace : in how many durations they are kept; 1 where the duration is given
-    missed : how far margins are missed beyond the tolerance, summed [m]; inf where nobody has looked
+    seen : the movement about which clearances are linearised, and its contacts
+    off : array, shape (n_samples, n_columns), configurations of `seen` less those of `z`
+    limits : linearised limits of the hands
+    pace : number of durations in which limits are kept; 1 if the duration is given
+    missed : amounts by which margins and limits are missed beyond the tolerance, summed [m]; inf if not computed
     """
 
     z: Array
@@ -52,16 +52,17 @@ class Stand(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a step leads to.
+    """A trial step and its evaluation.
 
     Attributes
     ----------
-    dz : array, shape (n_columns * n_basis,)
-    value, missed : of the cost after it, with what it gains of the wish, and of the margins
-    seen : clearances there
-    predicted : gain of the merit
-    slack : by how much its programme misses the margins [m]
-    programmes : quadratic programmes that were solved for it
+    dz : array, shape (n_columns * n_basis,), change of the shape weights
+    value : cost after the step, plus the price of the change of `Stand.wish`
+    missed : amounts by which margins and limits are missed after the step [m]
+    seen : movement after the step, and its contacts
+    predicted : gain of the merit function that the programme predicts
+    slack : amount by which the solution of the programme misses margins and limits [m]
+    programmes : number of quadratic programmes that were solved
     """
 
     dz: Array
@@ -81,7 +82,7 @@ def stand(
     radius: float,
     reference: Array | None = None,
 ) -> Stand:
-    """Look around at weights `z`, or at a `reference` near to them."""
+    """Evaluate and linearise the problem at weights `z`; clearances at a `reference` near to them, if given."""
     q = p.coarse.q(z)
     nodes, hands = p.hands(q)
     moves = p.moves_of_hands(q, nodes)
@@ -89,7 +90,7 @@ def stand(
     slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
     square = slopes.T @ slopes
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
-    # All by numpy: its threads and those of scipy stand in each other's way for longer than the work takes.
+    # All by numpy: its threads and those of scipy would delay each other for longer than the work takes.
     whiten = np.linalg.inv(np.linalg.cholesky(square))
     gradient = whiten @ (slopes.T @ residuals)
     own = p.fine.q(z)
@@ -104,7 +105,7 @@ def stand(
 
 
 def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
-    """How much of the wish for clearance is not met: the squared share of every obstacle, summed."""
+    """Return the share of the wish for clearance that is not met, squared and summed over obstacles."""
     if settings.wish <= 0:
         return 0.0
     n = p.around.n_owners
@@ -115,9 +116,9 @@ def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
 def _further(
     p: ConvexProgramme, owner: NDArray[np.int64], bound: Array, settings: ConvexSettings, radius: float
 ) -> Array:
-    """By how much more than the margin is wished for [m], -inf where nothing is; array of the shape of `owner`.
+    """Return the distance beyond the margin that is wished for [m], -inf for no wish; array of the shape of `owner`.
 
-    Nothing is wished of obstacles that are as far as no step is likely to come.
+    There is no wish for obstacles that are too far for a step to reach.
     """
     near = bound > -settings.wish - 0.5 * radius
     wished = near & (owner < p.around.n_owners) & (settings.wish > settings.margin)
@@ -127,7 +128,7 @@ def _further(
 def step(
     p: ConvexProgramme, cost: QuadraticCost, here: Stand, settings: ConvexSettings, radius: float, mu: float
 ) -> Step | None:
-    """One step, corrected where its trial comes too near; None where a programme has no solution."""
+    """Compute a step, corrected where its trial comes too near; None if a programme has no solution."""
     need = p.need(settings)
     rows, bound, owner = p.linear(here.seen, here.off, need)
     clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
@@ -159,14 +160,14 @@ def step(
         if known:
             worse = predicted < -settings.gain * here.value and here.missed < SOUND
             if corrections == 0 and not lenient and worse:
-                lenient = True  # what is too near may stay so, but not come nearer
+                lenient = True  # parts that are too near may stay so, but not come nearer
                 clearances = clearances._replace(bound=np.minimum(clearances.bound, 0.0))
                 continue
             actual = here.value - trial.value + mu * (here.missed - missed)
             if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
                 return trial
             if near_enough and here.value - trial.value < 0.5 * abs(gain):
-                return trial  # the cost's model is what fails
+                return trial  # the model of the cost fails, not that of the clearances
             if corrections and slack > settings.margin:
                 return trial
         if corrections == settings.corrections or near_enough:

@@ -1,8 +1,8 @@
-"""Warps of time: the same way, at other times.
+"""Warps of time, which let a movement follow the same path at other times.
 
-Linearised clearances hold every sample in front of a plane of its own, so that the moment in which a load passes a
-corner moves by hardly more than a sample a step. Yet what a movement does not touch none of its warps touches: they
-need no planes, and are looked for by themselves between steps.
+Linearised clearances keep every sample on its side of a plane of its own, so that the instant at which a load passes
+a corner hardly moves by more than a sample in a step. But a movement without contact has only warps without contact:
+these need no planes, and are optimised separately between steps.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 
 N_WAVES = 12
 SMOOTH = 1e-8  # of the mean curvature of the cost, times the squared slope of a wave
-STEEPEST = 0.5  # by which time may run faster or slower
-SHARES = (1.0, 0.5, 0.25)  # of a warp that are tried in turn
+STEEPEST = 0.5  # largest relative change of the pace of time
+SHARES = (1.0, 0.5, 0.25)  # shares of a warp that are tried in turn
 RIDGE = 1e-12  # of the fit
 
 
 def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: ConvexSettings) -> Array:
-    """Weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z` itself.
+    """Return the weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z`.
 
-    The waves ``sin(k pi t)`` by which time is shifted minimise the cost to first order.
+    Time is shifted by a sum of waves ``sin(k pi t)`` that minimises the cost with linearised residuals.
     """
     if cost.haste > 0:
         return z
@@ -38,7 +38,7 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     order = np.arange(1, N_WAVES + 1)
     square[np.diag_indices(N_WAVES)] += SMOOTH * np.trace(square) / N_WAVES * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)
-    if -gradient @ heights < settings.gain * value:  # what it promises
+    if -gradient @ heights < settings.gain * value:  # the gain that it promises
         return z
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
     shift = _waves(len(t)) @ heights
@@ -58,7 +58,7 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
 
 @lru_cache(maxsize=8)
 def _waves(n: int) -> Array:
-    """Waves that rest at both ends of unit duration, at even samples; array, shape (n, N_WAVES)."""
+    """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, N_WAVES)."""
     waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, N_WAVES + 1)))
     waves.setflags(write=False)
     return waves

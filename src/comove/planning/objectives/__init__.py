@@ -1,4 +1,4 @@
-"""What a motion shall be best in."""
+"""The objectives of `solve`: least jerk, least time, the paper's cost, and the user's own functions."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCo
 
 
 def objective_of_scene(part: BaseModel | None) -> LeastJerk | LeastTime | PaperCost | None:
-    """Return the objective that a scene file asks for, None where it says nothing."""
+    """Return the objective that a scene file asks for, None if it names none."""
     return None if part is None else OBJECTIVES[part.type](**part.model_dump(exclude={"type"}))

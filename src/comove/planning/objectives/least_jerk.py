@@ -1,4 +1,4 @@
-"""The objective of smoothness: least jerk, and near to what was taught."""
+"""The objective of smoothness: least jerk, and resemblance to a demonstration."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from comove.errors import OptionError
 
 DEFAULT = 0.7
-LOOSEST, CLOSEST = 2.0, 7.7  # powers of ten of the pull, just above a resemblance of 0 and at 1
+LOOSEST, CLOSEST = 2.0, 7.7  # exponents of ten of the pull, for a resemblance just above 0 and of 1
 
 
 @dataclass(frozen=True)
 class LeastJerk:
-    """Least squared jerk of all hands; with a demonstration, of the departure from it, and a pull to it.
+    """The objective of least squared jerk; with a demonstration, of the deviation from it, and of its square.
 
-    In unit duration, with L the root of the summed squared ways from start to goal and d_i the demonstration
-    transferred to hand i,
+    In unit duration, with L the root of the summed squared distances from start to goal and d_i the demonstration
+    transferred to hand i, it is
 
         1/(720 L^2) integral sum_i |y_i''' - d_i'''|^2 ds + pull/L^2 integral sum_i |y_i - d_i|^2 ds,
 
@@ -25,11 +25,11 @@ class LeastJerk:
 
     Attributes
     ----------
-    resemblance : between 0 and 1: how near to the demonstration; 0 leaves it unused, 1 is as near as what is in the
-        way allows. 0.7 where there is a demonstration, unless given
-    room : clearance that is wished for where it costs little, beyond what the scene asks for [m]. While a way is
-        optimised, an obstacle that is touched makes the motion dearer by 15 %, and by less the nearer to the wish;
-        of several ways, the one whose motion has the least of the above is taken
+    resemblance : resemblance to the demonstration, from 0 (not used) to 1 (as near as obstacles allow); 0.7 for a
+        demonstration, unless given
+    room : clearance beyond the scene's that is wished for where it costs little [m]. While a path is optimised, each
+        obstacle that is touched adds 15 % to the value, and less the more of this clearance is kept; of several
+        paths, the one whose motion has the least value above is taken
     """
 
     resemblance: float | None = None
@@ -51,6 +51,6 @@ class LeastJerk:
             )
 
     def pull(self, taught: bool) -> float:
-        """How strongly hands are drawn to the demonstration; 0 where there is none, or it is not used."""
+        """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used."""
         strength = DEFAULT if self.resemblance is None else float(self.resemblance)
         return 10.0 ** (LOOSEST + (CLOSEST - LOOSEST) * strength) if taught and strength > 0 else 0.0

@@ -1,4 +1,4 @@
-"""The objective of haste: the shortest duration that the limits allow."""
+"""The objective of least time: the shortest duration that the limits allow."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LeastTime:
-    """Shortest duration within the limits of speed, acceleration and jerk at every instant.
+    """The objective of the shortest duration within the limits of speed, acceleration and jerk at every instant.
 
-    The scene's own duration does not count; limits that it leaves out are filled in (`planning.pace.LIMITS`).
+    The scene's own duration is ignored; limits that the scene leaves out are set by `planning.pace.LIMITS`.
     """

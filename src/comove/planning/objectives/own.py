@@ -1,4 +1,4 @@
-"""Objectives and constraints of the user's own: any function of a sampled motion."""
+"""Objectives and constraints given by the user as functions of a sampled motion."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TOLERANCE = 1e-4  # by which an equality may be missed, in its own unit
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A motion at even times, as functions of the user get it.
+    """Samples of a motion at even times, the argument of the user's functions.
 
     Attributes
     ----------
     time : array, shape (n_steps,) [s]
-    position, velocity, acceleration : arrays, shape (n_steps, n_manipulators, n_dims) [m, m/s, m/s^2]
-    manipulators : their names
-    nodes : array, shape (n_steps, n_nodes, 3), the hands and then the corners of the load [m]
+    position, velocity, acceleration : arrays, shape (n_steps, n_manipulators, n_dims), of the hands [m, m/s, m/s^2]
+    manipulators : names of the manipulators
+    nodes : array, shape (n_steps, n_nodes, 3), positions of the hands, then of the corners of the load [m]
     """
 
     time: Array
@@ -58,12 +58,12 @@ Function = Callable[[Samples], float]
 
 @dataclass(frozen=True, eq=False)
 class Equality:
-    """A constraint g = 0, within a tolerance in its own unit; constraints that are plain functions are h <= 0.
+    """A constraint g = 0 that holds within a tolerance; constraints that are plain functions mean h <= 0.
 
     Attributes
     ----------
-    function : of `Samples`, gives a number or an array of them
-    tolerance : by which each may be missed
+    function : g, a function of `Samples` that returns a number or an array of numbers
+    tolerance : largest accepted absolute value of each number, in the unit of g
     """
 
     function: Callable[[Samples], object]
@@ -79,30 +79,30 @@ class Equality:
             )
 
     def __call__(self, samples: Samples) -> object:
-        """By how much it is missed beyond its tolerance; at most 0 where it is kept."""
+        """Return the absolute values of g less the tolerance; at most 0 where the constraint holds."""
         return np.abs(np.asarray(self.function(samples), dtype=float)) - self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class OwnFunctions:
-    """What the user minimises, and what must hold besides the scene.
+    """The user's objective, and the user's constraints besides the scene.
 
     Attributes
     ----------
-    function : of `Samples`; None where another objective counts, and only constraints are the user's
-    constraints : of `Samples`, h <= 0, or `Equality`
+    function : objective, a function of `Samples`; None if only constraints are the user's
+    constraints : functions h of `Samples`, for h <= 0, or `Equality`
     """
 
     function: Function | None
     constraints: tuple[Callable[[Samples], object], ...] = ()
 
     def value(self, samples: Samples) -> float:
-        """Return the objective.
+        """Return the value of the objective.
 
         Raises
         ------
         OptionError
-            The function fails, or does not give a number.
+            If the function fails, or does not return a number.
         """
         value = _called(self.function, samples, "objective")
         if value.shape != () or np.isnan(value):
@@ -114,12 +114,12 @@ class OwnFunctions:
         return float(value)
 
     def violations(self, samples: Samples) -> Array:
-        """Return what all constraints give, one after the other; positive where one is broken.
+        """Return the values of all constraints in one array; a positive value means a violation.
 
         Raises
         ------
         OptionError
-            One fails, or gives what is no number.
+            If a constraint fails, or returns anything but numbers.
         """
         values = [np.zeros(0)]
         for constraint in self.constraints:
@@ -134,7 +134,7 @@ class OwnFunctions:
         return np.concatenate(values)
 
     def reasons(self, motion: CoordinatedMotion) -> list[str]:
-        """Say which constraints a motion breaks at its samples; a further check of the judge."""
+        """Return a message for every constraint that a motion violates at its samples; a check for `verify`."""
         samples, reasons = Samples.of(motion), []
         for constraint in self.constraints:
             worst = float(np.max(_called(constraint, samples, "constraints"), initial=-np.inf))
@@ -144,18 +144,18 @@ class OwnFunctions:
 
 
 def name_of(function: object) -> str:
-    """The name of a function in messages."""
+    """Return the name of a function for messages."""
     inner = getattr(function, "function", function)
     return getattr(inner, "__name__", type(inner).__name__)
 
 
 def own(objective: object, constraints: Sequence[object]) -> OwnFunctions | None:
-    """Return the user's functions, None where there are none.
+    """Return the user's functions, None if there are none.
 
     Raises
     ------
     OptionError
-        A constraint is no function.
+        If a constraint is no function.
     """
     for constraint in constraints:
         if not callable(constraint):

@@ -11,12 +11,12 @@ from comove.errors import OptionError
 
 @dataclass(frozen=True)
 class PaperCost:
-    """Relative importance of the terms of equation (4), and of what was taught.
+    """The weights of the terms of equation (4), and of the resemblance to a demonstration.
 
     Attributes
     ----------
     goal, velocity, obstacle : c_goal, c_vel, c_obst
-    resemblance : how much the shape of the demonstration counts; 0 where it is only a start
+    resemblance : c_res, weight of the distance from the demonstration; 0 if this is only the start of the search
     """
 
     goal: float = 1.0

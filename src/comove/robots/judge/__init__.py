@@ -1,1 +1,3 @@
-"""The judge of joint motions: Pinocchio's kinematics, coal's distances, nothing of `comove.robots.search`."""
+"""Judge of joint motions, by Pinocchio's kinematics and coal's distances; it shares no code with
+`comove.robots.search`.
+"""

@@ -1,4 +1,4 @@
-"""How far parts of a robot may be off because its bases may stand elsewhere than its description says."""
+"""Errors of the parts of a robot due to tolerances of the places of its bases."""
 
 from __future__ import annotations
 
@@ -18,19 +18,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Bases:
-    """The bases of a robot and how well it is known where they stand."""
+    """The bases of a robot, with the tolerances of their places."""
 
     robot: Robot
     uncertainty: Uncertainty
 
     @cached_property
     def reaches(self) -> Reaches:
-        """Of the robot."""
+        """Return the reaches of the robot's joints."""
         return Reaches(self.robot)
 
     @cached_property
     def numbers(self) -> dict[str, int]:
-        """On which base, by the number of its model, links and joints are; empty where there is one base only."""
+        """Return, by name of link or joint, the number of the model whose base it is on; empty where there is one
+        base only.
+        """
         if len(self.robot.sources) == 1:
             return {}
         return {
@@ -41,7 +43,7 @@ class Bases:
         }
 
     def pull(self, base: int, root: Array, length: float) -> float:
-        """By how much a base that stands elsewhere moves what is at most `length` from a point `root` [m].
+        """Bound the displacement, by the tolerance of a base, of points at most `length` from a point `root` [m].
 
         Turning about its origin by an angle a moves a point at the distance r by at most a r.
 
@@ -55,11 +57,11 @@ class Bases:
         return float(self.uncertainty.position + turn * (away.max() + length))
 
     def of_hand(self, arm: Arm, places: Array) -> tuple[int, float]:
-        """The base of an arm, and how far its hand may be off [m].
+        """Return the base of an arm, and the largest error of its hand due to that base [m].
 
         Parameters
         ----------
-        places : array, shape (n_steps, 3), where the hand is [m]
+        places : array, shape (n_steps, 3), positions of the hand [m]
         """
         model = self.robot.model
         base = self.numbers.get(model.names[model.frames[model.getFrameId(arm.tip)].parentJoint], 0)

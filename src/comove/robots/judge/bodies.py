@@ -1,4 +1,4 @@
-"""All bodies of a robot at work, the pairs of them that could touch, and what each pair has to keep.
+"""Bodies of a robot at work, the pairs of them that could touch, and the clearance required of each pair.
 
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
@@ -8,9 +8,9 @@ kind     pairs                                                            keep
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm where that is not given; so much the load keeps from obstacles as
-well. Where the robot's bases may stand elsewhere (`uncertainty`), what that can take from a distance is taken from
-it: links and obstacles, and bodies on different bases.
+The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Where the
+places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
+on different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
 SCENE, LOAD, SELF = range(3)
-SCENE_ITSELF, LOAD_ALONE = -1, -2  # what is on no base
+SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
 
 OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
     "box": lambda o: coal.Box(*o.size),
@@ -54,17 +54,17 @@ class Bodies:
 
     Attributes
     ----------
-    robot : whose model moves it
-    geometry : pinocchio.GeometryModel, its collision pairs those that are judged
-    names : of the bodies, for people
+    robot : robot whose model moves the bodies
+    geometry : pinocchio.GeometryModel, whose collision pairs are those that are judged
+    names : names of the bodies, for messages
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
-    required : array, shape (3,), what pairs of each kind are to keep [m]
-    taken : array, shape (n_pairs,), by which the true distance may be less than the computed one [m]
-    reach : array, shape (n_pairs, n_joints + 1), by how much a distance changes at most when a joint moves, and
-        when the load does [m/rad, m/m]
-    exact : array, shape (n_pairs,), the pair of which a pair is a rough version, itself where it is none: meshes are
-        looked at by their convex hulls first, which are nearer to everything and much faster
-    rods : numbers of the load's shapes, each followed by the nodes that it spans (see `load_shapes`)
+    required : array, shape (3,), required clearance of each kind [m]
+    taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
+    reach : array, shape (n_pairs, n_joints + 1), largest change of a distance per motion of each joint, and of the
+        load [m/rad, m/m]
+    exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
+        the convex hulls of meshes, nearer to everything and much faster, are checked first
+    rods : for each shape of the load, its number and the nodes that it spans (see `load_shapes`)
     """
 
     robot: Robot
@@ -78,19 +78,19 @@ class Bodies:
     rods: tuple[tuple[int, ...], ...]
 
     def name(self, pair: int) -> str:
-        """Both bodies of a pair, for people."""
+        """Return the names of both bodies of a pair, for messages."""
         both = self.geometry.collisionPairs[pair]
         return f"{self.names[both.first]} and {self.names[both.second]}"
 
 
 def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float) -> Bodies:
-    """Put robot, obstacles and load together.
+    """Put robot, obstacles and load into one geometry model.
 
     Parameters
     ----------
-    arms : in the order of the hands
-    hands : array, shape (n_steps, n_hands, 3), where these are [m]
-    miss : by which hands may be off the load's motion [m]
+    arms : arms in the order of the hands
+    hands : array, shape (n_steps, n_hands, 3), positions of the hands [m]
+    miss : largest error of the hands from the load's motion [m]
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     geometry = robot.collision.copy()
@@ -126,7 +126,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
 
 
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Put the scene's obstacles in; the pairs with all links."""
+    """Add the scene's obstacles; returns the pairs with all links."""
     links, pairs = range(geometry.ngeoms), []
     for i, obstacle in enumerate(scene.file.obstacles):
         number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
@@ -138,7 +138,7 @@ def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[
 def _add_load(
     robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
 ) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
-    """Put the load's shapes in; their numbers with the nodes that they span, and the pairs with links."""
+    """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
     held, rods, pairs = _beyond_wrists(robot, holders), [], []
     links = [link for link in range(robot.collision.ngeoms) if _parent(geometry, link) not in held]
     for shape in load_shapes(carried):
@@ -153,7 +153,9 @@ def _add_load(
 def _with_hulls(
     geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
 ) -> tuple[list[tuple[int, int, int]], NDArray[np.int64]]:
-    """Pairs with hulls instead of convex meshes, then the rough versions of others; and `Bodies.exact`."""
+    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; and
+    `Bodies.exact`.
+    """
     convex, rough = _hulls(geometry, names)
     pairs = [(convex.get(a, a), convex.get(b, b), kind) for a, b, kind in pairs]
     exact = list(range(len(pairs)))
@@ -175,18 +177,18 @@ def _obstacle(obstacle: Any, name: str) -> Any:
 
 
 def _holders(scene: Scene) -> list[int]:
-    """Hands that hold the load, by number."""
+    """Return the numbers of the hands that hold the load."""
     return [scene.manipulators.index(name) for name in scene.file.holders]
 
 
 def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
-    """Joints whose links go rigidly with a hand: the last one of each arm, and what hangs on it."""
+    """Return the joints whose links move rigidly with a hand: the last one of each arm, and those beyond it."""
     lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
 
 
 def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
-    """Add the convex hulls of all meshes; hulls by their mesh, of those that are convex themselves and of others."""
+    """Add the convex hulls of all meshes; returns the hulls by mesh, those of convex meshes and those of others."""
     convex, others = {}, {}
     for number in range(geometry.ngeoms):
         item = geometry.geometryObjects[number]
@@ -203,7 +205,7 @@ def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, i
 
 
 def _is_convex(mesh: Any) -> bool:
-    """Whether a mesh may as well be its hull; if it is not quite, the hull is nearer to everything."""
+    """Return whether a mesh may be replaced by its hull, which is nearer to everything if they differ slightly."""
     volume = mesh.convex.computeVolume()
     return (
         mesh.num_vertices == mesh.convex.num_points and abs(mesh.computeVolume() - volume) < CONVEX * volume
@@ -211,13 +213,13 @@ def _is_convex(mesh: Any) -> bool:
 
 
 def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """How joints move the bodies, how far these may be off, and on which base they are.
+    """Return how joints move the bodies, how far tolerances of the bases move them, and on which base they are.
 
     Returns
     -------
-    reach : array, shape (n_bodies, n_joints), see `Reaches`; of balls about the bodies
-    pull : array, shape (n_bodies,), by which a base that stands elsewhere moves them [m]
-    base : array, shape (n_bodies,), number of the model; -1 for obstacles
+    reach : array, shape (n_bodies, n_joints), reach of balls about the bodies, see `Reaches`
+    pull : array, shape (n_bodies,), largest displacement by the tolerance of a base [m]
+    base : array, shape (n_bodies,), number of the model whose base carries a body; -1 for obstacles
     """
     robot, count = bases.robot, geometry.ngeoms
     reach, pull, base = np.zeros((count, robot.model.nv)), np.zeros(count), np.full(count, SCENE_ITSELF)
@@ -232,12 +234,12 @@ def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Arr
 
 
 def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]) -> Array:
-    """How joints, and at last the load, change distances; joints that move both bodies do not.
+    """Bound how joints, and at last the load, change distances; joints that move both bodies do not.
 
     Parameters
     ----------
-    reach : array, shape (n_bodies, n_joints)
-    pairs : array, shape (n_pairs, 3), two bodies and the kind
+    reach : array, shape (n_bodies, n_joints), as in `_links_of`
+    pairs : array, shape (n_pairs, 3), numbers of two bodies, and the kind
 
     Returns
     -------

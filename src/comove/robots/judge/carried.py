@@ -1,6 +1,6 @@
-"""The hands' motion as the judge of joints needs it: where hands and load are, and bounds of how they move.
+"""Motion of hands and load for the judge of joints: positions, rotations, and bounds of their derivatives.
 
-Everything is taken from the verified curve and from the bounds by which it was verified.
+All of it comes from the verified curve and from the bounds by which it was verified.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ class Carried:
 
     @cached_property
     def time(self) -> Array:
-        """Of the knots, between which the bounds hold; array, shape (n_knots,) [s]."""
+        """Return the times of the knots, between which the bounds hold; array, shape (n_knots,) [s]."""
         return np.linspace(0.0, self.motion.scene.duration, N_INTERVALS + 1)
 
     def nodes(self, time: Array) -> Array:
-        """Hands and corners of the load; array, shape (n_steps, n_nodes, 3) [m]."""
+        """Compute the positions of the hands and of the load's corners; array, shape (n_steps, n_nodes, 3) [m]."""
         return self.motion.coordinates.motion(self.motion.at(time / self.motion.scene.duration))[0]
 
     def hands(self, time: Array) -> tuple[Array, Array]:
-        """Positions [m] and velocities [m/s] of the hands; arrays, shape (n_steps, n_manipulators, 3)."""
+        """Compute positions [m] and velocities [m/s] of the hands; arrays, shape (n_steps, n_manipulators, 3)."""
         duration = self.motion.scene.duration
         position, velocity, _ = self.motion.hands(time / duration)
         return position, velocity / duration
 
     def rotations(self, time: Array) -> tuple[Array, Array] | None:
-        """Orientations of the hands' grasp frames and their angular velocities, None where the scene says nothing.
+        """Compute orientations and angular velocities of the hands' grasp frames; None where the scene has no grasp.
 
         Returns
         -------
@@ -68,19 +68,19 @@ class Carried:
 
     @cached_property
     def speed(self) -> Ranges:
-        """Upper bound of the speed of every node [m/s]."""
+        """Return upper bounds of the speed of every node [m/s]."""
         speed = self._speeds / self.motion.scene.duration
         return Ranges(self.time, speed)
 
     @cached_property
     def jerk(self) -> Ranges:
-        """Upper bound of the third derivative of every hand's position [m/s^3]."""
+        """Return upper bounds of the third derivative of every hand's position [m/s^3]."""
         n_hands = len(self.motion.scene.manipulators)
         return Ranges(self.time, self._bounds.jerk[:, :n_hands] / self.motion.scene.duration**3)
 
     @cached_property
     def swing(self) -> Ranges:
-        """Upper bound of the third derivative of the heading [rad/s^3]; array of width 1.
+        """Return upper bounds of the third derivative of the heading [rad/s^3]; array of width 1.
 
         The unit vector u along a planar vector r has ``|u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3``, a_i the bounds of
         the derivatives of r over the least |r| (see `comove.verification.bounds`), and its angle has
@@ -106,6 +106,8 @@ class Carried:
 
     @cached_property
     def _speeds(self) -> Array:
-        """Upper bound of the speed of every node between two knots, in unit duration; (n_intervals, n_nodes)."""
+        """Return upper bounds of the speed of every node between two knots, in unit duration; (n_intervals,
+        n_nodes).
+        """
         speed = np.linalg.norm(self.motion.coordinates.motion(self.motion.knots)[1], axis=2)
         return np.maximum(speed[1:], speed[:-1]) + 0.5 / N_INTERVALS * self._bounds.acceleration

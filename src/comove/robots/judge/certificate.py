@@ -1,13 +1,13 @@
-"""The continuous-time certificate of a robot's clearance.
+"""Continuous-time certificate of a robot's clearance.
 
-Two bodies whose distance at an instant is d are, at most w before or after it, at least
+Two bodies whose distance at an instant is d are, at all times at most w before or after it, at least
 
     d - w sum_j max|q_j'| r_j
 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
-only the joints between the two count; the load adds its own largest speed. Where that is too little, convex bodies
-are looked at more closely (see `nearing`), and where that is too little as well, time is halved, for those pairs
-only. Distances are coal's, placements Pinocchio's.
+only the joints between the two count; the load adds its own largest speed. Where this bound is too small, a
+second-order bound is used for convex bodies (see `nearing`), and where that is too small as well, the time interval
+is halved, for those pairs only. Distances are coal's, placements Pinocchio's.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ MOST = 400_000  # distances: a bound that needs more is given up as it stands, s
 
 
 class LinkClearance(NamedTuple):
-    """What the certificate says of one kind of pairs.
+    """The certificate for one kind of pairs.
 
     Attributes
     ----------
     lower : certified lower bound of the clearance at every instant [m]; infinite where there is no pair
-    upper : the least clearance met on the way [m]
-    pair, time : where `upper` was met: number of the pair and [s]
+    upper : least clearance computed at any instant [m]
+    pair : number of the pair that has `upper`
+    time : time at which it has it [s]
     """
 
     lower: float
@@ -51,13 +52,13 @@ class LinkClearance(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Pairs during stretches of time of equal length, by the stretches' numbers; arrays, shape (n_cells,)."""
+    """Pairs during time intervals of equal length, given by the intervals' numbers; arrays, shape (n_cells,)."""
 
     stretch: NDArray[np.int64]
     pair: NDArray[np.int64]
 
     def halved(self, chosen: NDArray[np.bool_]) -> _Cells:
-        """Both halves of some of them."""
+        """Return both halves of the chosen cells."""
         stretch = np.concatenate([2 * self.stretch[chosen], 2 * self.stretch[chosen] + 1])
         order = np.argsort(stretch, kind="stable")
         return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
@@ -66,7 +67,7 @@ class _Cells(NamedTuple):
 def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
-    Where a pair has less than it is to keep, its kind is only looked at as closely as `LOOSE`.
+    Where a pair violates its required clearance, the bound of its kind is only as tight as `LOOSE`.
 
     Parameters
     ----------
@@ -101,7 +102,9 @@ def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[LinkClearanc
 
 
 def _first(bodies: Bodies) -> _Cells:
-    """All pairs, rough where there are such, during the first stretches; once if they never move."""
+    """Return the cells of all pairs in the first intervals, rough pairs where there are such; one cell for pairs that
+    never move.
+    """
     rough = bodies.exact != np.arange(len(bodies.exact))
     begun = np.ones(len(rough), dtype=bool)
     begun[bodies.exact[rough]] = False
@@ -112,7 +115,7 @@ def _first(bodies: Bodies) -> _Cells:
 
 
 def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -> LinkClearance:
-    """The least clearance so far."""
+    """Return the least clearance so far."""
     k = first_least(distance) if len(distance) else -1
     if k < 0 or distance.min() >= best.upper:
         return best
@@ -122,7 +125,7 @@ def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -
 
 
 class _Distances:
-    """Distances of pairs at the middle of stretches of time, and how much they can change within these."""
+    """Computes distances of pairs at the middle of time intervals, and how much they can change within these."""
 
     def __init__(self, bodies: Bodies, carried: Carried, curve: PPoly):
         self.bodies, self.carried, self.curve = bodies, carried, curve
@@ -131,11 +134,11 @@ class _Distances:
         self.rates = Ranges(curve.x, fastest(curve)[0])
 
     def __call__(self, cells: _Cells, width: float) -> tuple[Array, Array]:
-        """Both, less what is taken from a distance; arrays, shape (n_cells,) [m].
+        """Compute distances, less what is taken from them, and bounds of their changes; arrays, shape (n_cells,) [m].
 
         Parameters
         ----------
-        width : of the stretches [s]
+        width : length of the intervals [s]
         """
         stretches, first, counts = np.unique(cells.stretch, return_index=True, return_counts=True)
         time = (stretches + 0.5) * width
@@ -154,6 +157,6 @@ class _Distances:
         return np.array(distances) - self.bodies.taken[cells.pair], 0.5 * width * change
 
     def _rates(self, begin: Array, end: Array) -> Array:
-        """Largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
+        """Return the largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
         load = self.carried.speed.over(begin, end).max(axis=1, keepdims=True)
         return np.concatenate([self.rates.over(begin, end), load], axis=1)

@@ -1,4 +1,4 @@
-"""What the judge of joint motions checks, one function a check, and how it says what is wrong."""
+"""Checks of the judge of joint motions, one function each, and their messages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CLEARANCES = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance
 
 
 class JointFinding(NamedTuple):
-    """What one check says: measures of the report, where they were met, reasons against the motion."""
+    """The result of one check: measures of the report, where they occur, and reasons against the motion."""
 
     measures: dict[str, float]
     where: dict[str, tuple[str, float]]
@@ -44,7 +44,7 @@ class JointFinding(NamedTuple):
 
 
 def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
-    """Why this robot cannot carry out any motion on the scene."""
+    """Return the reasons why this robot cannot carry out any motion on the scene."""
     if scene.n_dims != 3:
         return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
     reasons = []
@@ -61,7 +61,7 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
 
 
 def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
-    """Why the samples are no motion of this robot that lasts as long as the scene's."""
+    """Return the reasons why the samples are not a motion of this robot in the duration of the scene."""
     if tuple(joints.joint_names) != robot.joint_names:
         return [
             f"the motion moves {', '.join(map(str, joints.joint_names))}, the robot '{robot.name}' has "
@@ -96,7 +96,7 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
 
 
 def rest(robot: Robot, curve: PPoly) -> JointFinding:
-    """Whether the robot begins and ends at rest."""
+    """Check that the robot begins and ends at rest."""
     speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
     name = robot.joint_names[first_largest(speed)]
     moving = f"{name} moves at {speed.max():.3g} rad/s at an end; begin and end at rest"
@@ -104,7 +104,7 @@ def rest(robot: Robot, curve: PPoly) -> JointFinding:
 
 
 def limits(robot: Robot, curve: PPoly) -> JointFinding:
-    """Whether positions, velocities and accelerations keep their limits."""
+    """Check that positions, velocities and accelerations keep their limits."""
     margin = least_margin(curve, robot.lower, robot.upper)
     speed = largest_velocity(curve, robot.velocity)
     acceleration = largest_acceleration(curve, robot.acceleration)
@@ -130,7 +130,7 @@ def limits(robot: Robot, curve: PPoly) -> JointFinding:
 
 
 def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
-    """Whether motors are strong enough."""
+    """Check that the motors are strong enough."""
     worst = largest_torque(robot, arms, masses, curve)
     reasons, j = [], worst.joint
     if not worst.value <= 1 + ROUNDING:
@@ -156,7 +156,7 @@ def _units(robot: Robot) -> list[str]:
 
 
 def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
-    """What every hand carries; array, shape (n_hands,) [kg]."""
+    """Return the mass that every hand carries; array, shape (n_hands,) [kg]."""
     masses = np.zeros(len(scene.manipulators))
     holders = [scene.manipulators.index(name) for name in scene.file.holders]
     if not holders:
@@ -173,7 +173,7 @@ def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
 
 
 def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
-    """Whether the hands are where they hold the load."""
+    """Check that the hands are where they hold the load."""
     names = motion.motion.scene.manipulators
     finding = JointFinding({}, {}, [])
     _hold(
@@ -199,7 +199,7 @@ def _hold(
     bound: Array,
     hands: Sequence[str],
 ) -> None:
-    """Add one of the two errors of the hands; `grid` and `bound` as in `Errors`."""
+    """Add the errors of the hands in position or orientation to a finding; `grid` and `bound` as in `Errors`."""
     sampled = _largest(grid[errors.is_sample], errors.time[errors.is_sample])
     between = _largest(bound, errors.time)
     for kind, worst in (("sampled", sampled), ("max", between)):
@@ -218,13 +218,13 @@ def _hold(
 
 
 def _largest(values: Array, time: Array) -> Extreme:
-    """The largest value, of which column and when; `values` of shape (n, n_hands)."""
+    """Return the largest value, its column and its time; `values` of shape (n, n_hands)."""
     step, column = np.unravel_index(first_largest(values), values.shape)
     return Extreme(float(values.max()), int(column), float(time[step]))
 
 
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
-    """Whether the load keeps clear of the scene wherever the bases may stand."""
+    """Check that the load keeps clear of the scene wherever the bases may stand."""
     off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
     clearance, reasons = motion.report.clearance_min, []
     if off > 0 and not clearance - off >= 0:
@@ -236,7 +236,7 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
 
 
 def clearances(bodies: Bodies, carried: Carried, curve: PPoly) -> JointFinding:
-    """Whether links, load and obstacles keep clear of each other."""
+    """Check that links, load and obstacles keep clear of each other."""
     finding = JointFinding({}, {}, [])
     for kind, found in enumerate(certify(bodies, carried, curve)):
         name = CLEARANCES[kind]

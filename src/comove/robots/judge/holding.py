@@ -1,7 +1,7 @@
-"""How far the hands are from where they hold the load, at every instant.
+"""Bounds of the errors of the hands, relative to their poses on the load, at every instant.
 
-Let e be the difference between a grasp frame's position and where the motion of the hands has it. At instants t_i of
-a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its chord, so that
+Let e be the difference between a grasp frame's position and its position in the motion of the hands. At instants t_i
+of a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its chord, so that
 
     |e(t)| <= max |e(t_i)| + h/2 (max |e'(t_i)| + h^2/8 max|e'''|),
 
@@ -37,16 +37,16 @@ FINEST = 100  # parts of the time between two samples
 
 
 class Errors(NamedTuple):
-    """What is between hands and the places where they hold; lengths [m], angles [rad].
+    """Errors of the hands relative to the places where they hold the load; lengths [m], angles [rad].
 
     Attributes
     ----------
     time : array, shape (n_steps,), the grid [s]
-    is_sample : array, shape (n_steps,), which of it are samples of the joint motion
-    position, turn : arrays, shape (n_steps, n_hands), errors on the grid; turn is 0 where nothing is asked for
-    position_bound, turn_bound : arrays, shape (n_steps - 1, n_hands), bounds between two instants of it
-    apart_bound : bound of the difference of two hands' errors
-    hands : array, shape (n_steps, n_hands, 3), where the grasp frames are
+    is_sample : array, shape (n_steps,), whether an instant is a sample of the joint motion
+    position, turn : arrays, shape (n_steps, n_hands), errors on the grid; turn is 0 if no orientation is required
+    position_bound, turn_bound : arrays, shape (n_steps - 1, n_hands), bounds between neighbouring instants
+    apart_bound : bound of the difference of two hands' position errors
+    hands : array, shape (n_steps, n_hands, 3), positions of the grasp frames
     """
 
     time: Array
@@ -102,7 +102,7 @@ def holding_errors(robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve:
 
 
 def _between(error: Array, rate: Array, jerk: Array, half: Array) -> Array:
-    """Bound of an error between instants 2 `half` apart, by its values and rates there and its third derivative."""
+    """Bound an error between instants 2 `half` apart, by its values and rates there and its third derivative."""
     rate = np.maximum(rate[1:], rate[:-1]) + 0.5 * half**2 * jerk
     return np.maximum(error[1:], error[:-1]) + half * rate
 
@@ -110,7 +110,9 @@ def _between(error: Array, rate: Array, jerk: Array, half: Array) -> Array:
 def _third_derivatives(
     robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: PPoly
 ) -> tuple[Array, Array]:
-    """Bounds of |e'''| and of the turn's, between the samples; arrays, shape (n_intervals, n_hands)."""
+    """Bound |e'''| and the third derivative of the angle error between samples; arrays, shape (n_intervals,
+    n_hands).
+    """
     rate, _ = fastest(curve)
     bend = np.abs(curve(curve.x, 2))
     bend, jerk = np.maximum(bend[1:], bend[:-1]), 6 * np.abs(curve.c[0])
@@ -138,7 +140,7 @@ def _triples(items: list[Array]) -> list[tuple[Array, Array, Array]]:
 
 
 def _grid(samples: Array, jerk: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Instants fine enough for `TIGHT`, and between which two samples each of their intervals lies."""
+    """Compute instants fine enough for `TIGHT`, and the index of the sample interval in which each piece lies."""
     parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * TIGHT)))
     parts = np.clip(np.nan_to_num(parts, nan=FINEST, posinf=FINEST), 1, FINEST)
     return subdivided(samples, parts.astype(int))
@@ -147,7 +149,9 @@ def _grid(samples: Array, jerk: Array) -> tuple[Array, NDArray[np.int64]]:
 def _grasp_frames(
     robot: Robot, arms: tuple[Arm, ...], positions: Array, rates: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Places, orientations, velocities and angular velocities of the grasp frames, in the scene's frame."""
+    """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
+    frame.
+    """
     model, frames = with_tools(robot, arms)
     data, shape = model.createData(), (len(positions), len(arms))
     places, rotations = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
@@ -162,7 +166,7 @@ def _grasp_frames(
 
 
 def with_tools(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Any, list[int]]:
-    """A model that has the arms' grasp frames as frames, and their numbers."""
+    """Return a model that has the arms' grasp frames as frames, and their numbers."""
     model, frames = robot.model.copy(), []
     for arm in arms:
         tip = model.getFrameId(arm.tip)

@@ -1,4 +1,4 @@
-"""The load as shapes of coal: a capsule for each rod, a box for each solid, by the nodes that they span."""
+"""The load as shapes of coal: a capsule for each rod and a box for each solid, placed by the nodes that they span."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ THIN = 1e-6  # m, radius of a rod that has none
 
 
 class LoadShape(NamedTuple):
-    """A shape and the nodes that say where it is.
+    """A shape and the nodes that define its pose.
 
     Attributes
     ----------
     geometry : coal.Capsule or coal.Box
-    nodes : both ends of a rod; the eight corners of a box, numbered in binary by the sides they are on
+    nodes : numbers of both end nodes of a rod; of the eight corners of a box, numbered in binary by the sides they
+        are on
     """
 
     geometry: Any
@@ -29,7 +30,7 @@ class LoadShape(NamedTuple):
 
 
 def load_shapes(carried: Carried) -> list[LoadShape]:
-    """All shapes of the load, as large as they are at any time."""
+    """Return all shapes of the load, in the largest size that they have at any time."""
     body, nodes = carried.motion.scene.body, carried.nodes(carried.time)
     shapes = []
     for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
@@ -46,16 +47,16 @@ def _largest(nodes: Array, a: int, b: int) -> float:
 
 
 def placements(nodes: Array, spanned: tuple[int, ...]) -> tuple[Array, Array]:
-    """Orientations and centres of a shape by the places of the nodes that it spans.
+    """Compute orientations and centres of a shape from the positions of the nodes that it spans.
 
     Parameters
     ----------
     nodes : array, shape (n_steps, n_nodes, 3) [m]
-    spanned : as in `LoadShape`
+    spanned : nodes as in `LoadShape`
 
     Returns
     -------
-    array, shape (n_steps, 3, 3), and array, shape (n_steps, 3)
+    array, shape (n_steps, 3, 3), rotations, and array, shape (n_steps, 3), centres [m]
     """
     ends = nodes[:, spanned[0]], nodes[:, spanned[-1]]
     if len(spanned) == 2:  # any frame whose z axis is along the rod
@@ -72,10 +73,10 @@ def _unit(vectors: Array) -> Array:
 
 
 def leverage(carried: Carried) -> float:
-    """How much more a corner of the load is off than its hands may be, in metres and radians alike, at most.
+    """Return the largest ratio of the error of a corner of the load to the errors of its hands [m and rad].
 
-    Hands off by e each turn what they hold by up to 2e over their distance; about the line between two of them it
-    turns with the hands themselves.
+    Two hands, each with a position error e, turn the load by up to 2e over their distance; about the line between the
+    two, the load turns with the hands themselves.
     """
     scene = carried.motion.scene
     nodes = scene.nodes_at("start")

@@ -1,18 +1,19 @@
-"""How much nearer convex bodies can come: along the line between their nearest points, and to second order.
+"""Second-order bound of how much nearer convex bodies can come, along the line between their nearest points.
 
-Let n be the unit vector along that line at an instant. Between two convex bodies there is a slab across n, as wide as
-their support functions say, and they are never nearer than their points are along n. A point p of a body is where its
-velocity takes it, to within w^2/2 max|p''|; so during w before and after the distance is at least
+Let n be the unit vector along that line at an instant. Two convex bodies are separated by a slab perpendicular to n,
+whose width follows from their support functions, and their distance is at least the distance of their points along n.
+At a time w before or after, a point p of a body is where its velocity takes it, to within w^2/2 max|p''|; so the
+distance then is at least
 
     slab - w max |n (v_a - v_b)| - w^2/2 max|p''|,
 
-the first maximum over all points a and b of the bodies, here of balls about them. Joints that move both bodies count
-for neither. With r_j as in `certificate` the second derivative is at most
+where the first maximum is over all points a and b of the bodies, here of balls about them. Joints that move both
+bodies count for neither. With r_j as in `certificate` the second derivative is at most
 
     sum r_j |q_j''| + 2 sum |q_j'| sum r_j |q_j'|,
 
-as a derivative of second order of a place by two joints is no longer than the outer one's reach. So a hand that
-glides over a table comes no nearer to first order, however fast it goes.
+as the second derivative of a position by two joints is no longer than the reach r_j of the one nearer to the body. So
+a hand that glides over a table comes no nearer to first order, however fast it is.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ Array = NDArray[np.float64]
 
 
 class Nearing:
-    """Bounds of how much nearer the bodies of pairs come.
+    """Computes bounds of how much nearer the bodies of pairs come.
 
     Attributes
     ----------
-    applies : array, shape (n_pairs,), to which pairs: convex bodies on a robot or in the scene
+    applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or in the scene
     """
 
     def __init__(self, bodies: Bodies, curve: PPoly):
@@ -62,14 +63,14 @@ class Nearing:
     def improved(
         self, change: Array, spare: Array, pair: NDArray[np.int64], time: Array, half: float
     ) -> Array:
-        """Smaller bounds of how much a distance changes, where these may help; arrays, shape (n,) [m].
+        """Return smaller bounds of how much a distance changes, where these may help; arrays, shape (n,) [m].
 
         Parameters
         ----------
-        change : known bounds
-        spare : by how much distances may change, not positive where bodies touch or nothing helps
-        time : in ascending order, the middle of the stretches [s]
-        half : half of their duration [s]
+        change : known bounds of the change
+        spare : change of the distances that is allowed; not positive where bodies touch or no bound can help
+        time : middle of the time intervals, in ascending order [s]
+        half : half of the intervals' length [s]
         """
         todo = np.flatnonzero((spare > 0) & (change > spare) & self.applies[pair])
         bulge = 0.5 * half**2 * self.second_order(pair[todo], time[todo] - half, time[todo] + half)
@@ -81,18 +82,18 @@ class Nearing:
         return better
 
     def second_order(self, pair: NDArray[np.int64], begin: Array, end: Array) -> Array:
-        """Bound of |p''| during stretches of time; all arrays of shape (n,), [s] -> [m/s^2]."""
+        """Bound |p''| during time intervals; all arrays of shape (n,), [s] -> [m/s^2]."""
         rates, bends = np.split(self._rates.over(begin, end), 2, axis=1)
         reach = self.bodies.reach[pair, :-1]
         between = self._sides[:, pair].any(axis=0)
         return (bends * reach).sum(axis=1) + 2 * (rates * between).sum(axis=1) * (rates * reach).sum(axis=1)
 
     def first_order(self, pair: NDArray[np.int64], time: Array) -> tuple[Array, Array]:
-        """What the slab is narrower than the distance, and how fast points of both bodies come nearer along n.
+        """Compute distance minus slab width, and how fast points of both bodies come nearer along n.
 
         Parameters
         ----------
-        time : in ascending order, array of shape (n,) [s]
+        time : array, shape (n,), in ascending order [s]
 
         Returns
         -------
@@ -121,7 +122,7 @@ class Nearing:
         return lost, np.abs(speed) + turning
 
     def _slab(self, pair: int) -> tuple[float, Array]:
-        """What the slab between two bodies is narrower than their distance [m], and its normal."""
+        """Compute the distance of two bodies minus the width of the slab between them [m], and the slab's normal."""
         found = pin.computeDistance(self.bodies.geometry, self.placed, pair)
         n = np.array(found.normal) / np.linalg.norm(found.normal)  # from the first to the second
         (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
@@ -131,7 +132,9 @@ class Nearing:
 
 
 def support_function(shape: Any) -> Callable[[Array], float] | None:
-    """How far a convex shape reaches along a unit vector in its own frame [m]; None for other shapes."""
+    """Return the function that tells how far a convex shape reaches along a unit vector in its own frame [m]; None
+    for other shapes.
+    """
     if isinstance(shape, coal.Sphere):
         return lambda n: shape.radius
     if isinstance(shape, coal.Box):

@@ -1,4 +1,4 @@
-"""How far a part of a robot can ever be from the axes that move it: by it, a joint's rate bounds the part's speed.
+"""Bounds of the distance of a robot's parts from the axes that move them, which turn rates of joints into speeds.
 
 The bounds add up lengths along the chain, so they hold for all joint positions within the limits. Axes and placements
 are Pinocchio's.
@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 
 def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
-    """Axes of the joints in their own frames, shape (n_joints, 3), and which joints slide, shape (n_joints,)."""
+    """Return the joints' axes in their own frames, shape (n_joints, 3), and whether joints are prismatic, shape
+    (n_joints,).
+    """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     columns = [
@@ -31,7 +33,7 @@ def joint_axes(model: Any) -> tuple[Array, NDArray[np.bool_]]:
 
 
 class Reaches:
-    """Distances between the axes of a robot's joints and what they move."""
+    """Computes bounds of the distances between the axes of a robot's joints and the bodies that they move."""
 
     def __init__(self, robot: Robot):
         self.robot = robot
@@ -39,20 +41,20 @@ class Reaches:
         self._furthest = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
 
     def of_ball(self, joint: int, point: Array, radius: float) -> tuple[Array, Array, float]:
-        """Distances from the axes of all joints that move a ball.
+        """Bound the distances of a ball from the axes of all joints that move it.
 
         Parameters
         ----------
-        joint : that carries the ball, 0 for one that does not move
-        point : array, shape (3,), its centre in the joint's frame (for joint 0 in the scene's) [m]
-        radius : [m]
+        joint : number of the joint that carries the ball, 0 if no joint moves it
+        point : array, shape (3,), centre of the ball in the joint's frame (for joint 0 in the scene's) [m]
+        radius : radius of the ball [m]
 
         Returns
         -------
         reach : array, shape (n_joints,), the largest distance of the ball's points from the axis of each joint that
-            moves it [m]; 1 for one that slides (metres a metre), 0 for one that does not move it
-        root, length : array, shape (3,), a point that does not move, in the scene's frame, and how far the ball's
-            points can be from it [m]
+            moves it [m]; 1 for a prismatic joint (metres per metre), 0 for one that does not move the ball
+        root : array, shape (3,), a point that does not move, in the scene's frame [m]
+        length : largest distance of the ball's points from `root` [m]
         """
         model, length = self.robot.model, radius
         reach = np.zeros(model.nv)
@@ -70,6 +72,6 @@ class Reaches:
         return reach, point, length
 
     def of_hand(self, arm: Arm) -> tuple[Array, Array, float]:
-        """The same for an arm's grasp."""
+        """Bound the distances of an arm's grasp from the axes, as `of_ball` does."""
         tip = self.robot.model.frames[self.robot.model.getFrameId(arm.tip)]
         return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)

@@ -1,4 +1,4 @@
-"""The judge of joint motions: the only maker of `VerifiedJointMotion`.
+"""Judge of joint motions, the only maker of `VerifiedJointMotion`.
 
 It shares no code with the search: kinematics and dynamics are Pinocchio's, distances coal's.
 
@@ -40,7 +40,7 @@ _SEAL = object()
 
 @dataclass(frozen=True)
 class JointReport:
-    """What was measured; bounds hold at every instant, not only at samples.
+    """Measures of a joint motion; bounds hold at every instant, not only at samples.
 
     Attributes
     ----------
@@ -53,13 +53,14 @@ class JointReport:
     clearance_scene : certified lower bound of the distance between links and obstacles [m]
     clearance_load : likewise between links and the load
     clearance_self : likewise between links
-    hand_uncertainty : how far a hand may be off because of where the bases stand [m]; the clearances have what
-        that can take from them taken off
-    load_mass : that torques were computed with [kg]
-    uncertainty, mass_shares : what was assumed of the bases, and of the load's mass (None: shared equally)
-    where : for a measure of a joint, a hand or a clearance: of what, and when [s]
+    hand_uncertainty : largest error of a hand due to the tolerance of the bases' places [m]; the clearances are
+        reduced by the effect of that tolerance
+    load_mass : mass with which torques were computed [kg]
+    uncertainty : tolerance that was assumed of the bases' places
+    mass_shares : shares of the load's mass that were assumed (None: shared equally)
+    where : by measure, the name of the joint, hand or pair that has it, and the time [s]
 
-    A clearance is infinite where there is nothing to hit. What was not come to is NaN.
+    A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
     """
 
     joint_margin_min: float = math.nan
@@ -81,7 +82,7 @@ class JointReport:
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
-        """The measures by name."""
+        """Return the measures by name."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
 
 
@@ -90,10 +91,10 @@ class VerifiedJointMotion(Sealed):
 
     Attributes
     ----------
-    robot : Robot
+    robot : Robot that carries the load
     motion : VerifiedMotion of the hands and the load
-    joints : JointMotion
-    report : JointReport
+    joints : JointMotion that passed the checks
+    report : JointReport of the checks
     """
 
     __slots__ = ("joints", "motion", "report", "robot")
@@ -113,19 +114,19 @@ class VerifiedJointMotion(Sealed):
 
     @property
     def scene(self) -> Scene:
-        """What it is meant for."""
+        """Return the scene for which the motion was verified."""
         return self.motion.motion.scene
 
 
 @dataclass(frozen=True)
 class JointVerdict:
-    """The judgement on a joint motion.
+    """The verdict on a joint motion.
 
     Attributes
     ----------
     verified : the verified motion, or None
-    report : what was measured
-    reasons : why it was rejected, in words
+    report : measures of the motion
+    reasons : reasons for its rejection, in words
     """
 
     verified: VerifiedJointMotion | None
@@ -146,13 +147,13 @@ def verify_joints(
     Parameters
     ----------
     motion
-        Of the hands and the load; a candidate is verified on the way.
+        Motion of the hands and the load; a CoordinatedMotion is verified first.
     joints
-        The robot's motion while the hands make that one.
+        The robot's motion that carries out `motion`.
     uncertainty
-        How far the bases may stand from where the description says; what that says unless given.
+        Tolerances of the places of the bases; the description's unless given.
     mass_shares
-        Parts of the load's mass that its holders carry, in their order; equal unless given.
+        Shares of the load's mass that its holders carry, in their order; equal unless given.
     """
     if isinstance(motion, CoordinatedMotion):
         verdict = verify(motion)
@@ -198,7 +199,7 @@ def _refused(reasons: Iterable[str]) -> JointVerdict:
 
 
 def _own_copy(joints: JointMotion) -> JointMotion:
-    """The same motion in arrays that nobody can change behind the judge's back."""
+    """Copy the motion into read-only arrays, so that nobody can change what was judged."""
     arrays = [np.array(x, dtype=float) for x in (joints.time, joints.position)]
     for array in arrays:
         array.setflags(write=False)

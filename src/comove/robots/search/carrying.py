@@ -267,7 +267,9 @@ class Carrying:
         return SLOWER * timing.duration
 
     def strain(self, nodes: Array, start: Array) -> Strain:
-        """Compute what motions demand of the arms from given joints, array of shape (n_joints,); nodes as in `ask`."""
+        """Compute what motions demand of the arms from given joints, array of shape (n_joints,); nodes as in
+        `ask`.
+        """
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         done = _THREADS.map(lambda part: follow(self._busy, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))

@@ -215,7 +215,9 @@ def pose_error(rotation, point, target_rotation, target, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def solve_damped(jac, free, damping, error, out):
-    """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape (6,)."""
+    """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape
+    (6,).
+    """
     n = jac.shape[1]
     a = np.empty((6, 6))
     largest = 0.0

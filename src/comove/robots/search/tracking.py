@@ -105,7 +105,9 @@ def _smooth(time: Array, joints: Array, at: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def _tracked(arms, nodes, posture):
-    """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms) [m]."""
+    """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms)
+    [m].
+    """
     chains, n_steps = arms.chains, nodes.shape[0]
     joints, residual = posture.copy(), np.zeros((n_steps, chains.first.shape[0] - 1))
     rotation = np.empty((3, 3))

@@ -1,4 +1,4 @@
-"""Triangles from files of meshes, read strictly: what is damaged or claims too much is refused, in one sentence."""
+"""Strict readers of triangles from mesh files: damaged files and false claims are refused, in one sentence."""
 
 from comove.scenes.triangles.checks import MeshError
 from comove.scenes.triangles.markup import elements_of

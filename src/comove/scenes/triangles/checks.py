@@ -1,4 +1,4 @@
-"""What the readers of all formats ask of numbers and faces."""
+"""Checks of numbers and faces that the readers of all formats share."""
 
 from __future__ import annotations
 
@@ -21,17 +21,15 @@ _DECIMAL = b"0123456789+-.eE "
 
 
 class MeshError(InputError):
-    """A mesh that cannot be used."""
+    """Raised when a mesh cannot be used."""
 
 
 def numbers(texts: Sequence[bytes]) -> Array:
-    """Plain decimal numbers: no NaN, no infinity, no underscores, no decimal commas."""
+    """Return plain decimal numbers from their texts: no NaN, no infinity, no underscores, no decimal commas."""
     joined = b" ".join(texts)
     if not joined.translate(None, _DECIMAL):
         with suppress(ValueError, DeprecationWarning), warnings.catch_warnings():
-            warnings.simplefilter(
-                "error", DeprecationWarning
-            )  # of what is no number; an error in newer NumPy
+            warnings.simplefilter("error", DeprecationWarning)  # raised for no number; error in new NumPy
             values = np.fromstring(joined, sep=" ")
             if len(values) == len(texts):
                 return values
@@ -48,7 +46,7 @@ def _is_number(text: bytes) -> bool:
 
 
 def whole(text: bytes, what: str, largest: int) -> int:
-    """A whole number from 0 to the largest that there is room for."""
+    """Return a whole number from 0 to `largest`, the number of items for which there is room."""
     if not text.isdigit() or len(text) > 18:
         raise MeshError(f"'{shown(text)}' is no number of {what}", way_out=ANEW)
     if int(text) > largest:
@@ -57,18 +55,20 @@ def whole(text: bytes, what: str, largest: int) -> int:
 
 
 def shown(text: bytes) -> str:
-    """A few characters of a file, as a message may show them."""
+    """Return the first characters of a text in a file, made safe to be quoted in a message."""
     words = text[:40].decode(errors="replace")
     return "".join(c if c.isprintable() else "?" for c in words) + ("..." if len(text) > 40 else "")
 
 
 def fans(sizes: Ints, corners: Ints) -> Ints:
-    """Triangles (n, 3) of polygons, each as a fan from its first corner, which covers a concave one as well.
+    """Return the triangles (n, 3) of polygons, each split into a fan from its first corner.
+
+    A fan also covers a concave polygon.
 
     Parameters
     ----------
-    sizes : corners of each polygon
-    corners : of all polygons, one after the other
+    sizes : number of corners of each polygon
+    corners : corners of all polygons, one after the other
     """
     if len(sizes) and sizes.min() < 3:
         raise MeshError(f"a face has {sizes.min()} corners", way_out="write triangles")
@@ -81,6 +81,6 @@ def fans(sizes: Ints, corners: Ints) -> Ints:
 
 
 def require_few(n_faces: int) -> None:
-    """Refuse more faces than anybody can work with."""
+    """Refuse more than `MAX_FACES` faces."""
     if n_faces > MAX_FACES:
         raise MeshError(f"it has {n_faces} triangles, more than {MAX_FACES}", way_out=SIMPLER)

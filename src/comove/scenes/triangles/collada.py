@@ -1,6 +1,6 @@
-"""COLLADA: the triangles of its scene, in metres.
+"""Reader of COLLADA files: the triangles of their scene, in metres.
 
-As everywhere in ROS, `up_axis` is left alone: a mesh stands in its link's frame as its numbers say.
+As everywhere in ROS, `up_axis` is ignored: a mesh is placed in its link's frame by its numbers alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _EMPTY = ("lines", "linestrips")
 
 
 def read_collada(data: bytes) -> tuple[Array, Ints]:
-    """Vertices [m] and faces of what the scene shows."""
+    """Return vertices [m] and faces of the scene that the file shows."""
     root = elements_of(data)
     for element in root.iter():
         element.tag = re.sub(r"^{[^}]*}", "", element.tag)
@@ -37,7 +37,7 @@ def read_collada(data: bytes) -> tuple[Array, Ints]:
 
 
 def _metres(root: ET.Element) -> float:
-    """How long its unit is."""
+    """Return the length of the file's unit [m]."""
     unit = root.find("asset/unit")
     metres = 1.0 if unit is None else numbers([unit.get("meter", "1").strip().encode()])[0]
     if not 0.0 < metres < 1e6:
@@ -56,7 +56,7 @@ def _scene(root: ET.Element, document: _Document) -> ET.Element:
 
 
 class _Document:
-    """Elements by their names, and geometries that were read."""
+    """A document that finds elements by their names and keeps the geometries already read."""
 
     def __init__(self, root: ET.Element):
         self.by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
@@ -64,7 +64,7 @@ class _Document:
         self.n_nodes = self.n_faces = 0
 
     def named(self, reference: ET.Element, tag: str, key: str = "url") -> ET.Element:
-        """What an element refers to."""
+        """Return the element to which an element refers."""
         name = reference.get(key, "")
         found = self.by_id.get(name.removeprefix("#"))
         if not name.startswith("#") or found is None or found.tag != tag:
@@ -72,7 +72,7 @@ class _Document:
         return found
 
     def shapes(self, node: ET.Element, place: Array, depth: int) -> Iterator[tuple[Array, Ints]]:
-        """All geometries below a node, where they stand."""
+        """Yield vertices and faces of all geometries below a node, placed by the nodes' transformations."""
         self._count(depth)
         for part in node:
             if part.tag in _TRANSFORMS:
@@ -101,7 +101,7 @@ class _Document:
             )
 
     def geometry(self, element: ET.Element) -> tuple[Array, Ints]:
-        """Vertices and faces in the geometry's own frame."""
+        """Return vertices and faces of a geometry in its own frame."""
         name = element.get("id", "")
         if name not in self.read:
             mesh = element.find("mesh")
@@ -124,7 +124,7 @@ class _Document:
         )
 
     def _faces(self, part: ET.Element) -> tuple[Array, Ints]:
-        """Of one list of triangles or polygons."""
+        """Return vertices and faces of one list of triangles or polygons."""
         if part.tag not in ("triangles", "polylist", "polygons", "tristrips", "trifans"):
             raise MeshError(
                 f"it holds <{shown(part.tag.encode())}>, which is not read", way_out="write triangles"
@@ -155,7 +155,9 @@ class _Document:
         return vertices, faces
 
     def _input(self, part: ET.Element) -> tuple[Array, int, int]:
-        """The vertices that a list of faces counts in, which number of a corner tells them, and of how many."""
+        """Return the vertices of a list of faces, the place of the vertex index in a corner, and the numbers per
+        corner.
+        """
         inputs = part.findall("input")
         offsets = [_whole(one, "offset") for one in inputs]
         vertex = [k for k, one in enumerate(inputs) if one.get("semantic") == "VERTEX"]
@@ -191,7 +193,7 @@ def _whole(element: ET.Element, key: str, default: int | None = None) -> int:
 
 
 def _indices(text: str | None, stride: int) -> Ints:
-    """Whole numbers from 0 on, in rows."""
+    """Return whole numbers from 0 on, in rows of `stride`."""
     values = numbers((text or "").encode().split())
     if len(values) % stride or (values != np.round(values)).any() or values.min(initial=0.0) < 0:
         raise MeshError("the corners of its faces are no whole numbers, or too few", way_out=ANEW)
@@ -210,7 +212,7 @@ _TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 
 
 def _transform(element: ET.Element) -> Array:
-    """What a node says of its place; array, shape (4, 4)."""
+    """Return the transformation that an element of a node describes; array, shape (4, 4)."""
     values = numbers((element.text or "").encode().split())
     if len(values) != _TRANSFORMS[element.tag]:
         raise MeshError(f"a <{element.tag}> has {len(values)} numbers", way_out=ANEW)

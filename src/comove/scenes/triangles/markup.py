@@ -1,4 +1,4 @@
-"""XML, read so that nothing in it can reach out or grow: no document type, no great depth, not too many elements."""
+"""A reader of XML that is safe against hostile files: no document type, limited depth, limited number of elements."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ MAX_ATTRIBUTES = 64  # of one element
 
 
 def elements_of(data: bytes) -> ET.Element:
-    """The root of a document.
+    """Return the root element of a document.
 
     Raises
     ------
     MeshError
-        If it is not XML, or more than anybody writes.
+        If it is not XML, has a document type, or exceeds a limit of size.
     """
     parser = ET.XMLParser(target=_Builder())
     try:
@@ -31,12 +31,12 @@ def elements_of(data: bytes) -> ET.Element:
 
 
 class _Builder(ET.TreeBuilder):
-    """Builds a tree of limited size, and takes no document type, in which entities would be defined."""
+    """A builder of trees of limited size that refuses a document type, in which entities would be defined."""
 
     depth = n_elements = 0
 
     def start(self, tag: Any, attributes: Any) -> ET.Element:
-        """Open an element."""
+        """Open an element, and refuse it where a limit is exceeded."""
         self.depth += 1
         self.n_elements += 1
         if self.depth > MAX_DEPTH:
@@ -52,10 +52,10 @@ class _Builder(ET.TreeBuilder):
         return super().start(tag, attributes)
 
     def end(self, tag: Any) -> ET.Element:
-        """Close it."""
+        """Close an element."""
         self.depth -= 1
         return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse."""
+        """Refuse a document type."""
         raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")

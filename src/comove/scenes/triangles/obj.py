@@ -1,4 +1,7 @@
-"""OBJ: vertices and faces. Materials and groups say nothing of the shape, and the files they name are not opened."""
+"""Reader of OBJ files: vertices and faces.
+
+Materials and groups do not affect the shape, and the files that they name are not opened.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _INDEX = re.compile(rb"-?[0-9]{1,10}(?=/|$)")
 
 
 def read_obj(data: bytes) -> tuple[Array, Ints]:
-    """Vertices and faces; negative numbers in a face count back from its line."""
+    """Return vertices and faces; negative numbers in a face count back from its line."""
     places: list[bytes] = []
     sizes: list[int] = []
     corners: list[int] = []
@@ -44,7 +47,7 @@ def read_obj(data: bytes) -> tuple[Array, Ints]:
 
 
 def _corners(words: list[bytes], n_vertices: int, number: int) -> list[int]:
-    """Which vertices a face has, from 0 on; after a stroke stand texture and normal."""
+    """Return the vertices of a face, counted from 0; numbers of texture and normal after a slash are ignored."""
     said = [int(found[0]) for found in map(_INDEX.match, words) if found]
     if len(said) < len(words):
         raise MeshError(f"line {number}: '{shown(b' '.join(words))}' is no face", way_out=ANEW)

@@ -1,4 +1,4 @@
-"""OFF: counts, vertices, then faces by the numbers of their vertices."""
+"""Reader of OFF files: counts, vertices, then faces by the numbers of their vertices."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from comove.scenes.triangles.checks import ANEW, Array, Ints, MeshError, fans, n
 
 
 def read_off(data: bytes) -> tuple[Array, Ints]:
-    """Vertices and faces; colours after a face are passed over."""
+    """Return vertices and faces; colours after a face are ignored."""
     lines = [line.partition(b"#")[0].split() for line in data.replace(b"\r", b"\n").split(b"\n")]
     lines = [words for words in lines if words]
     if not lines or lines[0][0] != b"OFF":

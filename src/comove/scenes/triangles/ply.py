@@ -1,4 +1,4 @@
-"""PLY: text, and binary of either order of bytes."""
+"""Reader of PLY files: text, and binary of either byte order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WAY_OUT = "write vertices with x, y, z and faces with vertex_indices"
 
 @dataclass
 class _Property:
-    """A number a row, or a list of numbers whose length has the type `length`."""
+    """A property that has one number per row, or a list of numbers whose length has the type `length`."""
 
     name: str
     kind: str
@@ -42,7 +42,7 @@ class _Element:
 
 
 def read_ply(data: bytes) -> tuple[Array, Ints]:
-    """Vertices and faces; further elements and properties are passed over."""
+    """Return vertices and faces; further elements and properties are ignored."""
     order, elements, start = _header(data)
     body: _Text | _Binary = _Text(data[start:]) if not order else _Binary(data, start, order)
     vertices, faces = None, None
@@ -59,7 +59,7 @@ def read_ply(data: bytes) -> tuple[Array, Ints]:
 
 
 def _header(data: bytes) -> tuple[str, list[_Element], int]:
-    """The order of bytes ("" for text), the elements, and where they begin."""
+    """Return the byte order ("" for text), the elements, and the position at which their data begin."""
     if data[:3] != b"ply":
         raise MeshError(
             "it is no PLY: it does not begin with 'ply'", way_out="correct its name, or write it anew"
@@ -122,13 +122,13 @@ def _faces(columns: Columns) -> Ints:
 
 
 class _Text:
-    """The words after the header."""
+    """A reader of the words after the header."""
 
     def __init__(self, data: bytes):
         self.words, self.at = data.split(), 0
 
     def columns(self, element: _Element) -> Columns:
-        """All rows of an element."""
+        """Return all rows of an element, by property."""
         width = len(element.properties)
         if all(not p.length for p in element.properties):
             rows = self._taken(element.count * width)
@@ -152,19 +152,22 @@ class _Text:
         return self.words[self.at - n : self.at]
 
     def require_end(self) -> None:
-        """Refuse what the header does not know of."""
+        """Refuse data that the header does not declare."""
         if self.at < len(self.words):
             raise MeshError("it holds more than its header says", way_out=ANEW)
 
 
 class _Binary:
-    """The bytes after the header."""
+    """A reader of the bytes after the header."""
 
     def __init__(self, data: bytes, start: int, order: str):
         self.data, self.at, self.order = data, start, order
 
     def columns(self, element: _Element) -> Columns:
-        """All rows of an element: at once where all are as long as the first, else one after the other."""
+        """Return all rows of an element, by property.
+
+        They are read at once where all are as long as the first, else one after the other.
+        """
         if not element.count:
             return {p.name: (np.zeros(0, np.int64), np.zeros(0)) for p in element.properties}
         start = self.at
@@ -189,7 +192,7 @@ class _Binary:
         }
 
     def _row(self, element: _Element) -> list[tuple]:
-        """The fields of the row that begins here; goes to its end."""
+        """Return the fields of the row that begins at the present position, and move to its end."""
         fields: list[tuple] = []
         for p in element.properties:
             if not p.length:
@@ -210,7 +213,7 @@ class _Binary:
         return self.data[self.at - n : self.at]
 
     def require_end(self) -> None:
-        """Refuse what the header does not know of."""
+        """Refuse data that the header does not declare."""
         if self.at < len(self.data):
             raise MeshError("it holds more than its header says", way_out=ANEW)
 

@@ -1,4 +1,4 @@
-"""The triangles of a mesh, whatever its format."""
+"""Readers of the triangles of a mesh in any of the known formats."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from comove.scenes.triangles.stl import HEADER, read_stl
 
 FORMATS = {".dae": read_collada, ".obj": read_obj, ".off": read_off, ".ply": read_ply, ".stl": read_stl}
 MAX_BYTES = 50_000_000
-FARTHEST = 1e9  # of a coordinate: what is farther is no length, and no number of single precision far beyond
+FARTHEST = 1e9  # largest coordinate; larger ones are no lengths, and overflow single precision
 
 
 def read_triangles(path: Path) -> tuple[Array, Ints]:
-    """Vertices and faces of a file.
+    """Return vertices and faces of a mesh file.
 
     Returns
     -------
-    vertices : array, shape (n_vertices, 3), as the file writes them; of COLLADA [m]
-    faces : array of int, shape (n_faces, 3), all of different vertices
+    vertices : array, shape (n_vertices, 3), in the file's unit; of COLLADA in metres
+    faces : array of int, shape (n_faces, 3), each of three different vertices
 
     Raises
     ------
@@ -38,7 +38,7 @@ def read_triangles(path: Path) -> tuple[Array, Ints]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The bytes of a file, one more than may be at most."""
+    """Return the bytes of a file, of which at most `MAX_BYTES` + 1 are read."""
     try:
         if not path.is_file():
             raise MeshError("it is no file", way_out="name a mesh")
@@ -49,10 +49,10 @@ def read_bytes(path: Path) -> bytes:
 
 
 def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
-    """As `read_triangles`, of a file's bytes and the end of its name."""
+    """Return vertices and faces as `read_triangles` does, from a file's bytes and the suffix of its name."""
     if len(data) > MAX_BYTES:
         raise MeshError(f"it is larger than {MAX_BYTES // 1_000_000} MB", way_out=SIMPLER)
-    with np.errstate(all="ignore"):  # what overflows is told below
+    with np.errstate(all="ignore"):  # overflow is reported below
         vertices, faces = FORMATS[suffix](data)
     require_few(len(faces))
     if not len(faces):
@@ -71,7 +71,7 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
 
 
 def as_stl(vertices: Array, faces: Ints) -> bytes:
-    """Triangles as a binary STL."""
+    """Return triangles as a binary STL."""
     rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
     rows["corners"] = vertices[faces]
     return b"\0" * (HEADER - 4) + len(faces).to_bytes(4, "little") + rows.tobytes()

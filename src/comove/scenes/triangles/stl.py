@@ -1,4 +1,4 @@
-"""STL, binary and as text."""
+"""Reader of STL files, binary and as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FACET = 21  # words
 
 
 def read_stl(data: bytes) -> tuple[Array, Ints]:
-    """Three vertices a face; what stands in the file as normals is left alone."""
+    """Return vertices, three per face, and faces; the normals in the file are ignored."""
     claimed = int.from_bytes(data[HEADER - 4 : HEADER], "little")
     held = (len(data) - HEADER) // FACE
     if len(data) >= HEADER and claimed == held:
