@@ -28,9 +28,7 @@ def clock_until(deadline: float = np.inf) -> Array:
 
 
 def wind(clock: Array, deadline: float) -> None:
-    """Set a new deadline and let the clock run again, as when the compilation of kernels has postponed the
-    deadline.
-    """
+    """Set a new deadline and let the clock run again, as after a compilation that postpones the deadline."""
     clock[DEADLINE], clock[UP] = deadline, 0.0
 
 

@@ -41,10 +41,7 @@ Array = NDArray[np.float64]
 
 POPULATION, LARGEST = 32, 128  # samples a generation, doubled with every second restart
 RESTARTS, COMPARED = 12, 5  # runs at most, and verified runs after which the best is returned
-AGREEING, ALIKE = (
-    3,
-    0.01,
-)  # verified runs that are enough if their costs agree, up to this relative difference
+AGREEING, ALIKE = 3, 0.01  # verified runs that are enough if their costs agree, up to this share
 SIGMA = 0.5  # first step of the coefficients
 GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # generations at most, and without such a relative gain
 STRICTER = 4  # times that a rejected combination is improved with a wider margin
@@ -104,8 +101,8 @@ def combine(
     ----------
     movements, plane : as for `best_movement`
     scene : scene of one hand or several; several hands all make the same movement, each between its own ends
-    seed : seed of all random numbers; the same inputs, seed and version give the same combination unless time runs
-        short
+    seed : seed of all random numbers; the same inputs, seed and version give the same combination,
+        unless time runs short
     budget : time after which the best attempt is returned [s]
     objective : weights of equation (4)
     checks : further checks that the motion must pass

@@ -62,9 +62,7 @@ class _Listener(event.Listener):
 
 
 def _counts(event: event.Event) -> bool:
-    """Return whether an event counts: not that of code lifted out of a kernel, which is never cached and costs
-    little.
-    """
+    """Return whether an event counts; code lifted out of a kernel, never cached and fast, does not."""
     return not isinstance(event.data["dispatcher"], LiftedCode)
 
 

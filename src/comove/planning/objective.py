@@ -32,10 +32,7 @@ from comove.scenes.surfaces import signed_distance
 Array = NDArray[np.float64]
 
 N_STEPS = 201
-SUB_STEP, MAX_SUB_STEPS = (
-    0.01,
-    6,
-)  # m between poses that are checked, and how many between two samples at most
+SUB_STEP, MAX_SUB_STEPS = 0.01, 6  # m between poses that are checked, and most of them between two samples
 TOLERANCE = 1e-4  # m, of the distance along a load's edge while searching
 NEAR_LIMIT = 0.99  # share of a speed limit that the search keeps to
 

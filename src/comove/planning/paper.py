@@ -2,16 +2,15 @@
 
 Equation (7) asks for ``|y1(t) - y2(t)| = D`` at every instant. Two inequalities in place of the equality have no
 interior, so that resampling until nothing is violated, as the paper describes, would never end; the paper must have
-used a band. As printed (`Printed`), the method does not progress. The following is added here; every addition is a
-field that can be switched off, so that its effect can be measured (docs/ablation.md):
+used a band. As printed (`Printed`), the method does not progress. The following is added here, each as a field that
+can be switched off, so that its effect can be measured (docs/ablation.md):
 
 - the form of the reduction (6), which stays positive definite (`optimisers.ccmaes`);
 - a limited number of resampling passes: samples that are still infeasible then rank last;
-- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), both as far as enough of the
-  samples meet the constraints;
+- a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), while enough of the samples meet
+  the constraints;
 - one constraint for each window of time and side of the band (`windows`), so that the record of a constraint says
-when
-  and to which side a sample was off;
+  when and to which side a sample was off;
 - a cost of errors within the band (`centring`), which draws the best samples away from its edge;
 - a movement whose middle navigates the environment first (`threading`; the paper, Fig. 3), given to every arm;
 - a linear phase.

@@ -1,6 +1,6 @@
-"""Planners in the load's own configuration space: RRT-Connect, a forest for space, and shortcuts.
+"""Planners in the load's own configuration space: RRT-Connect, a forest for spatial scenes, and shortcuts.
 
-Every configuration on a path holds the rigid constraints by construction, and every edge is checked by
+Every configuration on a path satisfies the rigid constraints by construction, and every edge is checked by
 conservative advancement.
 """
 
@@ -30,18 +30,18 @@ from comove.scenes.distances import CENTER, REACH, ROTATION, point_distance
 Array = NDArray[np.float64]
 
 STEP = 0.1  # m, of an RRT extension
-FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat patience), and of the last
-BRIEF_NODES, BRIEF_FOREST = 200, 250  # of a look whether a way in space is easy to find, by either planner
-SURE = 3  # more ways found by the forest, after which uniform samples are not tried any more
+FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat long attempts), and of the last
+BRIEF_NODES, BRIEF_FOREST = 200, 250  # of brief attempts by either planner, for paths that are easy
+SURE = 3  # lead of the forest in paths found, after which RRT-Connect is not tried any more
 N_SHORTCUTS = 100
-N_BRIDGES, BRIDGES = 32, 0.3  # nodes of the forest before others are added, and the share of them afterwards
-SLIDES = (2.4, 1.8, 1.2, 0.6)  # of the reach, through what is between two obstacles
+N_BRIDGES, BRIDGES = 32, 0.3  # bridges in the forest before other nodes are added, and their share afterwards
+SLIDES = (2.4, 1.8, 1.2, 0.6)  # lengths of slides between two obstacles, in terms of the reach
 RETRACTIONS, SETTLING = (
     30,
     16,
 )  # random steps by which a pose in collision may escape; by which a bridge finds room
-PROJECTIONS = 4  # onto each of two obstacles, for points of theirs that face each other
-IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: what is in a window stays there
+PROJECTIONS = 4  # onto each of two obstacles, for points that face each other
+IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: limits that keep a bridge in its window
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
 NEIGHBOURS, CONNECT_WITHIN = 6, 0.5  # of the forest; m
 PLANE_MARGINS = (0.002, 0.004, 0.0005, 0.008)  # m, tried in turn
@@ -58,13 +58,13 @@ def plan(
     required: float = 0.0,
     max_nodes: int = FEW_NODES,
 ) -> Array | None:
-    """A shortened path from start to goal that keeps a margin, or None where none was found.
+    """Plan and shorten a path from start to goal that keeps a margin; None if none is found.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_columns,)
-    margin : clearance kept along the path [m] on top of `required`; less where the ends have less
-    max_nodes : after which the planner gives up, as it does when the space's clock is up
+    margin : clearance that is kept along the path beyond `required` [m]; less if the ends have less
+    max_nodes : number of nodes after which planning ends, as it does at the deadline of the space's clock
 
     Returns
     -------
@@ -83,10 +83,10 @@ def plan(
 
 
 def _turns(space: Space, max_nodes: int) -> list[tuple[bool, int]]:
-    """Planners in the order in which they are asked, whether each is the forest, and how many nodes it may have.
+    """Return planners in the order of use: for each, whether it is the forest, and its number of nodes.
 
-    In the plane, and where several bodies move, uniform samples do, or are all there is. In space each of the two is
-    much faster where the other hardly finds a way: they take turns until it shows which one does.
+    In the plane RRT-Connect suffices, and for several bodies there is no other. In space each of the two is much
+    faster on scenes on which the other rarely finds a path: they take turns until one has found more paths.
     """
     if space.blocks.n_dims == 2 or len(space.blocks.kind) > 1:
         return [(False, max_nodes)]
@@ -101,7 +101,7 @@ def _turns(space: Space, max_nodes: int) -> list[tuple[bool, int]]:
 
 
 def continuous(space: Space, path: Array) -> Array:
-    """The same path (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign."""
+    """Return a path, (n_configurations, n_columns), with unwrapped angles and quaternions of continuous sign."""
     path = path.copy()
     blocks = space.blocks
     for kind, o in zip(blocks.kind, blocks.turn, strict=True):
@@ -116,7 +116,7 @@ def continuous(space: Space, path: Array) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def along(space, path, shares):
-    """Configurations at given shares of a path's length (in spans).
+    """Interpolate a path at given shares of its length (the sum of its spans).
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def along(space, path, shares):
 
 @numba.njit(cache=True, error_model="numpy")
 def _rrt_connect(space, start, goal, margin, rng, max_nodes):
-    """RRT-Connect (Kuffner and LaValle, 2000); an empty path where it fails."""
+    """Plan a path by RRT-Connect (Kuffner and LaValle, 2000); it is empty if none is found."""
     n_columns = start.shape[0]
     trees = np.empty((2, max_nodes, n_columns))
     parents = np.full((2, max_nodes), -1)
@@ -199,7 +199,7 @@ def nearest(space, tree, count, q):
 
 @numba.njit(cache=True, error_model="numpy")
 def towards(space, p, q, step, out):
-    """Go from p towards q, at most `step`; True where q is reached."""
+    """Write the configuration that is at most `step` from p towards q; return whether that is q."""
     length = span(space, p, q)
     interpolate(space, p, q, min(1.0, step / max(length, 1e-12)), out)
     return length <= step
@@ -207,7 +207,7 @@ def towards(space, p, q, step, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def joined(trees, parents, mine, theirs):
-    """Path from the root of tree 0 through `mine` ~ `theirs` to the root of tree 1."""
+    """Return the path from the root of tree 0 via `mine`, which coincides with `theirs`, to that of tree 1."""
     depths = np.zeros(2, dtype=np.int64)
     for tree in range(2):
         i = mine if tree == 0 else theirs
@@ -228,11 +228,11 @@ def joined(trees, parents, mine, theirs):
 
 @numba.njit(cache=True, error_model="numpy")
 def forest(space, start, goal, margin, rng, max_nodes):
-    """Trees grown from windows, existing nodes and free space until start and goal are in one.
+    """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
 
-    In space a bar must enter a window nearly end-on, and what is flat a slot edge-on: uniform samples hardly ever
-    do. Poses between two obstacles that face each other do, with as much room as can be had; from there a bar slides
-    along its own axis, another body along a side of an obstacle.
+    In space a bar must enter a window nearly end-on, and a flat body must enter a slot edge-on, which uniform samples
+    hardly ever do. So poses with much clearance are sampled between two obstacles that face each other; from these a
+    bar slides along its own axis, another body along a side of an obstacle. The path is empty if none is found.
     """
     n_columns = start.shape[0]
     tree, member = np.empty((max_nodes, n_columns)), np.empty(max_nodes, dtype=np.int64)
@@ -251,7 +251,7 @@ def forest(space, start, goal, margin, rng, max_nodes):
         if count >= max_nodes or worked(space.clock, count):
             break
         draw = rng.random()
-        between = -1  # which obstacles, where the new pose is between two
+        between = -1  # one of the two obstacles, if the new pose is between two
         if (count < N_BRIDGES and trial < 1000) or draw < BRIDGES:
             between = _bridge(space, flat, rng, margin, new, scratch, nodes)
             found = between >= 0
@@ -289,7 +289,7 @@ def forest(space, start, goal, margin, rng, max_nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _way_through(space, q, j, margin, out, scratch, nodes):
-    """The direction in which a pose slides furthest both ways, (3,), and how far forwards and backwards [m].
+    """Return the direction, (3,), in which a pose slides furthest both ways, and both signed lengths [m] after it.
 
     A bar slides along its own axis, another body along one of those of obstacle j.
     """
@@ -317,7 +317,7 @@ def _way_through(space, q, j, margin, out, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _slid(space, q, along, length, out):
-    """Write a pose moved along a direction; whether its centre is still in the workspace."""
+    """Write a pose moved along a direction; return whether its centre is still in the workspace."""
     copy_to(q, out)
     inside = True
     for axis in range(space.blocks.n_dims):
@@ -328,7 +328,7 @@ def _slid(space, q, along, length, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
-    """Connect the newest node to its nearest neighbours in other trees."""
+    """Connect the newest node to its nearest neighbours in other trees; return the new number of links."""
     new = count - 1
     distances = np.empty(new)
     for i in range(new):
@@ -353,7 +353,7 @@ def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _node_to_expand(member, room, count, rng):
-    """A random node, preferably of a tree that holds neither start nor goal, else one in tight space."""
+    """Return a random node, preferably of a tree without start and goal, else one with little clearance."""
     best, least = 0, np.inf
     for _ in range(TOURNAMENT):
         i = rng.integers(0, count)
@@ -366,7 +366,7 @@ def _node_to_expand(member, room, count, rng):
 
 @numba.njit(cache=True, error_model="numpy")
 def _bridge(space, flat, rng, margin, out, scratch, nodes):
-    """A free pose centred between two obstacles that are near each other; one of them, -1 where none was found."""
+    """Write a free pose centred between two obstacles near each other; return one of them, -1 if none is found."""
     obstacles, n_obstacles = space.obstacles, space.obstacles.shape[0]
     n_dims, widest = space.blocks.n_dims, 2.0 * space.reach[0]
     if n_obstacles < 2:
@@ -410,7 +410,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _onto(obstacles, j, x, out):
-    """Write the point of an obstacle that is nearest to x, or nearly so."""
+    """Write a point that is approximately the point of an obstacle nearest to x."""
     h = 1e-5
     d = point_distance(obstacles, j, x[0], x[1], x[2])
     out[0] = x[0] - d * (point_distance(obstacles, j, x[0] + h, x[1], x[2]) - d) / h
@@ -420,7 +420,7 @@ def _onto(obstacles, j, x, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _flat_direction(points):
-    """The unit vector along which the points, array of shape (n, 3), spread least."""
+    """Return the unit vector along which points, array of shape (n, 3), spread least."""
     middle, spread = np.zeros(3), np.zeros((3, 3))
     for i in range(points.shape[0]):
         middle += points[i] / points.shape[0]
@@ -431,7 +431,7 @@ def _flat_direction(points):
 
 @numba.njit(cache=True, error_model="numpy")
 def _side(obstacles, j, axis):
-    """One of the axes of an obstacle; array, shape (3,)."""
+    """Return one of the axes of an obstacle; array, shape (3,)."""
     out = np.empty(3)
     for row in range(3):
         out[row] = obstacles[j, ROTATION + 3 * row + axis]
@@ -440,9 +440,9 @@ def _side(obstacles, j, axis):
 
 @numba.njit(cache=True, error_model="numpy")
 def _fit(space, j, flat, rng, out):
-    """Write a quaternion that lays the flat side of a body, and one of its edges, along the sides of an obstacle.
+    """Write a quaternion that aligns the flat side of a body, and one of its edges, with the sides of an obstacle.
 
-    A polygon is narrowest across one of its edges (Houle and Toussaint, 1988), so that is how it fits a slot.
+    A polygon is narrowest perpendicular to one of its edges (Houle and Toussaint, 1988), and fits a slot that way.
     """
     points, edge, k = space.blocks.point, np.zeros(3), rng.integers(0, 3)
     if space.edges.shape[0] > 0:
@@ -455,7 +455,7 @@ def _fit(space, j, flat, rng, out):
     edge -= (edge @ flat) * flat
     length = sqrt(edge @ edge)
     if length < 1e-9:
-        edge = np.array([flat[1], flat[2], flat[0]])  # no edge across: any direction is as good
+        edge = np.array([flat[1], flat[2], flat[0]])  # no edge perpendicular to `flat`: any direction will do
         edge -= (edge @ flat) * flat
         length = max(sqrt(edge @ edge), 1e-12)
     own, wanted = np.empty((3, 3)), np.empty((3, 3))
@@ -473,7 +473,7 @@ def _fit(space, j, flat, rng, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def quaternion_of(r, out):
-    """Write the quaternion of a rotation matrix, by its largest component."""
+    """Write the quaternion of a rotation matrix, computed from its largest component."""
     squares = np.array(
         [
             1.0 + r[0, 0] + r[1, 1] + r[2, 2],
@@ -496,9 +496,13 @@ def quaternion_of(r, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
-    """Move a pose, in place, by random steps that gain clearance, up to what is wished; False below the margin.
+    """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
     Hardly any random pose is free in a narrow passage, but many are near a free one.
+
+    Returns
+    -------
+    bool, whether the pose has more clearance than the margin
     """
     clearance, size = clearance_of(space, q, nodes, -np.inf), widest
     for _ in range(n_trials):
@@ -516,9 +520,9 @@ def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _perturb(space, q, size, may_slide, rng, out):
-    """A pose near q, `size` a share of the usual step.
+    """Write a random pose near q; `size` is the step as a share of the usual step.
 
-    Half of the time it slides: a bar along its own axis, another body along a side of an obstacle.
+    If it may slide, it does so half of the time: a bar along its own axis, another body along a side of an obstacle.
     """
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
     n_obstacles = space.obstacles.shape[0]
@@ -553,7 +557,7 @@ def _perturb(space, q, size, may_slide, rng, out):
 
 @numba.njit(cache=True, error_model="numpy")
 def _path_through(tree, links, n_links, count):
-    """The path from node 0 to node 1 over the links, which form trees."""
+    """Return the path from node 0 to node 1 along the links, which form trees."""
     came = np.full(count, -1)
     came[0] = 0
     queue = np.empty(count, dtype=np.int64)
@@ -582,7 +586,7 @@ def _path_through(tree, links, n_links, count):
 
 @numba.njit(cache=True, error_model="numpy")
 def _shortened(space, path, margin, rng, n_trials):
-    """Replace pieces between random points of the path by straight edges where these are free."""
+    """Replace pieces between random points of a path by straight edges, where these are free; return the path."""
     n_columns = path.shape[1]
     count = path.shape[0]
     work = np.empty((count + 2 * n_trials + 2, n_columns))

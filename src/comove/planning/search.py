@@ -1,4 +1,4 @@
-"""One search on one scene: its clock, its counters, its best, and the inner loop that improves weights."""
+"""The state of a search on a scene (time, counters, best motion), and the loop that optimises shape weights."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ Array = NDArray[np.float64]
 POPULATION = 16
 MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
 CONTACT_SCALE = 0.01  # m
-EASY_PROGRESS = 3  # generations that one counts for while most samples are free
-SMALLEST_STEP = 0.1  # of the first, while the load grows
-SMALLEST_LOAD = 0.05  # of its size, from which it grows
+EASY_PROGRESS = 3  # generations that one counts as while most samples are free
+SMALLEST_STEP = 0.1  # of the first step size, while the load grows
+SMALLEST_LOAD = 0.05  # share of its size from which the load grows
 
 
 class OutOfTime(Exception):
-    """The budget is spent."""
+    """An error that is raised when the time budget is spent or the user ends the search."""
 
 
 class Carrier(Protocol):
-    """What moves the hands, a robot for example: a search asks it what is possible.
+    """The interface of whatever moves the hands, such as a robot, which tells a search what is possible.
 
     Attributes
     ----------
-    scene : on which it does so, with the duration that is searched in
+    scene : scene on which the hands are moved, with the duration in which motions are searched
     """
 
     scene: Scene
@@ -64,10 +64,10 @@ class Carrier(Protocol):
         required: float,
         max_nodes: int,
     ) -> Array | None:
-        """A path that can be carried out; as `comove.planning.planner.plan`."""
+        """Return a path that can be executed, or None; as `comove.planning.planner.plan`."""
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """What movements cost for what is not possible or nearly not, and whether they look possible.
+        """Return penalties of movements that are impossible or nearly so, and whether movements look possible.
 
         Parameters
         ----------
@@ -79,21 +79,21 @@ class Carrier(Protocol):
         """
 
     def stricter(self) -> Carrier:
-        """The same, but more careful, after a movement that it took for possible was rejected."""
+        """Return a more careful carrier, after a movement that this one took for possible was rejected."""
 
     def shortest(self, motion: CoordinatedMotion) -> float:
-        """Return the least duration in which this movement can be carried out [s], inf if it cannot at all."""
+        """Return the least duration in which a movement can be executed [s], inf if it never can."""
 
 
 class Interruption:
-    """Whether Ctrl-C, or a callback that raises `KeyboardInterrupt`, has asked the search to end."""
+    """A flag that holds whether Ctrl-C, or a callback that raised `KeyboardInterrupt`, asked the search to end."""
 
     def __init__(self) -> None:
         self.wished = False
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
-        """Hold Ctrl-C, where Python's own handler would take it, until the next check of the clock.
+        """Hold Ctrl-C back until the next check of the time, if Python's own handler would take it.
 
         A `KeyboardInterrupt` raised inside a compiled kernel would reach Python as a `SystemError`.
         """
@@ -110,41 +110,43 @@ class Interruption:
                 signal.signal(signal.SIGINT, before)
 
     def _wish(self, *_: object) -> None:
-        """The first Ctrl-C is a wish, the next one an order."""
+        """Note the wish to end at the first Ctrl-C; the next one raises `KeyboardInterrupt`."""
         self.wished = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @dataclass
 class Search:
-    """What a method works with.
+    """The state of a search, with which a method works.
 
     Attributes
     ----------
     objective : equation (4) on the scene
-    aim : what decides which motion is best
-    limits : of the hands, as scene and duration have them; in a second where the duration is open
-    taught : the demonstrated movement of every manipulator; None without any
-    hard : obstacles are constraints, not only costs
+    aim : objective that decides which motion is best
+    limits : limits of the hands, for the duration of the scene that is searched
+    taught : demonstrated movement of every manipulator; None without any
+    hard : whether obstacles are constraints, not only costs
     rng : source of all random numbers
-    started, deadline : on the clock of `time.perf_counter`, which stands still while a kernel is compiled [s]
-    compiled : what has been compiled since the start
-    asked : the scene that was asked for, None where it is the one that is searched; for motions that are handed out,
-        as fast as they may be where its duration is open
-    own : functions of the user, that decide and that must hold; None without any
-    kept : every motion that was the best, in order
-    needed : shortest duration known to do where the one asked for is too short [s]; inf else
-    checks : further checks that a motion must pass, on the scene that was asked for
-    carrier : what moves the hands, None where nothing limits them but the scene
-    progress : called once a generation, and for every motion that is the best so far
-    interruption : the user's wish to end
-    stage : what is being done, in words
-    evaluations, generations : counted so far
+    started, deadline : times of `time.perf_counter`; the time in which kernels are compiled is added to the deadline
+        [s]
+    compiled : counters of the kernels compiled since the start
+    asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
+        it is the scene that is searched
+    own : objective and constraints of the user; None without any
+    kept : all motions that were the best at their time, in order
+    needed : shortest duration known to suffice if the given one is too short [s]; else inf
+    checks : further checks that a motion must pass, on the scene of the caller
+    carrier : whatever moves the hands; None if only the scene limits them
+    progress : function that is called once a generation, and for every motion that is the best so far
+    interruption : flag of the user's wish to end
+    stage : description of the current stage
+    evaluations, generations : counters of evaluated samples and of generations
     first_verified : time from the start to the first verified motion [s]
-    best, best_motion, best_cost : the verdict on the best motion so far, that motion, and the value of its objective
-    latest : that value of the last motion that was verified
-    attempt, attempt_verdict, attempt_violation : the motion nearest to being verified among the rejected
-    log : what a method tells of its run, numbers or lists of them by name
+    best, best_motion, best_cost : verdict on the best motion so far, that motion, and its value of the objective
+    latest : value of the last motion that was verified (or, if not `hard`, judged)
+    attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
+        its violation
+    log : figures that a method reports of its run, numbers or lists of numbers by name
     """
 
     objective: Objective
@@ -180,24 +182,24 @@ class Search:
 
     @property
     def scene(self) -> Scene:
-        """What is solved."""
+        """Return the scene that is searched."""
         return self.objective.scene
 
     def time_left(self) -> float:
-        """What is left of the budget [s]."""
+        """Return the time that is left of the budget [s]."""
         return self.until - time.perf_counter()
 
     @property
     def until(self) -> float:
-        """When time is up, by `time.perf_counter` [s]."""
+        """Return the time of `time.perf_counter` at which the budget is spent [s]."""
         return self.deadline + self.compiled.seconds
 
     def elapsed(self) -> float:
-        """Since the start [s]."""
+        """Return the time since the start, less the time spent on compilation [s]."""
         return time.perf_counter() - self.started - self.compiled.seconds
 
     def over(self) -> bool:
-        """Whether the budget is spent, or the user wishes to end."""
+        """Return whether the budget is spent, or the user wishes to end."""
         return self.interruption.wished or self.time_left() < 0
 
     def check_time(self) -> None:
@@ -218,7 +220,7 @@ class Search:
         return value
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
-        """Verify a motion; keep it if it is the best. Further checks, which may be slow, come last."""
+        """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""
         verdict = verify(motion)
         if verdict.verified is not None and (self.checks or self.asked is not None):
             handed = verify(self.handed(motion), self.checks)
@@ -239,7 +241,7 @@ class Search:
         return verdict
 
     def worth(self, motion: CoordinatedMotion) -> float:
-        """The value of the objective, the less the better."""
+        """Return the value of the objective that decides, where less is better."""
         if self.own is not None and self.own.function is not None:
             return self.own.value(Samples.of(self.handed(motion)))
         if isinstance(self.aim, LeastTime):
@@ -249,13 +251,13 @@ class Search:
         return self.objective.cost(motion).total
 
     def settle_for(self, aim: PaperCost) -> None:
-        """Go on with another objective, from the best so far."""
+        """Replace the objective that decides, and evaluate the best motion so far by the new one."""
         self.aim = aim
         if self.best_motion is not None:
             self.best_cost = self.worth(self.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        """A motion as it is handed out, on the scene that was asked for; the last answer is remembered."""
+        """Return a motion on the scene of the caller, as it is returned to the caller; the last result is cached."""
         if self.asked is None:
             return motion
         if self._handed is None or self._handed[0] is not motion:
@@ -269,7 +271,7 @@ class Search:
         return in_least_time(motion, self.asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
-        """How far a rejected motion is from being verified: contact counts before limits."""
+        """Return how far a rejected motion is from being verified; contact counts more than limits."""
         report, scene = verdict.report, self.scene
         depth = max(0.0, scene.clearance - report.clearance_min, -(report.separation_spare_min or 0.0))
         excess = max(report.limit_ratios(scene))
@@ -290,17 +292,18 @@ class Search:
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long and how widely weights are improved.
+    """Settings of one optimisation of shape weights.
 
     Attributes
     ----------
     sigma : first step size
-    generations : at most
-    patience, gain : stop after `patience` generations without a relative gain of `gain`
-    growth : generations over which the load grows to its full size, fewer where most samples are free; only
-        those count whose best sample touches nothing (if it must not). 0 for the full load at once. A search
-        that grows ends with the first free sample of the full load, or `patience` generations without growth.
-    enough : end with the first sample that looks verifiable
+    generations : largest number of generations
+    patience, gain : the optimisation ends after `patience` generations without a relative gain of `gain`
+    growth : generations over which the load grows to its full size, fewer while most samples are free; only
+        those count whose best sample touches nothing (if it must not). 0 for the full load at once. An optimisation
+        with growth ends with the first feasible free sample of the full load, or `patience` generations without
+        growth.
+    enough : whether to end with the first feasible sample
     """
 
     sigma: float
@@ -311,14 +314,14 @@ class Schedule:
     enough: bool = False
 
     def size(self, progress: int) -> float:
-        """Size of the load after some progress, counted in generations; 1 for the real one."""
+        """Return the size of the load after some progress, which counts in generations; 1 for the real load."""
         if progress >= self.growth:
             return 1.0
         return SMALLEST_LOAD + (1.0 - SMALLEST_LOAD) * progress / self.growth
 
 
 def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule: Schedule) -> CoordinatedDMP:
-    """Improve the shape weights by separable CMA-ES; the best of the full load is returned."""
+    """Optimise the shape weights by separable CMA-ES, and return the best primitive for the full load."""
     directions = dmp.coordinates.search
     shape = (directions.shape[1], dmp.basis.n_basis)
     n = shape[0] * shape[1]
@@ -363,9 +366,9 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
 
 
 def stricter(search: Search, objective: Objective, verdict: Verdict) -> Objective:
-    """The objective with a wider margin, or lower limits, after a motion was rejected for want of them.
+    """Return the objective with a wider margin or lower limits, whichever a rejected motion missed.
 
-    Where the scene has nothing against the motion, the carrier had: it becomes more careful.
+    If the motion satisfies the scene, the carrier must have rejected it: it is replaced by a more careful one.
     """
     scene, penalty, report = objective.scene, objective.penalty, verdict.report
     changes: dict[str, float] = {}

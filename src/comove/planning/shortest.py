@@ -1,4 +1,4 @@
-"""The shortest duration of a motion among obstacles that move: where they are at an instant hangs on it."""
+"""The search for the shortest duration of a motion among moving obstacles."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from comove.primitives.dmp import DMP
 from comove.scenes.model import MAX_DURATION
 from comove.scenes.scene import Scene
 
-LONGER = 1.25  # times as long, that the next try is
-NEAR = 1.03  # ratio of the shortest duration that does and a shorter one that does not, which is near enough
+LONGER = 1.25  # ratio of a duration to the one tried before
+NEAR = 1.03  # ratio of the shortest duration with a motion to a shorter one without, which is accurate enough
 DIGITS = 4  # of durations that are tried
 N_BASIS = 30  # shape weights a column of a demonstration
 
 
 def alone(scene: Scene, taught: tuple[DMP, ...] | None) -> float:
-    """Return how long the straight way, or what was taught, takes within the limits if nothing is in the way [s]."""
+    """Return the least duration of the straight way, or of the demonstration, if there were no obstacles [s]."""
     scene = scene.timed(1.0)
     if taught is None:
         return in_least_time(CoordinatedMotion.straight(scene), scene).scene.duration
@@ -34,20 +34,20 @@ def alone(scene: Scene, taught: tuple[DMP, ...] | None) -> float:
 def shortest(
     attempt: Callable[[float], Solution], least: float, over: Callable[[], bool], *, closely: bool
 ) -> list[Solution]:
-    """Try longer and longer durations until one does; then, if `closely`, those between it and the last that did not.
+    """Try increasing durations until a motion is verified; then, if `closely`, bisect down to the last that failed.
 
-    What does in a duration need not do in a longer one, as obstacles are elsewhere then: it is the shortest of those
-    that were tried.
+    A duration longer than a successful one may fail, as obstacles are elsewhere at each instant: the result is the
+    shortest success among the durations tried.
 
     Parameters
     ----------
-    attempt : looks for a motion of a duration [s]
-    least : the first duration [s]
-    over : whether to end
+    attempt : function that searches for a motion of a given duration [s]
+    least : first duration [s]
+    over : function that returns whether to end
 
     Returns
     -------
-    all tries, at least one, the shortest that is verified last, if any is
+    list of all tries, at least one; the last is the shortest verified one, if there is any
     """
     shorter, duration = 0.0, rounded_up(least, DIGITS)
     tries = [attempt(duration)]

@@ -1,4 +1,4 @@
-"""Smooth motions: planned ways and demonstrations, made least in jerk by convex programmes and verified."""
+"""Smooth motions: planned paths and demonstrations, optimised for least jerk by convex programmes and verified."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
-N_BASIS = (16, 24, 40)  # shape weights a column: few, and more where these cannot follow a way
-RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the fit that a search begins with, from smooth to near
-NEAR = 0.05  # m, within which a fit follows the way about which clearances are linearised
+N_BASIS = (16, 24, 40)  # shape weights a column: few, and more if these cannot follow a path
+RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the initial fit, from smooth to accurate
+NEAR = 0.05  # m, within which a fit follows the path about which clearances are linearised
 SETTINGS = ConvexSettings()
 AGAIN = 0.03  # m, trust region after a rejection
 ATTEMPTS = 4  # until a motion is verified, each with more margin
 MORE, MORE_BORDER = 1e-3, 2e-4  # m
 FAST = 24, 201  # weights a column, and samples, of motions in least time
-FASTEST = 49, 401  # of the best of them: what is fast uses its limits to the full
+FASTEST = 49, 401  # likewise of the best of them, as fast motions use their limits to the full
 MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
-PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned way, where arms must follow it
-HOPELESS = 0.01  # m inside something: no more margin will help
-UNMET = 1.5e-2  # of a limit, summed, beyond which the duration is too short
-GENTLE = 1e-3  # weight of the jerk beside the duration, both as shares of what they are at first
-FASTER = 0.2  # m, of the trust region at most
+PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned path, where arms must follow it
+HOPELESS = 0.01  # m of penetration from which on more margin does not help
+UNMET = 1.5e-2  # relative excess, summed over limits, beyond which the duration is too short
+GENTLE = 1e-3  # weight of the jerk beside the duration, both relative to their initial values
+FASTER = 0.2  # m, largest radius of the trust region
 
 
 def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
-    """Make the best of a way that touches nothing, and have it judged; whether it is verified.
+    """Optimise a path that touches nothing, verify the motion, and return whether it is verified.
 
     Parameters
     ----------
-    way : array, shape (N_STEPS, n_columns), in load coordinates, at even times
-    boundary : array, shape (4, n_columns), as `CoordinatedMotion` has it
+    way : array, shape (N_STEPS, n_columns), path in load coordinates, at even times
+    boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     """
     programme, z, reference = _along(search, way, boundary)
     if search.carrier is not None:
@@ -54,7 +54,7 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
 
 
 def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme, Array, Array]:
-    """A programme, weights near to a way, and the way at its samples; more weights where few cannot follow it."""
+    """Return a programme with enough weights to follow a path, the fitted weights, and the path at its samples."""
     for n_basis in N_BASIS:
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
@@ -71,7 +71,7 @@ def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme
 
 
 def smooth_demonstration(search: Search) -> bool:
-    """Make the demonstration itself fit for the scene, and have it judged; whether that is verified."""
+    """Adapt the demonstration to the scene, verify the motion, and return whether it is verified."""
     scene = search.scene
     basis, coordinates = motion_basis(N_BASIS[-1], "jerk"), load_coordinates(scene)
     dmp = CoordinatedDMP.from_demonstration(search.taught, scene, coordinates, basis)
@@ -79,19 +79,19 @@ def smooth_demonstration(search: Search) -> bool:
 
 
 def follows(search: Search) -> bool:
-    """Whether motions are drawn to the demonstration."""
+    """Return whether motions shall resemble the demonstration."""
     return isinstance(search.aim, LeastJerk) and search.aim.pull(search.taught is not None) > 0
 
 
 def least_worth(search: Search) -> float:
-    """Return what no motion undercuts: straight motions of least jerk, where nothing but jerk counts; else 0."""
+    """Return a lower bound of the objective: 1, that of straight motions, if only jerk counts; else 0."""
     own = search.own is not None and search.own.function is not None
     return 1.0 if isinstance(search.aim, LeastJerk) and not follows(search) and not own else 0.0
 
 
 def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme:
     scene = search.scene
-    peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # where such limits are used to the full
+    peaky = min(scene.acceleration_limit, scene.jerk_limit) < np.inf  # such limits are used to the full
     n_coarse = 201 if peaky else 101
     return ConvexProgramme(
         scene, load_coordinates(scene), motion_basis(n_basis, "jerk"), boundary, n_coarse=n_coarse
@@ -99,7 +99,7 @@ def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme
 
 
 def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
-    """Optimise, judge, and again with more margin where that is rejected; then faster where that is wanted."""
+    """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     settings = replace(SETTINGS, wish=smooth.room)
     cost = squares(search.scene, smooth, search.objective.demonstration, len(programme.coarse.base))
@@ -119,22 +119,23 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
     hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z))
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
-        detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # the one that is named once must do
+        detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # what a message names must do
         return hurry(search, programme.motion(z), detail) or verified
     return verified
 
 
 def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Array) -> bool:
-    """Optimise for what moves the hands as well: it can go the planned way, and what is near enough to that.
+    """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
-    The smoothest comes first; where it is rejected, hands are drawn more strongly to where they were planned to be.
+    The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
+    positions.
     """
     step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
     _, anchor = programme.hands(reference[::step])
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     taught = squares(search.scene, smooth, search.objective.demonstration, len(anchor))
     costs = [Anchored(taught, anchor, pull) for pull in PULLS]
-    if taught.demonstration is not None:  # which would draw against the planned way: only near to it at first
+    if taught.demonstration is not None:  # it draws away from the planned path
         free = squares(search.scene, smooth, None, len(anchor))
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.room)
@@ -145,7 +146,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
-        if not search.checks:  # then nobody else knows
+        if not search.checks:  # then only the carrier knows what is possible
             nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STEPS)))[0]
             if not search.carrier.ask(nodes[None])[1].all():
                 continue
@@ -158,7 +159,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
 
 
 def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
-    """Make a motion the best of its way by equation (4), and have it judged."""
+    """Optimise a motion along its path by equation (4), and have it verified."""
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
@@ -178,18 +179,18 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
 
 
 def too_fast(programme: ConvexProgramme, z: Array) -> bool:
-    """Whether limits are exceeded in the duration that is given, by more than samples miss."""
+    """Return whether limits are exceeded in the given duration, by more than the error of sampling."""
     return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > UNMET
 
 
 def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) -> bool:
-    """Make a motion as fast as the limits allow, and have it judged; whether it is verified.
+    """Make a motion as fast as the limits allow, verify it, and return whether it is verified.
 
-    Where the duration that was asked for is too short for it, the one that would do is noted.
+    If the given duration is too short for it, the duration that would suffice is noted in `search.needed`.
 
     Parameters
     ----------
-    detail : weights a column, and samples at which limits are looked at
+    detail : shape weights a column, and samples at which limits are evaluated
     """
     search.stage = "gaining time"
     n_basis, n_coarse = detail
@@ -222,7 +223,7 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
 
 
 def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
-    """Note the duration in which a motion would do that is too fast, proven by judging it; whether there is one."""
+    """Note the duration in which a motion that is too fast is verified; return whether there is one."""
     asked = search.asked or search.scene
     if not (asked.is_timed and asked.is_limited) or asked.moving.any() or search.carrier is not None:
         return False
@@ -234,7 +235,7 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
 
 
 def _stricter(settings: ConvexSettings, attempt: int) -> ConvexSettings:
-    """What is asked for after a rejection."""
+    """Return settings with wider margins, for the next try after a rejection."""
     more = attempt + 1
     return replace(
         settings,

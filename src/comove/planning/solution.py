@@ -1,4 +1,4 @@
-"""What a solver returns, and how it tells of its progress."""
+"""The result of `solve`, and the reports of its progress."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from comove.verification.verify import Report, VerifiedMotion
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a search stands.
+    """A report of the progress of a search.
 
     Attributes
     ----------
-    stage : what is being done, in words
-    generation : of the optimiser, since the start
-    cost : J of the best sample of this generation
-    violation : its penalty, 0 where it breaks nothing
-    best : J of the best verified motion so far, None before there is one
-    motion : that motion
+    stage : description of the current stage
+    generation : number of generations since the start
+    cost : cost of the best sample of this generation, in the terms of the current stage
+    violation : penalty of that sample, 0 if it violates nothing
+    best : value of the objective for the best motion so far, None before there is one; verified, unless obstacles are
+        only costs
+    motion : best motion so far
     """
 
     stage: str
@@ -41,24 +42,24 @@ ProgressCallback = Callable[[Progress], None]
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The outcome of `solve`.
+    """The result of `solve`.
 
     Attributes
     ----------
-    scene : what was solved
-    motion : the verified motion; None where none was found
-    attempt : the motion handed out: the verified one, or else the best attempt
-    report : what the judge measured on `attempt`
-    reasons : why `attempt` is not verified, in words; empty where it is
+    scene : scene that was solved
+    motion : verified motion; None if none was found
+    attempt : motion that is returned in any case: the verified one, or else the best attempt
+    report : measures of `attempt` from its verification
+    reasons : why `attempt` is not verified, in words; empty if it is
     cost : terms of J of `attempt`
-    method, seed : how it was found
-    evaluations, generations : rollouts evaluated, generations of the optimiser
-    time_to_first_verified_s : from scene and demonstration in memory to the first verified motion [s]
-    solve_time_s : time spent in `solve` [s]
-    interrupted : stopped by the user
-    log : what the method tells of its run, numbers or lists of them by name
-    objective : what it is best in
-    followed : how near the hands are to the demonstration, None where none was followed
+    method, seed : name of the method, and seed of all random numbers
+    evaluations, generations : numbers of evaluated rollouts and of generations of the optimiser
+    time_to_first_verified_s : time from scene and demonstration in memory to the first verified motion [s]
+    solve_time_s : time spent in `solve`, less the time spent on compilation [s]
+    interrupted : whether the user stopped the search
+    log : figures that the method reports of its run, numbers or lists of numbers by name
+    objective : objective that was minimised
+    followed : distances of the hands from the demonstration, None if none was followed
     """
 
     scene: Scene
@@ -80,10 +81,10 @@ class Solution:
 
     @property
     def verified(self) -> bool:
-        """Whether `motion` holds a verified motion."""
+        """Return whether `motion` holds a verified motion."""
         return self.motion is not None
 
     @property
     def trajectory(self) -> Trajectory:
-        """Samples of `attempt` at 100 Hz or finer."""
+        """Return samples of `attempt` at 100 Hz or more."""
         return self.attempt.trajectory()

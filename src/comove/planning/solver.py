@@ -1,4 +1,4 @@
-"""`solve`: from a scene to a verified motion, or the best attempt labelled so."""
+"""`solve`, which finds a verified motion for a scene, or returns the best attempt, marked as not verified."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
 
-TRY, SHORT = 0.2, 0.1  # share of the budget that a try of a duration may take, and the least that it has [s]
-COMMON = (0.3, 5.0)  # m, sides of workspaces that are searched as they are
+TRY, SHORT = 0.2, 0.1  # largest share of the budget for the try of one duration, and its least time [s]
+COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 
 
 def solve(
@@ -60,39 +60,39 @@ def solve(
     Parameters
     ----------
     scene
-        What to solve.
+        Scene to solve.
     demonstration
-        A movement of a single manipulator, of the scene's dimension, or one for each by its name: a start for the
-        search, and what the result shall resemble where `LeastJerk` or `objective.resemblance` asks for it. Poses
-        are those of the load, where all hands hold one that turns.
+        Movement of a single manipulator, of the scene's dimension, or one for each by its name. It is a start for
+        the search, and the result resembles it if `LeastJerk` or `PaperCost.resemblance` asks for that. Demonstrated
+        poses are those of a load that turns and that all hands hold.
     seed
-        Of all random numbers: the same inputs, seed and version give the same motion unless time runs
-        short, which makes the planner modest before it ends the search.
+        Seed of all random numbers: the same inputs, seed and version give the same motion unless time runs short.
     method
-        `Comove()` unless given. Some solve a part of the scene: the solution's own scene says which.
+        `Comove()` unless given. Some methods solve a part of the scene, which is the scene of the solution.
     planner
-        Start from a path planned in the load's own configuration space.
+        Whether to start from a path planned in the load's own configuration space.
     budget
-        Seconds after which the best so far is returned.
+        Time after which the best motion so far is returned [s].
     objective
-        What the motion shall be best in; what the scene says unless given. Where that says nothing, `LeastJerk()`,
-        smooth and near to the demonstration; `LeastTime()` for a scene without duration and demonstration;
-        `PaperCost()`, equation (4), where the method is not comove's own, the planner off or obstacles a cost. The
-        motion of a scene that leaves its duration out is as fast as its limits allow; the solution's own scene says
-        how long it takes.
-        Or a function of `Samples` that is to be least: constrained CMA-ES minimises it, from a smooth motion.
+        Objective that the motion minimises; that of the scene unless given. If the scene has none, it is
+        `LeastJerk()`, smooth and near to the demonstration; `LeastTime()` for a scene without duration and
+        demonstration; `PaperCost()`, equation (4), if the method is not comove's own, the planner is off or
+        obstacles are a cost. The motion for a scene without duration is as fast as its limits allow; the scene of the
+        solution has its duration.
+        A function of `Samples` is minimised by constrained CMA-ES, from a smooth motion.
     constraints
-        Functions of `Samples` that must be at most 0, or `Equality`; judged at samples, beside what the scene asks.
+        Functions of `Samples` that must be at most 0, or `Equality`; they are checked at samples, besides the scene's
+        own constraints.
     obstacles
-        Hard constraints, or only the term c_obst of the objective (paper, III-B): then the motion of the least
-        cost is handed out, verified or not.
+        Whether obstacles are constraints, or only the term c_obst of the objective (paper, III-B); in the latter case
+        the motion of least cost is returned, verified or not.
     checks
         Further checks that a motion must pass to be verified.
     carrier
-        What moves the hands, such as `comove.robots.Carrying`, and so limits what they can do; give its check
-        along with it.
+        Whatever moves the hands and so limits their motions, such as `comove.robots.Carrying`; pass its check in
+        `checks` too.
     progress
-        Called once a generation, and for every motion that is the best so far.
+        Function that is called once a generation, and for every motion that is the best so far.
 
     Raises
     ------
@@ -140,14 +140,14 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be solved: as `solve` is asked, with nothing left open.
+    """The arguments of `solve` after all defaults have been filled in.
 
     Attributes
     ----------
-    taught : the demonstrated movement of every manipulator; None without any
-    own : functions of the user; None without any
-    hard : obstacles are constraints, not only costs
-    smooth : motions are made smooth, by comove's own method
+    taught : demonstrated movement of every manipulator; None without any
+    own : objective and constraints of the user; None without any
+    hard : whether obstacles are constraints, not only costs
+    smooth : whether motions are made smooth, by comove's own method
     """
 
     scene: Scene
@@ -166,12 +166,15 @@ class Problem:
 
     @property
     def is_timed(self) -> bool:
-        """Whether the duration is given, and not to be found."""
+        """Return whether the duration is given, rather than to be found."""
         return self.scene.is_timed and not isinstance(self.objective, LeastTime)
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether no motion keeps the limits in the duration that is given, and nothing else can be wrong with it."""
+        """Return whether the given duration is too short for the limits of any motion.
+
+        It is False for other methods and `Quick`, and with a carrier, functions of the user, or moving obstacles.
+        """
         patient = self.smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
         plain = patient and self.carrier is None and self.own is None and not self.scene.moving.any()
         return plain and self.is_timed and least_possible(self.scene) > self.scene.duration
@@ -180,7 +183,7 @@ class Problem:
 def _default_objective(
     scene: Scene, taught: tuple[DMP, ...] | None, smooth: bool
 ) -> LeastJerk | LeastTime | PaperCost:
-    """What motions are best in where the caller does not say."""
+    """Return the objective if the caller gives none."""
     said = objective_of_scene(scene.file.objective)
     if said is not None and (smooth or isinstance(said, PaperCost)):
         return said
@@ -190,7 +193,7 @@ def _default_objective(
 
 
 def _solved(problem: Problem) -> Solution:
-    """The solution of a problem, in the way that its duration asks for."""
+    """Solve a problem, by the procedure that suits its duration."""
     if problem.is_hopeless:
         free = with_limits(problem.scene, NONE).timed(None)
         slow = _solved(replace(problem, scene=free, taught=None, objective=LeastTime()))
@@ -201,13 +204,13 @@ def _solved(problem: Problem) -> Solution:
 
 
 def _searched(problem: Problem) -> Solution:
-    """The solution of a problem by a single search, in its duration or in any."""
+    """Solve a problem by a single search, in its given duration or, if that is open, in any."""
     started = time.perf_counter()
     scene, taught, objective = problem.scene, problem.taught, problem.objective
     asked = scene
     if not problem.is_timed:
         asked, scene = _open(scene, problem.carrier)
-    if problem.carrier is None:  # arms are as long as they are
+    if problem.carrier is None:  # arms cannot be scaled
         scene, taught = of_common_size(scene, taught)
     limits = Limits.of(scene, scene.duration)
     if not asked.is_timed:
@@ -231,19 +234,19 @@ def _searched(problem: Problem) -> Solution:
         own=problem.own,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
-    if at_goal >= scene.clearance or not search.hard:  # else what moves stands there when the load comes
+    if at_goal >= scene.clearance or not search.hard:  # else an obstacle will be at the goal
         with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
             problem.method.run(search, planner=problem.planner)
     return _solution(problem, search)
 
 
 def _solution(problem: Problem, search: Search) -> Solution:
-    """What a search that has ended hands out."""
+    """Return the solution of a search that has ended."""
     if search.best is not None:
         motion, verdict = search.best_motion, search.best
     else:
         motion = search.attempt or CoordinatedMotion.straight(search.scene, search.objective.coordinates)
-        # Checks are not asked about what the scene rejects.
+        # Motions that the scene rejects have not been through the checks.
         verdict = None if problem.checks else search.attempt_verdict
     motion, evaluated, log = search.handed(motion), search.objective, search.log
     asked = motion.scene
@@ -278,7 +281,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
 
 
 def _too_fast(slow: Solution, scene: Scene, checks: Sequence[Check]) -> Solution:
-    """Answer a duration that is out of the question by a motion that was found for a longer one."""
+    """Return the solution for a duration that is too short, from a motion that was found for a longer one."""
     motion = slow.attempt.on(scene)
     verdict = verify(motion, checks)
     reasons = (*verdict.reasons, too_short(scene, slow.scene.duration)) if slow.verified else verdict.reasons
@@ -294,7 +297,13 @@ def _too_fast(slow: Solution, scene: Scene, checks: Sequence[Check]) -> Solution
 
 
 def _among_moving(problem: Problem) -> Solution:
-    """The solution of a problem of open duration whose obstacles move: duration by duration."""
+    """Solve a problem of open duration with moving obstacles, by trying durations one after the other.
+
+    Raises
+    ------
+    OptionError
+        If there are functions of the user, which need a given duration here.
+    """
     if problem.own is not None:
         raise OptionError(
             "functions of one's own need a duration where obstacles move",
@@ -342,7 +351,7 @@ def _among_moving(problem: Problem) -> Solution:
 def _followed(
     motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, demonstration: Array | None
 ) -> Followed | None:
-    """How near the hands are to the demonstration, None where it is not followed."""
+    """Return the distances of the hands from the demonstration, None if it is not followed."""
     if isinstance(objective, LeastTime):
         return None
     strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
@@ -352,7 +361,7 @@ def _followed(
 
 
 def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
-    """A scene whose duration is to be found, with limits, and the same for the search."""
+    """Return a scene with limits and open duration, and the same scene with the duration of the search."""
     asked = with_limits(scene).timed(None)
     return asked, asked.timed(1.0 if carrier is None else carrier.scene.duration)
 
@@ -360,7 +369,7 @@ def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
 def of_common_size(
     scene: Scene, demonstration: tuple[DMP, ...] | None
 ) -> tuple[Scene, tuple[DMP, ...] | None]:
-    """The scene a metre wide, if it is much smaller or larger, and a demonstration that is made so along with it.
+    """Scale a scene that is much smaller or larger than a metre to a metre, and its demonstration with it.
 
     Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
     """
@@ -378,5 +387,5 @@ def _times(value: float | list[float], ratio: float) -> float | list[float]:
 
 
 def _side(scene: Scene) -> float:
-    """Longest side of the workspace [m]."""
+    """Return the longest side of the workspace [m]."""
     return float((scene.upper - scene.lower).max())

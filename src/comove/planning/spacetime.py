@@ -2,8 +2,8 @@
 
 Two trees grow in configurations and normalised time, forward from the start at 0 and backward from the goal at 1,
 until they meet: RRT-Connect (Kuffner and LaValle, 2000) with samples that both ends can reach in time (Grothe et al.,
-2022). An edge is free if the body keeps its margin along it while the obstacles move: by conservative advancement, as
-what it travels relative to them is bound by its span and theirs.
+2022). An edge is free if the body keeps its margin along it while the obstacles move. This is checked by conservative
+advancement, as the displacement of the body relative to the obstacles is bounded by the sum of its span and theirs.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_INTERVALS = 400  # of the grid on which obstacles are known
-STEP, TIME_STEP = 0.1, 0.05  # m and durations, of an extension
-WAITING = 0.2  # chance that a sample is a configuration of the tree at another time
+N_INTERVALS = 400  # intervals between the times at which the obstacles' positions are stored
+STEP, TIME_STEP = 0.1, 0.05  # m and durations, largest extension of a tree
+WAITING = 0.2  # probability that a sample is a configuration of the tree at another time
 N_SHORTCUTS = 150
-SHARES = (0.6, 0.8, 0.9, 0.7)  # of the speed limit, tried in turn: what is smooth is faster in between
-UNLIMITED = 5.0  # times the straight way in a duration, where nothing limits the speed
+SHARES = (0.6, 0.8, 0.9, 0.7)  # of the speed limit, tried in turn: smoothed motions are faster in between
+UNLIMITED = 5.0  # largest speed, in straight ways a duration, if nothing limits the speed
 MARGINS = (0.02, 0.01, 0.005, 0.015)  # m, tried in turn
-# Width of the smoothing, and time in which a movement gets going and comes to rest, in durations.
+# Width of the smoothing, and time for acceleration and braking together, in durations.
 SMOOTHINGS = ((0.003, 0.06), (0.01, 0.1), (0.02, 0.15), (0.03, 0.25), (0.04, 0.4), (0.05, 0.6), (0.07, 0.9))
-# What a movement brings along fades in so many times the time to brake, within these shares of the duration.
+# The initial velocity fades in so many times the time to brake, within these shares of the duration.
 FADING, SHORTEST_LONGEST = 6.0, (0.05, 0.9)
 
 
 class SpaceTime(NamedTuple):
-    """A scene whose obstacles move, as the planner's kernels take it.
+    """A scene with moving obstacles, in the form that the planner's kernels take.
 
     Attributes
     ----------
-    space : with a table of obstacles that `set_time` moves
-    origin : array, shape (n_obstacles, 3), their centres at time 0 [m]
-    offsets : array, shape (N_INTERVALS + 1, n_obstacles, 3), how they move [m]
-    fastest : of the obstacles [m a duration]
+    space : space with a table of obstacles that `set_time` moves
+    origin : array, shape (n_rows, 3), centres of the obstacles at time 0 [m]
+    offsets : array, shape (N_INTERVALS + 1, n_rows, 3), displacements of the obstacles at even times [m]
+    fastest : largest speed of the obstacles [m a duration]
     """
 
     space: Space
@@ -63,7 +63,7 @@ class SpaceTime(NamedTuple):
 
 
 def spacetime(scene: Scene, space: Space) -> SpaceTime:
-    """The space of a scene with its obstacles' motion."""
+    """Return the space of a scene together with the motion of its obstacles."""
     offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, N_INTERVALS + 1)))
     fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * N_INTERVALS
     table = space.obstacles.copy()
@@ -82,14 +82,15 @@ def plan_in_time(
     max_nodes: int,
     before: Array | None = None,
 ) -> tuple[Array, Array] | None:
-    """A shortened path from the start at time 0 to the goal at time 1, or None where none was found.
+    """Plan and shorten a path from the start at time 0 to the goal at time 1; None if none is found.
 
     Parameters
     ----------
     start, goal : arrays, shape (n_columns,)
-    speed : largest of a node [m a duration]
-    margin : clearance kept [m] on top of the scene's; less where the ends have less
-    before : array, shape (n_before, n_columns), a path that was planned before, at even times from 0 to 1
+    speed : largest speed of a node [m a duration]
+    margin : clearance that is kept beyond the scene's [m]; less if the ends have less
+    max_nodes : number of nodes after which planning ends
+    before : array, shape (n_before, n_columns), path of an earlier plan, at even times from 0 to 1
 
     Returns
     -------
@@ -111,7 +112,7 @@ def plan_in_time(
 
 
 def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Array:
-    """A path smoothed more and more, at rest at both ends; array, shape (n_smoothings, n_steps, n_columns)."""
+    """Smooth a path by several widths, at rest at both ends; array, shape (n_smoothings, n_steps, n_columns)."""
     s, smooth = np.linspace(0.0, 1.0, n_steps), []
     for width, ease in SMOOTHINGS:
         sampled = _sampled(space, path, times, _eased(s, ease))
@@ -122,12 +123,16 @@ def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Ar
 
 
 def coast(velocity: Array, acceleration: float, n_steps: int) -> Array:
-    """What a movement that has begun adds to one that begins at rest; array, shape (n_steps, n_columns).
+    """Return the displacement by which an initial velocity, which fades, changes a movement that begins at rest.
 
     Parameters
     ----------
-    velocity : array, shape (n_columns,), of q at the start [1 a duration]
-    acceleration : limit of the hands [m a duration squared]
+    velocity : array, shape (n_columns,), rate of the configuration at the start [1 a duration]
+    acceleration : limit of the hands' acceleration [m a duration squared]
+
+    Returns
+    -------
+    array, shape (n_steps, n_columns)
     """
     s = np.linspace(0.0, 1.0, n_steps)[:, None]
     fading = np.clip(FADING * np.linalg.norm(velocity) / acceleration, *SHORTEST_LONGEST)
@@ -135,7 +140,7 @@ def coast(velocity: Array, acceleration: float, n_steps: int) -> Array:
 
 
 def _eased(s: Array, ease: float) -> Array:
-    """Times at which the pace rises from 0 over a half of `ease`, and falls to 0 over another at the end."""
+    """Map normalised times so that the pace rises from 0 in half of `ease`, and falls to 0 in the other half."""
     half = ease / 2
     slope = 1.0 / (1.0 - half)
     first = np.where(s < half, 0.5 * slope * s**2 / half, slope * (s - half / 2))
@@ -145,7 +150,7 @@ def _eased(s: Array, ease: float) -> Array:
 
 @numba.njit(cache=True, error_model="numpy")
 def set_time(world, t):
-    """Put the obstacles where they are at a normalised time."""
+    """Move the obstacles to their positions at a normalised time."""
     at = min(max(t, 0.0), 1.0) * (world.offsets.shape[0] - 1)
     k = min(int(at), world.offsets.shape[0] - 2)
     f = at - k
@@ -157,7 +162,7 @@ def set_time(world, t):
 
 @numba.njit(cache=True, error_model="numpy")
 def edge_is_free_in_time(world, p, s, q, t, margin, scratch, nodes):
-    """Does the body keep `margin` [m] along the edge from p at time s to q at time t?"""
+    """Return whether the body keeps the clearance `margin` [m] along the edge from p at time s to q at time t."""
     space = world.space
     length = span(space, p, q) + world.fastest * abs(t - s)
     travelled, creeping = 0.0, 0
@@ -176,7 +181,7 @@ def edge_is_free_in_time(world, p, s, q, t, margin, scratch, nodes):
 
 @numba.njit(cache=True, error_model="numpy")
 def _nearest(world, tree, times, count, q, t, speed, forward):
-    """The node from which q can be reached at t, or that can be reached from there, with the least effort; or -1."""
+    """Return the node that can be joined to q at time t with the least effort; -1 if there is none."""
     best, least = -1, np.inf
     for i in range(count):
         wait = t - times[i] if forward else times[i] - t
@@ -192,13 +197,13 @@ def _nearest(world, tree, times, count, q, t, speed, forward):
 
 @numba.njit(cache=True, error_model="numpy")
 def _share(world, p, s, q, t):
-    """Share of the edge that an extension goes."""
+    """Return the share of an edge that one extension covers."""
     return min(1.0, STEP / max(span(world.space, p, q), 1e-12), TIME_STEP / max(abs(t - s), 1e-12))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _grow(world, start, goal, speed, margin, rng, max_nodes, before):
-    """Path and times; empty where the trees do not meet."""
+    """Grow both trees; return path and times, which are empty if the trees do not meet."""
     space, n_columns = world.space, start.shape[0]
     trees, times = np.empty((2, max_nodes, n_columns)), np.zeros((2, max_nodes))
     parents, counts = np.full((2, max_nodes), -1), np.ones(2, dtype=np.int64)
@@ -269,7 +274,7 @@ def _grow(world, start, goal, speed, margin, rng, max_nodes, before):
 
 @numba.njit(cache=True, error_model="numpy")
 def _take_over(world, tree, times, parents, count, before, speed, margin, forward):
-    """Make a branch of what was planned before, from the root on as far as it is still free."""
+    """Add the path of an earlier plan to a tree as a branch, from the root on as far as it is still free."""
     n, scratch = before.shape[0], np.empty(before.shape[1])
     nodes = np.empty((world.space.blocks.node.shape[0], 3))
     for k in range(1, n - 1):
@@ -288,7 +293,7 @@ def _take_over(world, tree, times, parents, count, before, speed, margin, forwar
 
 @numba.njit(cache=True, error_model="numpy")
 def _joined(trees, times, parents, mine, theirs):
-    """From the root of tree 0 through `mine`, which is `theirs`, to the root of tree 1."""
+    """Return path and times from the root of tree 0 via `mine`, which coincides with `theirs`, to that of tree 1."""
     count, i = 0, mine
     while i >= 0:
         count, i = count + 1, parents[0, i]
@@ -311,7 +316,7 @@ def _joined(trees, times, parents, mine, theirs):
 
 @numba.njit(cache=True, error_model="numpy")
 def _sampled(space, path, times, s):
-    """Configurations at the normalised times s, array of shape (n_steps,), in order; (n_steps, n_columns)."""
+    """Interpolate a path at the increasing normalised times s, (n_steps,); array, shape (n_steps, n_columns)."""
     out, i = np.empty((s.shape[0], path.shape[1])), 0
     for row in range(s.shape[0]):
         while i < times.shape[0] - 2 and times[i + 1] < s[row]:
@@ -323,7 +328,7 @@ def _sampled(space, path, times, s):
 
 @numba.njit(cache=True, error_model="numpy")
 def _shortened(world, path, times, speed, margin, rng, n_trials):
-    """Replace pieces of the path by straight edges at an even pace where these are free."""
+    """Replace pieces of a path by straight edges of constant pace, where these are free; return path and times."""
     space, count, n_columns = world.space, path.shape[0], path.shape[1]
     work, at = np.empty((count + 2 * n_trials + 2, n_columns)), np.empty(count + 2 * n_trials + 2)
     for row in range(count):

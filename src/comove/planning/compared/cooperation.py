@@ -106,7 +106,7 @@ class Intention:
 
 @dataclass(frozen=True, eq=False)
 class Skill:
-    """What the robot has learned, at even samples of the phase from 0 to 1.
+    """The skill that the robot has learned, at even samples of the phase from 0 to 1.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ class Approach(NamedTuple):
 
     Attributes
     ----------
-    gain : approach speed by the clearance left [1/s]
+    gain : ratio of the largest approach speed to the clearance left [1/s]
     braking : deceleration that hands are assumed capable of [m/s^2], infinite without a limit
     need : clearance that is kept [m]
     """

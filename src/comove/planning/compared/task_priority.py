@@ -9,8 +9,7 @@ In every control step the hands' velocities v solve, in this order (see `hierarc
 
 where the reference is the jointly taught movement and `prescribed` is the velocity of `performance`. In the source, a
 dynamical system is the reference, and postures are those of joints. Here scenes have hands only, and the primitive is
-the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later, to end in
-time.
+the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ class TaskPriority(Method):
     ----------
     relative, absolute : prescribed performance of L1 and of L2
     posture : gain k of L3 [1/s]
-    approach : approach speed by the clearance left [1/s]
+    approach : ratio of the largest approach speed to the clearance left [1/s]
     margin : margin kept on top of the scene's clearance [m]
     acceleration : limit of the hands' acceleration if the scene has no lower one [m/s^2]; without any limit,
         velocities
@@ -107,9 +106,7 @@ class TaskPriority(Method):
         search.judge(fit.motion)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
-        """Return the largest errors of L1 and L2, and the shares of the time in which they exceeded their bounds, by
-        name.
-        """
+        """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
         middles = group_means(scene)
         absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
         relative = np.zeros(len(time))
@@ -145,8 +142,7 @@ class Controller:
         )
 
     def velocities(self, hands: Array, reference: Array) -> Iterator[tuple[Array, float, Array]]:
-        """Yield for every step the velocities of the hands, the slack of the inequalities, and the reference
-        followed.
+        """Yield velocities of the hands, slack of the inequalities, and reference for every step.
 
         Parameters
         ----------
@@ -187,9 +183,7 @@ class Controller:
         return reference[k] + (phase - k) * (reference[k + 1] - reference[k])
 
     def _next_phase(self, hands: Array, reference: Array, phase: float, k: int) -> float:
-        """Return the phase after step k, which advances more slowly while middles lag behind, and catches up
-        later.
-        """
+        """Return the phase after step k; it slows down while middles lag behind, and catches up later."""
         last = len(reference) - 1.0
         off = self.middles @ (hands - self._at(reference, phase)).ravel()
         lag = float(np.abs(off).max())
@@ -234,9 +228,7 @@ class Controller:
         return (before + _shortened(wanted - before, INSIDE * self.acceleration * self.period)).ravel()
 
     def _difference(self, first: int, second: int, direction: Array) -> Array:
-        """Return the row that gives the velocity of one hand relative to another along a direction; array, shape (1,
-        n).
-        """
+        """Return the row of the velocity of one hand relative to another along a direction, shape (1, n)."""
         row = np.zeros((len(self.scene.manipulators), self.scene.n_dims))
         row[first], row[second] = direction, -direction
         return row.reshape(1, -1)
@@ -246,8 +238,7 @@ class Controller:
     ) -> tuple[Array, float]:
         """Solve the tasks within the limits of speed and acceleration; return velocities and slack [m/s].
 
-        The limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved
-        again.
+        Limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again.
         """
         speed, change = self.scene.speed_limit, self.acceleration * self.period
         velocity, slack = before, 0.0

@@ -105,9 +105,8 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
     offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
         n_samples = 0 if none moves
     found : array, shape (n_most, N_FIELDS); n_most = 0 if only `least` is needed
-    least : array, shape (n_owners + 2,), into which the least distance from each obstacle, the least distance from
-        the
-        border, and the least distance of hands beyond their separation are written [m], each at most `cutoff`
+    least : array, shape (n_owners + 2,), into which are written the least distance from each obstacle,
+        from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
     n_samples, n_rods, n_solids = nodes.shape[0], around.edges.shape[0], around.solids.shape[0]
@@ -271,8 +270,8 @@ def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
 def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
     """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
-    Written into `points` are the corners of the part in the frame of the thing, the nearest point, and its direction
-    from the thing.
+    Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
+    mesh, its direction from the thing.
     """
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
@@ -327,9 +326,7 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
 
 @numba.njit(cache=True, error_model="numpy")
 def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
-    """Write contacts of the corners of a part that are near, other than its nearest point; return their new
-    number.
-    """
+    """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     n_rods = around.edges.shape[0]

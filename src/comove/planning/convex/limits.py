@@ -124,9 +124,7 @@ class LinearLimits(NamedTuple):
 
 
 def _rate(y: Array, order: int) -> Array:
-    """Return first, second or third derivatives in unit duration, by differences; the third as
-    `third_differences`.
-    """
+    """Return derivatives of order 1, 2 or 3 in unit duration, by differences; order 3 as `third_differences`."""
     if order == 3:
         return third_differences(y)
     return np.diff(y, n=order, axis=0) * (len(y) - 1) ** order

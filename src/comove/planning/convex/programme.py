@@ -63,7 +63,7 @@ class ConvexSettings:
     margin : distance from obstacles beyond the scene's clearance [m]
     border_margin : likewise for the border, and for hands that must stay apart beyond their separation [m]
     tolerance : share of the margins that may be missed without consequence
-    radius, most : radius of the trust region, at first and at most [m]; for angles at most 3 rad/m times as much
+    radius, most : radius of the trust region, at first and at most [m]; for angles multiplied by at most 3 rad/m
     least : radius of the trust region below which the search ends [m]
     iterations : largest number of steps
     gain : least relative decrease of the cost that counts as a gain
@@ -201,25 +201,19 @@ class ConvexProgramme:
         return Seen(q, nodes, self._found[:n].copy(), need - least)
 
     def hands(self, q: Array) -> tuple[Array, Array]:
-        """Return nodes and hands along configurations, (n_samples, n_columns); hands (n_samples, n_hands * n_dims)
-        [m].
-        """
+        """Return nodes, and hands (n_samples, n_hands * n_dims), along configurations (n_samples, n_columns) [m]."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         return nodes, nodes[:, : len(self.scene.manipulators), : self.scene.n_dims].reshape(len(q), -1)
 
     def moves_of_hands(self, q: Array, nodes: Array) -> Array:
-        """Return the derivatives of hands at coarse samples by the shape weights; (n_samples, n_hands * n_dims,
-        n).
-        """
+        """Return derivatives of hands at coarse samples by the shape weights; (n_samples, n_hands * n_dims, n)."""
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.around.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
         return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
 
     def value(self, cost: QuadraticCost, z: Array, gauge: float) -> tuple[float, Array]:
-        """Return the cost at shape weights `z`, with a gauge of the weight `gauge`, and the hands at the coarse
-        samples.
-        """
+        """Return the cost at shape weights `z`, with a gauge of weight `gauge`, and the hands at coarse samples."""
         q = self.coarse.q(z)
         _, hands = self.hands(q)
         residuals, lengths = cost.residuals(hands), self.gauge(q, gauge)

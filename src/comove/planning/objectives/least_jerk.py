@@ -14,7 +14,7 @@ LOOSEST, CLOSEST = 2.0, 7.7  # exponents of ten of the pull, for a resemblance j
 
 @dataclass(frozen=True)
 class LeastJerk:
-    """The objective of least squared jerk; with a demonstration, of the deviation from it, and of its square.
+    """The objective of least squared jerk of all hands; with a demonstration, of the deviation and its jerk.
 
     In unit duration, with L the root of the summed squared distances from start to goal and d_i the demonstration
     transferred to hand i, it is
