@@ -245,7 +245,9 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
 
 
 def _on_box(half: Array, spacing: float) -> Array:
-    """Return points on the faces of a box of half edges (n_dims,) about the origin; array, shape (n_points, 3) [m]."""
+    """Return points on the faces of a box of half edges (n_dims,) about the origin; array, shape (n_points, 3)
+    [m].
+    """
     grids = [np.linspace(-h, h, int(np.ceil(2 * h / spacing)) + 1) for h in half]
     faces = []
     for axis, h in enumerate(half):

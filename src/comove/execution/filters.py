@@ -61,7 +61,9 @@ class Belief(NamedTuple):
 
     @property
     def spin(self) -> Array:
-        """Return the angular velocity of the velocity's direction, across the velocity; array, shape (n, 3) [rad/s]."""
+        """Return the angular velocity of the velocity's direction, across the velocity; array, shape (n, 3)
+        [rad/s].
+        """
         velocity, turn = self.velocity, self.state[0, :, TURN]
         square = np.maximum((velocity**2).sum(axis=1, keepdims=True), np.finfo(float).tiny)
         return turn - velocity * ((turn * velocity).sum(axis=1, keepdims=True) / square)

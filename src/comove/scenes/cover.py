@@ -449,7 +449,9 @@ class Distance:
         return not bool(_behind(far, hull.planes, -1e-6 * self.step).any())
 
     def farthest(self, hull: Polytope, enough: float) -> float:
-        """Return an upper bound of the distance of a hull's points from the solid [m], or `enough` if that is larger."""
+        """Return an upper bound of the distance of a hull's points from the solid [m], or `enough` if that is
+        larger.
+        """
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
         nodes = self._nodes[self._field > enough]
         inside = _behind(nodes, hull.planes, 0.0)

@@ -233,7 +233,9 @@ class PolygonLoad(_Gripped):
 
 
 class BoxLoad(_Gripped):
-    """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's frame."""
+    """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's
+    frame.
+    """
 
     shape: Literal["box"]
     size: Sizes

@@ -242,7 +242,9 @@ def holds(surfaces, mesh, x, y, z):
 
 @numba.njit(cache=True, error_model="numpy")
 def surface_distance(surfaces, mesh, points, cutoff):
-    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is less."""
+    """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is
+    less.
+    """
     return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
 
 
