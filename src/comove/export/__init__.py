@@ -1,4 +1,4 @@
-"""Export: verified joint motions as files and messages that robots play."""
+"""Export of verified joint motions, as files and messages that robots play."""
 
 from comove.export.formats import FORMATS, Format, check_export, export
 from comove.export.parts import ExportError, MotionPart, MotionProvenance, parts_of

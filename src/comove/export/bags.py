@@ -7,8 +7,8 @@
 | ``/comove/joint_states`` | JointState | all moving joints, one message a sample |
 | ``/comove/provenance`` | String | JSON: version, and checksums of scene, robot and motion |
 
-All but the states are latched (ROS 2: transient local), so that who comes late gets them too. No topic is one that
-a robot listens to: what is played back moves nothing. Stamps begin at `START`, since 0 means "none" in ROS.
+All but the states are latched (ROS 2: transient local), so late subscribers get them too. No robot listens to these
+topics: playing back a bag moves nothing. Stamps begin at `START`, since 0 means "none" in ROS.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Message = tuple[str, str, int, Any]
 
 
 def require_rosbags(part: MotionPart) -> None:
-    """Tell that the library is missing before anything is written."""
+    """Raise an error, before anything is written, if the library rosbags is missing."""
     try:
         import rosbags  # noqa: F401
     except ImportError as error:
@@ -48,7 +48,7 @@ def require_rosbags(part: MotionPart) -> None:
 
 
 def write_rosbag1(path: Path, part: MotionPart, rate: float) -> None:
-    """One file of ROS 1."""
+    """Write a part as one bag file of ROS 1."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -63,7 +63,7 @@ def write_rosbag1(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_rosbag2(path: Path, part: MotionPart, rate: float) -> None:
-    """A folder of ROS 2: SQLite and ``metadata.yaml``."""
+    """Write a part as a bag folder of ROS 2: SQLite and ``metadata.yaml``."""
     inner = path / part.name  # the library names files after their folder, which has no name yet
     path.mkdir(exist_ok=True)
     _write_ros2(inner, part, rate, "SQLITE3")
@@ -73,7 +73,7 @@ def write_rosbag2(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_mcap(path: Path, part: MotionPart, rate: float) -> None:
-    """One file of ROS 2, as it stands in the folder that ROS 2 would record."""
+    """Write a part as one MCAP file, as ROS 2 would record it in its folder."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         _write_ros2(Path(folder, "bag"), part, rate, "MCAP")
         os.replace(Path(folder, "bag", "bag.mcap"), path)
@@ -97,7 +97,7 @@ def _write_ros2(path: Path, part: MotionPart, rate: float, storage: str) -> None
 
 @contextlib.contextmanager
 def _telling() -> Iterator[None]:
-    """Tell what the database cannot write as the system tells it: a full disk, for example."""
+    """Turn errors of the database into `OSError`: a full disk, for example."""
     try:
         yield
     except sqlite3.Error as error:
@@ -105,7 +105,7 @@ def _telling() -> Iterator[None]:
 
 
 def _quality(latched: bool) -> Any:
-    """Reliable; what is latched is kept for who comes late."""
+    """Return a reliable quality of service; latched messages are kept for late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)
@@ -135,7 +135,7 @@ def _write(
 
 
 def _messages(store: Any, part: MotionPart, samples: PartSamples) -> list[Message]:
-    """All messages in the order of their stamps."""
+    """Return all messages in the order of their stamps."""
     String, State = store.types[TEXT], store.types[STATE]
     text = json.dumps(part.provenance.asdict(), sort_keys=True)
     messages: list[Message] = [("/comove/provenance", TEXT, START, String(data=text))]

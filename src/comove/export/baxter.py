@@ -1,8 +1,8 @@
-"""The file that ``joint_trajectory_file_playback.py`` of the Baxter SDK plays.
+"""The file format of the Baxter SDK's ``joint_trajectory_file_playback.py``.
 
-Its parser knows nothing but this header and rows of numbers: a comment, a blank line, an empty cell or a space stops
-it or silently drops a joint. It sends positions only, after it has moved slowly to the first row, and sets the
-grippers at 20 Hz as the rows say.
+Its parser accepts only this header and rows of numbers: a comment, a blank line, an empty cell or a space stops it or
+silently drops a joint. The program moves slowly to the first row, then sends positions only, and sets the grippers at
+20 Hz according to the rows.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HEADER = ["time", *(name for side in SIDES for name in (*ARMS[side], f"{side}_gr
 
 
 def write_baxter(path: Path, part: MotionPart, rate: float) -> None:
-    """Seconds, radians and the grippers' opening in per cent, 0 closed."""
+    """Write a part for the Baxter SDK: seconds, radians and the grippers' opening in per cent, 0 closed."""
     samples = part.samples(rate)
     opening = part.opening(samples.time)[:, None]
     arms = [block for side in SIDES for block in (samples.position[:, part.columns(ARMS[side])], opening)]

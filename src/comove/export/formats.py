@@ -1,4 +1,4 @@
-"""The formats, and how their files come to be: all of them whole, or none."""
+"""Formats of export, and the writing of their files: all of them, whole, or none."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from comove.robots.judge.verify import VerifiedJointMotion
 
 
 def _nothing(part: MotionPart) -> None:
-    """Any robot will do, and nothing is needed."""
+    """Accept any part: the format requires nothing."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file.
+    """A file format that a motion can be exported to.
 
     Attributes
     ----------
-    name : what the user calls it
-    what : who reads it
-    suffix : of the file; empty where it is a folder
-    write : takes the path, a part and the rate [Hz]
-    require : takes a part; tells what the format cannot hold, or lacks
-    carry, others : names of the files; others with the part's name in place of the braces
-    sidecar : whether provenance stands beside the file because it has no place in it
+    name : name of the format for users
+    what : programs that read it
+    suffix : suffix of the file; empty if the format is a folder
+    write : function of path, part and rate [Hz] that writes the file
+    require : function of a part that raises an error if the format cannot hold it, or lacks a library
+    carry, others : names of the files, in which the part's name replaces the braces
+    sidecar : whether provenance is written into a file of its own, as the format has no place for it
     """
 
     name: str
@@ -56,7 +56,7 @@ class Format:
     sidecar: bool = False
 
     def path(self, folder: Path, part: str) -> Path:
-        """Where a part is written."""
+        """Return the path to which a part is written."""
         stem = self.carry if part == CARRY else self.others.format(part)
         return folder / f"{stem}{self.suffix}"
 
@@ -87,14 +87,14 @@ def export(
     rate: float = SAMPLE_RATE,
     transfers: Transfers | None = None,
 ) -> list[Path]:
-    """Write a verified motion for a robot.
+    """Write a verified motion to files of a format.
 
     Parameters
     ----------
-    motion : sealed by the judge; nothing else is taken
-    folder : made if missing; what is in it already stays
+    motion : motion sealed by the judge; no other is accepted
+    folder : folder of the files, made if missing; files already in it are kept
     format : one of `FORMATS`
-    rate : samples a second [Hz], at least 20
+    rate : samples per second [Hz], at least 20
     transfers : approach and release, written as files of their own
 
     Returns
@@ -104,7 +104,7 @@ def export(
     Raises
     ------
     ExportError
-        If the motion is not verified, the rate is too low, the robot does not fit the format, or a file is there
+        If the motion is not verified, the rate is too low, the robot does not fit the format, or a file exists
         already. Nothing is written then.
     """
     parts = parts_of(motion, transfers)
@@ -153,14 +153,14 @@ def check_export(
 
 
 def _paths(folder: Path, format: Format, parts: Iterable[str]) -> tuple[dict[str, Path], dict[str, Path]]:
-    """Where parts are written, and their provenance where it stands beside them; by the parts' names."""
+    """Return the paths of parts, and of their provenance if the format has sidecars; by the parts' names."""
     targets = {name: format.path(folder, name) for name in parts}
     return targets, {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
 
 
 @contextlib.contextmanager
 def _ready(folder: Path) -> Iterator[None]:
-    """Make the folder where it is missing, and take it away again where nothing comes into it."""
+    """Make the folder if it is missing, and remove it again if an error occurs."""
     missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -179,8 +179,11 @@ def _ready(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _all_or_none() -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
-    """Lend a stack of drafts, and a table of their inodes by what they become; what has got its name when another
-    one fails is taken away. By its inode, since somebody else may have made a file of that name meanwhile."""
+    """Lend a stack of drafts and a table of written paths with their inodes; after an error, remove the written
+    files.
+
+    The inode tells them from a file of the same name that somebody else may have made meanwhile.
+    """
     made: dict[Path, int] = {}
     try:
         with contextlib.ExitStack() as drafts:

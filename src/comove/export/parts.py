@@ -1,4 +1,4 @@
-"""What is handed to a robot: up to three motions of its joints, and where they come from.
+"""Parts of a motion for a robot: up to three motions of its joints, with their provenance.
 
 The *carry* is the verified motion. The *approach* brings the hands from home to the grasp and grips, the *release*
 lets go and brings them home; both come from `comove.robots.approach`.
@@ -32,12 +32,12 @@ PARTS = CARRY, APPROACH, RELEASE = "carry", "approach", "release"
 
 
 class ExportError(RobotError):
-    """What cannot be exported, or not there."""
+    """Error about a motion that cannot be exported, or not to this place."""
 
 
 @dataclass(frozen=True)
 class MotionProvenance:
-    """Where a motion comes from; written into everything that leaves the tool.
+    """Provenance of a motion, written into everything that is exported.
 
     The checksums are those in the `robot.json` of a result: of the hands' motion and of the joints' carry.
     """
@@ -52,18 +52,18 @@ class MotionProvenance:
     part: str
 
     def asdict(self) -> dict[str, str]:
-        """By name."""
+        """Return the entries by name."""
         return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
 class PartSamples:
-    """A joint motion at even instants, whole nanoseconds as ROS counts them; at rest at both ends.
+    """Samples of a joint motion at even instants, in whole nanoseconds as ROS counts them; at rest at both ends.
 
     Attributes
     ----------
-    time : array, shape (n_steps,) [s]
-    nanoseconds : array of int, shape (n_steps,)
+    time : array, shape (n_steps,), times of the samples [s]
+    nanoseconds : array of int, shape (n_steps,), the same times [ns]
     position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, rad/s, rad/s^2]
     """
 
@@ -76,15 +76,15 @@ class PartSamples:
 
 @dataclass(frozen=True, eq=False)
 class MotionPart:
-    """One motion to play.
+    """One motion for a robot to play: the carry, approach or release.
 
     Attributes
     ----------
     name : carry, approach or release
-    joints : of all moving joints of the robot
+    joints : motion of all moving joints of the robot
     arms : joint names by arm, from the base to the tip
-    gripped_from : when the grippers close [s]; infinite where they are open throughout
-    provenance : where it comes from
+    gripped_from : time at which the grippers close [s]; infinite if they are open throughout
+    provenance : provenance of the motion
     """
 
     name: str
@@ -94,7 +94,7 @@ class MotionPart:
     provenance: MotionProvenance
 
     def samples(self, rate: float) -> PartSamples:
-        """From the exact curve, at `rate` [Hz] or a little finer, so that the end is a sample."""
+        """Sample the exact curve at `rate` [Hz] or a little finer, so that the end is a sample."""
         n_steps = max(2, int(np.ceil(self.joints.duration * rate - 1e-9)) + 1)
         nanoseconds = np.rint(np.linspace(0.0, self.joints.duration, n_steps) * NANO).astype(np.int64)
         time = nanoseconds / NANO
@@ -104,21 +104,21 @@ class MotionPart:
         return PartSamples(time, nanoseconds, position, velocity, acceleration)
 
     def opening(self, time: Array) -> Array:
-        """Opening of the grippers [per cent]; array, shape (n_steps,)."""
+        """Return the opening of the grippers [per cent]; array, shape (n_steps,)."""
         return np.where(time >= self.gripped_from - 0.5 / NANO, CLOSED, OPEN)
 
     def columns(self, names: tuple[str, ...]) -> list[int]:
-        """Where joints stand in the samples."""
+        """Return the columns of joints in the samples."""
         return [self.joints.joint_names.index(name) for name in names]
 
 
 def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, MotionPart]:
-    """The motions to play, by name: the carry, and approach and release where there are transfers.
+    """Return the motions to play, by name: the carry, and approach and release where there are transfers.
 
     Raises
     ------
     ExportError
-        If `motion` has not been verified, or `transfers` are those of another one.
+        If `motion` has not been verified, or `transfers` are those of another motion.
     """
     require_verified(motion)
     if transfers is not None and (not isinstance(transfers, Transfers) or transfers.carry is not motion):
@@ -140,7 +140,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
 
 
 def require_verified(motion: Any) -> None:
-    """Refuse everything but what the judge has sealed.
+    """Refuse everything but motions sealed by the judge.
 
     Raises
     ------
@@ -156,12 +156,12 @@ def require_verified(motion: Any) -> None:
 
 
 def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
-    """Refuse rates at which what is played is no longer what was verified.
+    """Refuse rates at which the played motion departs too far from the verified one.
 
     Raises
     ------
     ExportError
-        If `rate` [Hz] is too low or no rate; says what a low one would do.
+        If `rate` [Hz] is too low, too high or not a number; for a low one, the message states the error it causes.
     """
     if not isinstance(rate, Real) or not 0.0 < rate <= LARGEST_RATE:
         raise ExportError(
@@ -180,11 +180,11 @@ def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
 
 
 def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, float]:
-    """How far samples at `rate` [Hz], joined by a cubic spline or by straight lines, lead the hands astray.
+    """Compute the errors of the hands if samples at `rate` [Hz] are joined by a cubic spline or by straight lines.
 
     Returns
     -------
-    cubic, linear : change of a distance between two hands; of its place, where there is one hand only [m]
+    cubic, linear : largest error of the distance between two neighbouring hands, or of the place of a single hand [m]
     """
     samples = parts_of(motion)[CARRY].samples(rate)
     time = np.linspace(0.0, motion.joints.duration, max(1001, 10 * len(samples.time)))
@@ -195,7 +195,9 @@ def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, fl
 
 
 def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
-    """Distances between neighbouring hands, array of shape (n_steps, n_pairs, 1); one hand's place instead."""
+    """Compute distances between neighbouring hands, array of shape (n_steps, n_pairs, 1), or the place of a single
+    hand.
+    """
     robot = motion.robot
     hands = np.array([[robot.tool_pose(row, arm)[:3, 3] for arm in robot.arms] for row in q])
     if len(robot.arms) == 1:

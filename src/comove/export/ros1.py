@@ -1,7 +1,7 @@
-"""The way to a robot in ROS 1: action servers of FollowJointTrajectory, one an arm.
+"""Client for a robot in ROS 1, by one FollowJointTrajectory action server for each arm.
 
-ROS brings its own Python; what speaks to it is a program of its own, `ros1_bridge.py`, and stops all arms when this
-one ends.
+ROS brings its own Python, so a separate program, `ros1_bridge.py`, speaks to it. It stops all arms when this process
+ends.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ STARTING = 15.0  # s, for a Python to load ROS beyond what the robot is given
 
 @dataclass(frozen=True)
 class Names:
-    """Where a robot's action servers and joint states are; Baxter's unless said."""
+    """Names of a robot's action servers and of its topic of joint states; Baxter's unless given."""
 
     action: str = "robot/limb/{arm}/follow_joint_trajectory"
     joint_states: str = "/robot/joint_states"
 
 
 class Ros1Client:
-    """A `TrajectoryClient` for ROS 1; close it, or use it as a context.
+    """A `TrajectoryClient` for ROS 1, to be closed or used as a context.
 
     Parameters
     ----------
-    names : of the robot's topics
-    python : with rospy; looked for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
+    names : names of the robot's action servers and topic
+    python : path of a Python with rospy; searched for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
     """
 
     def __init__(self, names: Names = Names(), python: str | None = None):
@@ -116,7 +116,7 @@ class Ros1Client:
                 self._tell({"do": "cancel_all"})
 
     def _has_cancelled(self) -> bool:
-        """Whether the bridge says so; it may hang, or end meanwhile."""
+        """Return whether the bridge confirms that it cancelled; it may hang, or end meanwhile."""
         until = time.monotonic() + ANSWER
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):
@@ -129,7 +129,7 @@ class Ros1Client:
         return False
 
     def state(self, wait: float) -> RobotState:
-        """What is known; waits for news for at most `wait` [s]."""
+        """Return the known state, after waiting for news for at most `wait` [s]."""
         for event in self._news(wait):
             self._take(event)
         return replace(
@@ -137,7 +137,7 @@ class Ros1Client:
         )
 
     def close(self) -> None:
-        """End the bridge, which stops what still moves."""
+        """End the bridge, which stops all arms that still move."""
         process, self._process = self._process, None
         if process is None:
             self._forget_errors()
@@ -157,7 +157,7 @@ class Ros1Client:
             self._errors = None
 
     def _begin(self, python: str, command: dict[str, Any]) -> dict[str, Any]:
-        """Start a bridge and connect it; its answer."""
+        """Start a bridge and connect it; returns its answer."""
         self._events = queue.Queue()
         try:
             self._errors = tempfile.TemporaryFile()  # noqa: SIM115
@@ -184,7 +184,7 @@ class Ros1Client:
             pass
 
     def _answer(self, timeout: float) -> dict[str, Any]:
-        """The first event that decides whether there is a robot."""
+        """Wait for the first event that says whether the robot is connected."""
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):
@@ -204,7 +204,7 @@ class Ros1Client:
             return
 
     def _take(self, event: Mapping[str, Any]) -> None:
-        """Note an event."""
+        """Update the state by an event."""
         state = self._state
         if event["event"] == "joints":
             self._heard |= dict.fromkeys(event["position"], time.monotonic())
@@ -218,7 +218,7 @@ class Ros1Client:
             self._lose(f"ended: {self._last_words()}")
 
     def _lose(self, why: str) -> None:
-        """Note that nothing is known of the arms any more."""
+        """Mark all arms as lost."""
         lost = ArmState(Status.LOST, f"the bridge to ROS {why}")
         self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
 
@@ -229,7 +229,7 @@ class Ros1Client:
 
 
 def pythons() -> list[str]:
-    """Pythons that may have ROS, the likeliest first."""
+    """Return the Pythons that may have ROS, the likeliest first."""
     named = os.environ.get(PYTHON)
     if named:
         return [named]
@@ -253,7 +253,7 @@ def _listen(stream: IO[str], events: queue.Queue[dict[str, Any]]) -> None:
 
 
 def _refusal(reason: str, what: str, timeout: float) -> SendError:
-    """What keeps ROS from moving the robot, and what to do."""
+    """Return the error that says why ROS cannot move the robot, and what to do."""
     if reason == "master":
         return SendError(
             f"there is no ROS master at {what}",

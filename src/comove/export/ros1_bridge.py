@@ -1,12 +1,12 @@
 # ruff: noqa: UP004, UP010, UP024, UP030, UP032, B904, B905
-"""The half of the sender that lives in ROS 1; a program of its own, because ROS brings its own Python (2.7 or 3).
+"""Bridge to ROS 1: a program of its own, because ROS brings its own Python (2.7 or 3).
 
-It reads commands and tells events, one JSON object a line. Commands:
+It reads commands and writes events, one JSON object a line. Commands:
 
     {"do": "connect", "servers": {ARM: ACTION}, "joint_states": TOPIC, "joints": [NAME], "timeout": s}
     {"do": "send", "delay": s, "goals": {ARM: {"joints": [NAME], "time": [ns],
                                                "position": [[rad]], "velocity": ..., "acceleration": ...}}}
-    {"do": "cancel"}: these goals; {"do": "cancel_all"}: all goals that the servers have, whoever sent them
+    {"do": "cancel"}: cancels these goals; {"do": "cancel_all"}: cancels all goals of the servers, whoever sent them
 
 Events:
 
@@ -75,7 +75,7 @@ SEPARATOR = "\n" + "=" * 80 + "\n"
 
 
 def message_types():
-    """Classes of FollowJointTrajectory by name: not every distribution has control_msgs."""
+    """Generate the classes of FollowJointTrajectory, by name, as not every distribution has control_msgs."""
     from actionlib_msgs.msg import GoalStatus
     from genpy.dynamic import generate_dynamic
     from trajectory_msgs.msg import JointTrajectory
@@ -98,11 +98,11 @@ def message_types():
 
 
 class Refused(Exception):
-    """What keeps a motion from being sent; a reason and what it is about."""
+    """Error that keeps a motion from being sent; its arguments are a reason and what it is about."""
 
 
 class Teller(object):
-    """Writes events; what ROS prints goes to the error stream, so that it does not get between them."""
+    """Writes events to the original output; what ROS prints goes to the error stream and cannot mix with them."""
 
     def __init__(self):
         self.lock = threading.Lock()
@@ -120,7 +120,7 @@ class Teller(object):
 
 
 class RosBridge(object):
-    """A node that has a goal at each of several action servers and listens to the joints."""
+    """A node that sends one goal to each of several action servers and listens to the joints."""
 
     def __init__(self, tell):
         self.tell = tell
@@ -129,7 +129,7 @@ class RosBridge(object):
         self.closed = set()
 
     def connect(self, servers, joint_states, joints, timeout):
-        """Wait for all servers, then listen."""
+        """Wait for all servers, then listen to the joints."""
         import actionlib
         import rospy
         from actionlib_msgs.msg import GoalStatusArray
@@ -156,7 +156,7 @@ class RosBridge(object):
         self.tell("connected")
 
     def send(self, goals, delay):
-        """Give every server its goal, all with one stamp, at which they begin."""
+        """Send every server its goal, all with one stamp, at which they begin."""
         import rospy
 
         messages = {arm: self.goal_message(goal) for arm, goal in goals.items()}
@@ -180,7 +180,7 @@ class RosBridge(object):
         return message
 
     def cancel(self):
-        """Stop these goals; not by their handles, which count a goal as lost that is stopped before it arrives."""
+        """Cancel these goals by their ids; goal handles count a goal as lost that is cancelled before it arrives."""
         from actionlib_msgs.msg import GoalID
 
         for arm, goal in self.goals.items():
@@ -194,7 +194,7 @@ class RosBridge(object):
         time.sleep(FLUSH)
 
     def since_start(self, stamp=None):
-        """ROS's time from the common start [s]; none before there is one."""
+        """Return ROS's time from the common start [s]; None before there is one."""
         import rospy
 
         if self.start is None:
@@ -202,7 +202,7 @@ class RosBridge(object):
         return ((stamp or rospy.Time.now()) - self.start).to_sec()
 
     def on_change(self, arm):
-        """What is called when a goal's state changes."""
+        """Return the function to be called when a goal's state changes."""
         from actionlib import CommState, GoalStatus
 
         names = {
@@ -239,7 +239,9 @@ class RosBridge(object):
         self.heard[arm] = time.time()
 
     def watch(self, arm, node):
-        """Tell when a server's process ends, which ROS does not: its system closes its connections at once."""
+        """Watch a server's process and report its end, which ROS does not: a closed connection or silence shows
+        it.
+        """
         import rosgraph
 
         uri = rosgraph.Master("/comove").lookupNode(node)
@@ -268,7 +270,7 @@ class RosBridge(object):
 
 
 def connection_ends(address):
-    """Hold a connection until the other side ends it; whether there was one."""
+    """Hold a connection until the other side ends it; returns whether there was one."""
     try:
         connection = socket.create_connection(address, 2.0)
     except (IOError, OSError):

@@ -1,6 +1,6 @@
-"""Send a motion to a robot whose arms have a controller each, and stop all of them when one does not follow.
+"""Sending of a motion to a robot with one controller for each arm; all arms are stopped when one does not follow.
 
-The coordination knows no middleware: it speaks to a `TrajectoryClient` (ROS 1: `comove.export.ros1`).
+The coordination is independent of the middleware, to which a `TrajectoryClient` speaks (ROS 1: `comove.export.ros1`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STOP = 1.0  # s, that arms are given to say that they stopped
 
 
 class Status(Enum):
-    """Of an arm's goal, by the names of ROS."""
+    """Status of an arm's goal, by the names of ROS."""
 
     NONE = "none"
     PENDING = "pending"
@@ -43,7 +43,7 @@ class Status(Enum):
 
     @property
     def moves(self) -> bool:
-        """Whether the goal may still move the arm."""
+        """Return whether the goal may still move the arm."""
         return self in (Status.PENDING, Status.ACTIVE)
 
 
@@ -58,7 +58,7 @@ _FAILED = {
 
 @dataclass(frozen=True)
 class ArmState:
-    """What an arm's controller says; `time` of that since the common start [s]."""
+    """State that an arm's controller reports; `time` of the report since the common start [s]."""
 
     status: Status = Status.NONE
     text: str = ""
@@ -67,15 +67,15 @@ class ArmState:
 
 @dataclass(frozen=True)
 class RobotState:
-    """What is known at an instant.
+    """Known state of a robot at an instant.
 
     Attributes
     ----------
-    arms : by name
-    position : of joints by name [rad]
-    time : of the newest position, since the common start [s]; None before there is one
-    age : of that position when it came [s]; negative where the robot's clock is ahead
-    silence : since a joint was last heard of, the longest [s]; infinite where one never was
+    arms : states of the arms, by name
+    position : positions of the joints, by name [rad]
+    time : time of the newest position since the common start [s]; None before there is one
+    age : age of that position when it arrived [s]; negative if the robot's clock is ahead
+    silence : longest time since a joint was last reported [s]; infinite if one never was
     """
 
     arms: Mapping[str, ArmState] = field(default_factory=dict)
@@ -87,7 +87,7 @@ class RobotState:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What one arm shall do: its joints, and samples of these alone."""
+    """A goal for one arm: its joints, and their samples."""
 
     joints: tuple[str, ...]
     nanoseconds: NDArray[np.int64]
@@ -97,40 +97,40 @@ class Goal:
 
 
 class TrajectoryClient(Protocol):
-    """A way to the controllers of a robot's arms."""
+    """A connection to the controllers of a robot's arms."""
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
-        """Find the controller of each arm, with the names of its joints, and listen to these.
+        """Find the controller of each arm, given the names of its joints, and listen to these.
 
         Raises
         ------
         SendError
-            If something is not there within `timeout` [s].
+            If a controller, or anything else that is needed, is not found within `timeout` [s].
         """
 
     def send(self, goals: Mapping[str, Goal], delay: float) -> None:
-        """Give every arm its goal; all begin at one instant, `delay` [s] from now."""
+        """Send every arm its goal; all begin at one instant, `delay` [s] from now."""
 
     def cancel(self) -> None:
         """Stop all arms."""
 
     def state(self, wait: float) -> RobotState:
-        """What is known; waits for news for at most `wait` [s]."""
+        """Return the known state, after waiting for news for at most `wait` [s]."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """When a motion is not begun, or stopped.
+    """Tolerances beyond which a motion is not begun, or is stopped.
 
     Attributes
     ----------
-    start : how far a joint may be from the first sample [rad]
-    path : how far a joint may be from the motion while it runs [rad]
-    connect : how long to wait for the robot [s]
-    delay : from sending to the common start, and a little more for long motions [s]
-    late : how long after its end a motion may take to be reported as done [s]
-    silence : how long joints may say nothing [s]
-    clock : how far the robot's clock may be from this one [s]
+    start : largest distance of a joint from the first sample [rad]
+    path : largest distance of a joint from the motion while it runs [rad]
+    connect : time to wait for the robot [s]
+    delay : time from sending to the common start, to which a little is added for long motions [s]
+    late : largest time from the end of the motion until it is reported as done [s]
+    silence : largest time without reports of the joints [s]
+    clock : largest difference of the robot's clock from this one [s]
     """
 
     start: float = 0.01
@@ -151,13 +151,13 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class SendOutcome:
-    """How it went.
+    """Outcome of a motion that was sent.
 
     Attributes
     ----------
-    arms : the last word of each
-    deviation : largest distance of a joint from the motion that was seen [rad]
-    reason : why it was stopped; empty where it was not
+    arms : last reported states of the arms, by name
+    deviation : largest observed distance of a joint from the motion [rad]
+    reason : reason why it was stopped; empty if it was not
     """
 
     arms: Mapping[str, ArmState]
@@ -166,13 +166,13 @@ class SendOutcome:
 
     @property
     def apart(self) -> float:
-        """Time between the first arm's end and the last one's [s]."""
+        """Return the time between the first arm's end and the last one's [s]."""
         ends = [arm.time for arm in self.arms.values() if arm.time is not None]
         return max(ends) - min(ends) if ends else 0.0
 
 
 class SendError(RobotError):
-    """A motion that was not begun, or did not end as it should; `outcome` says how far it got, if it began."""
+    """Error of a motion that was not begun, or did not end well; `outcome` is its outcome, if it began."""
 
     outcome: SendOutcome | None = None
 
@@ -187,23 +187,23 @@ def send(
     rate: float = SAMPLE_RATE,
     clock: Clock = time.monotonic,
 ) -> SendOutcome:
-    """Let a robot play a verified motion; returns when all its arms are done.
+    """Let a robot play a verified motion, and return when all its arms are done.
 
     Parameters
     ----------
-    client : a way to the robot
-    motion : sealed by the judge; nothing else is taken
+    client : connection to the robot
+    motion : motion sealed by the judge; no other is accepted
     part : carry, approach or release; the last two are those of `transfers`
-    rate : samples a second [Hz], at least 20
-    clock : seconds that pass evenly
+    rate : samples per second [Hz], at least 20
+    clock : function that returns the seconds of a monotonic clock
 
     Raises
     ------
     ExportError
         If the motion is not verified, or the rate too low.
     SendError
-        If the robot is not there, not at the motion's start, or an arm does not do what it should. All arms have
-        been told to stop then.
+        If the robot is not found, is not at the motion's start, or an arm does not follow. Once goals were sent, all
+        arms have been told to stop.
     """
     parts = parts_of(motion, transfers)
     if part not in parts:
@@ -233,7 +233,7 @@ def _goal(part: MotionPart, names: tuple[str, ...], samples: PartSamples) -> Goa
 
 
 def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, clock: Clock) -> None:
-    """Refuse to move a robot that does not say where it is, or is elsewhere."""
+    """Refuse to move a robot that does not report its joints, or is not at the motion's start."""
     wanted = part.joints.joint_names
     until = clock() + tolerances.connect
     state = client.state(PATIENCE)
@@ -274,7 +274,7 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
 def _watched(
     client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, delay: float, clock: Clock
 ) -> SendOutcome:
-    """Wait until all arms are done, or stop them."""
+    """Wait until all arms are done, or stop them when one does not follow."""
     began, worst = clock(), 0.0
     while True:
         state = client.state(PATIENCE)
@@ -300,7 +300,7 @@ def _watched(
 
 
 def _failure(state: RobotState, tolerances: Tolerances) -> str:
-    """Why the motion cannot go on, in words; empty where it can."""
+    """Return the reason why the motion cannot go on, in words; empty where it can."""
     for name, arm in state.arms.items():
         if arm.status in _FAILED:
             told = f": {arm.text}" if arm.text else ""
@@ -313,7 +313,7 @@ def _failure(state: RobotState, tolerances: Tolerances) -> str:
 
 
 def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
-    """Which joint is farthest from where it should be, and how far [rad]."""
+    """Return the largest distance of a joint from the motion [rad], and the joint's name."""
     names, joints = part.joints.joint_names, part.joints
     if state.time is None:
         return 0.0, names[0]
@@ -330,7 +330,7 @@ def _astray(off: float, joint: str, tolerances: Tolerances) -> str:
 
 
 def _stopped(client: TrajectoryClient, clock: Clock) -> RobotState:
-    """The state when no arm moves any more, or after a while."""
+    """Wait until no arm moves any more, for at most `STOP`, and return the state."""
     until = clock() + STOP
     state = client.state(PATIENCE)
     while any(arm.status.moves for arm in state.arms.values()) and clock() < until:

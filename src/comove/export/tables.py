@@ -1,4 +1,4 @@
-"""Motions as plain tables: CSV for everything that reads text, NPZ for NumPy."""
+"""Motions as plain tables: CSV for programs that read text, NPZ for NumPy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ KINDS = ("position", "velocity", "acceleration")
 
 
 def write_csv(path: Path, part: MotionPart, rate: float) -> None:
-    """``time`` [s], then ``JOINT.position``, ``JOINT.velocity``, ``JOINT.acceleration`` [rad, s] of each joint."""
+    """Write a part as CSV.
+
+    The columns are ``time`` [s], then ``JOINT.position``, ``JOINT.velocity``, ``JOINT.acceleration`` [rad, s] of each
+    joint.
+    """
     samples = part.samples(rate)
     header = ["time", *(f"{joint}.{kind}" for joint in part.joints.joint_names for kind in KINDS)]
     table = np.stack([getattr(samples, kind) for kind in KINDS], axis=-1)
@@ -20,9 +24,11 @@ def write_csv(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_npz(path: Path, part: MotionPart, rate: float) -> None:
-    """Arrays ``time (T,)``, ``joint_names (N,)``, ``position``, ``velocity``, ``acceleration (T, N)`` and texts.
+    """Write a part as NPZ.
 
-    The texts are those of the provenance, one scalar array each.
+    The arrays are ``time (T,)``, ``joint_names (N,)``, ``position``, ``velocity`` and ``acceleration (T, N)``.
+
+    Every entry of the provenance is a scalar array of text.
     """
     samples = part.samples(rate)
     with open(path, "wb") as file:
@@ -36,7 +42,9 @@ def write_npz(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def write_table(path: Path, header: list[str], table: np.ndarray) -> None:
-    """Numbers are written so that they read back bit by bit; no comment, no blank, no space."""
+    """Write a table as CSV; numbers are written so that they read back bit by bit, without comments, blank lines
+    or spaces.
+    """
     with open(path, "w", encoding="ascii", newline="\n") as file:
         file.write(",".join(header) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())

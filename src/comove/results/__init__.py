@@ -1,4 +1,4 @@
-"""Result folders: written as a whole, read with care, judged anew; and the store of runs."""
+"""Result folders, which are written as a whole and can be verified anew; and the store of runs."""
 
 from comove.results.folder import (
     Contents,

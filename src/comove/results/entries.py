@@ -1,4 +1,4 @@
-"""Entries of JSON files that anybody may have edited: numbers that are numbers, texts that are texts."""
+"""Checks of the entries of JSON files that may have been edited: their types and values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from comove.errors import ResultError, shortened
 
 
 def number(value: object) -> float | None:
-    """A finite number out of a JSON file; None where it is none."""
+    """Return a finite number out of a JSON file; None where it is none."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
@@ -22,7 +22,7 @@ def number(value: object) -> float | None:
 
 
 def agrees(stated: object, right: float, within: float) -> bool:
-    """Whether what a file states is the right number."""
+    """Return whether a number stated in a file agrees with the right one to within `within`."""
     found = number(stated)
     return found is not None and abs(found - right) <= within
 
@@ -40,14 +40,14 @@ def require_unedited(summary: Mapping[str, Any], right: str, file: Path) -> None
 
 @dataclass(frozen=True)
 class Type:
-    """What an entry of a JSON file may be: a name for it, and the test."""
+    """A type of an entry of a JSON file: its name, and the test for it."""
 
     name: str
     fits: Callable[[object], bool]
 
     @property
     def or_nothing(self) -> Type:
-        """The same, or null, or missing."""
+        """Return the type that also accepts null or a missing entry."""
         return Type(f"{self.name} or null", lambda value: value is None or self.fits(value))
 
 
@@ -69,12 +69,12 @@ def require_types(
     within: str = "",
     others: Type | None = None,
 ) -> None:
-    """Refuse entries of a JSON file that are not what they should be.
+    """Refuse entries of a JSON file that are not of their types.
 
     Parameters
     ----------
-    within : what their keys begin with in messages
-    others : what further entries must be; anything unless given
+    within : prefix of the keys in messages
+    others : type of further entries; any unless given
     """
     further = {} if others is None else {key: others for key in entries if key not in types}
     for key, wanted in {**types, **further}.items():

@@ -1,6 +1,6 @@
-"""The result folder: `solution.npz`, `solution.json` and whatever pictures are drawn into it.
+"""Result folder with `solution.npz`, `solution.json` and pictures.
 
-A folder is written as a draft beside its place (see `comove.demonstrations.drafts`), so it is there as a whole or not
+A folder is written as a draft beside its place (see `comove.demonstrations.drafts`), so it appears as a whole or not
 at all.
 """
 
@@ -82,11 +82,11 @@ SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
 @dataclass(frozen=True, eq=False)
 class StoredResult:
-    """What a result folder holds.
+    """Contents of a result folder.
 
     Attributes
     ----------
-    folder : where it is
+    folder : path of the folder
     summary : the contents of solution.json
     arrays : the contents of solution.npz
     """
@@ -97,20 +97,20 @@ class StoredResult:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The samples."""
+        """Return the samples of the motion."""
         names = tuple(str(name) for name in self.arrays["manipulators"])
         return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a kind of folder holds.
+    """Description of the files in a kind of folder.
 
     Attributes
     ----------
-    what : its name in messages
-    marks : files of which at least one shows that it is of this kind
-    names : all files that may be in it, relative to it
+    what : name of the kind in messages
+    marks : files by which it is recognised: at least one of them is present
+    names : all files that may be in such a folder, relative to it
     """
 
     what: str
@@ -122,12 +122,13 @@ RESULT = Contents("result", frozenset({SUMMARY, RUN_SUMMARY}), frozenset(FILES))
 
 
 def check_target(folder: str | Path, contents: Contents = RESULT) -> Path:
-    """Make sure that a result, or what `contents` describes, may be written to `folder`.
+    """Check that a result, or a folder of the kind `contents`, may be written to `folder`, and return its resolved
+    path.
 
     Raises
     ------
     ResultError
-        If it is a file, a folder with something else in it, or not writable.
+        If `folder` is a file, holds other files, or is not writable.
     """
     folder = _resolved(folder)
     with telling(folder, "written", ResultError):
@@ -140,7 +141,7 @@ def check_target(folder: str | Path, contents: Contents = RESULT) -> Path:
 
 
 def _resolved(folder: str | Path) -> Path:
-    """Where links lead."""
+    """Return the path to which links lead."""
     try:
         return Path(folder).resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -191,7 +192,7 @@ def _require_only(folder: Path, contents: Contents) -> None:
 
 @contextmanager
 def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Path]:
-    """A draft folder that replaces `folder` as a whole when all went well, and vanishes otherwise."""
+    """Lend a draft folder, which replaces `folder` as a whole when all went well, and is deleted otherwise."""
     folder = check_target(folder, contents)
     made = []
     try:
@@ -209,14 +210,14 @@ def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Pa
 
 
 def _make(folder: Path) -> list[Path]:
-    """Make a folder and what it lies in; what was made, the innermost first."""
+    """Make a folder and its missing parents; returns the folders that were made, the innermost first."""
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     return made
 
 
 def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> dict[str, Any]:
-    """Write `solution.npz` and `solution.json` into an existing folder; returns the summary."""
+    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary."""
     arrays = motion_arrays(solution.attempt)
     with open(folder / ARRAYS, "wb") as file:
         np.savez(file, **arrays)
@@ -228,7 +229,7 @@ def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> dict
 
 
 def motion_arrays(motion: CoordinatedMotion) -> dict[str, NDArray]:
-    """Samples, and what rebuilds the curve exactly."""
+    """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly."""
     trajectory, basis = motion.trajectory(), motion.basis
     return {
         "time": trajectory.time,
@@ -246,7 +247,7 @@ def motion_arrays(motion: CoordinatedMotion) -> dict[str, NDArray]:
 
 
 def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: float) -> dict[str, Any]:
-    """The contents of solution.json."""
+    """Return the contents of solution.json."""
     report, cost = solution.report, solution.cost
     terms = {name: getattr(cost, name) for name in TERMS}
     return {
@@ -276,13 +277,13 @@ def summary_of(solution: Solution, arrays: Mapping[str, NDArray], wall_time_s: f
 
 
 def _smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
-    """What a summary says of how smooth a motion is."""
+    """Return the summary's measures of the smoothness of a motion."""
     measures = {name: _finite(value) for name, value in vars(smoothness(motion)).items()}
     return {name: measures.pop(name) for name in JERK} | {"smoothness": measures}
 
 
 def _said_of(objective: object) -> dict[str, Any]:
-    """What a result says of its objective."""
+    """Return the summary's description of the objective."""
     if not isinstance(objective, OwnFunctions):
         return {"type": NAMES[type(objective)], **vars(objective)}
     function = None if objective.function is None else name_of(objective.function)
@@ -290,7 +291,7 @@ def _said_of(objective: object) -> dict[str, Any]:
 
 
 def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
-    """By what the terms of J were weighted that follow from the motion; the usual weight where a term is 0."""
+    """Compute the weights of those terms of J that follow from the motion; the usual weight where a term is 0."""
     weights = {}
     for name, unit in _unit_terms(motion).items():
         usual = getattr(USUAL, name)
@@ -300,13 +301,13 @@ def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[s
 
 
 def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
-    """The terms of J that follow from the motion alone, each of weight 1."""
+    """Compute the terms of J that follow from the motion alone, each with weight 1."""
     cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
     return {name: getattr(cost, name) for name in RECOMPUTED}
 
 
 def checksum(arrays: Mapping[str, NDArray]) -> str:
-    """SHA-256 of arrays: their names, types, shapes and bytes."""
+    """Compute the SHA-256 of arrays: their names, types, shapes and bytes."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -321,19 +322,19 @@ def read_result(folder: str | Path) -> StoredResult:
     Raises
     ------
     ResultError
-        If it is missing, incomplete or unreadable.
+        If the folder is missing, incomplete or unreadable.
     """
     folder = Path(folder)
     return drafts.steadily(folder, lambda: _read(require_folder(folder, "comove solve")))
 
 
 def require_folder(folder: Path, command: str) -> Path:
-    """Return the folder of a result; a replacement of it that was cut off is brought to its end.
+    """Return the folder of a result, after completing a replacement of it that was interrupted.
 
     Raises
     ------
     ResultError
-        If there is none; names the `command` that makes it.
+        If there is none; the message names the `command` that makes it.
     """
     with telling(folder, error=ResultError):
         if not folder.is_dir() and not drafts.finish(_resolved(folder)):
@@ -367,7 +368,7 @@ def _read(folder: Path) -> StoredResult:
 
 
 def rebuild(arrays: Mapping[str, NDArray], scene: Scene) -> CoordinatedMotion:
-    """The curve that a stored result describes, on `scene`.
+    """Rebuild the motion that a stored result describes, on `scene`.
 
     Raises
     ------
@@ -442,12 +443,12 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
 
 
 def filled_in(scene: Scene, stored: StoredResult) -> Scene:
-    """The scene with what it leaves open, its duration and limits, as the result's own scene has it.
+    """Return the scene with its open duration and limits taken from the result's own scene.
 
     Raises
     ------
     ResultError
-        If the result does not say.
+        If the result does not state them.
     """
     hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
     if scene.is_timed and not hasty:
@@ -472,7 +473,7 @@ def _positive(value: object) -> float:
 
 
 def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:
-    """Which samples are not on the rebuilt curve, in words."""
+    """List the samples that are not on the rebuilt curve, in words."""
     expected, reasons = motion_arrays(motion), []
     for name in SAMPLES:
         found, right = stored.arrays[name], expected[name]
@@ -491,7 +492,7 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
 
 
 def _edited_summary(summary: Mapping[str, Any], report: Report) -> list[str]:
-    """Which measures of the summary are not those of the motion."""
+    """List the measures of the summary that differ from those of the motion, in words."""
     reasons = []
     for name, right in report.asdict().items():
         stated = summary.get(name)
@@ -501,7 +502,9 @@ def _edited_summary(summary: Mapping[str, Any], report: Report) -> list[str]:
 
 
 def _edited_smoothness(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[str]:
-    """Which measures of smoothness are not those of the motion; results of earlier versions state none."""
+    """List the measures of smoothness that differ from those of the motion; results of earlier versions state
+    none.
+    """
     stated = summary.get("smoothness")
     if stated is None:
         return []
@@ -522,7 +525,7 @@ def _edited_smoothness(summary: Mapping[str, Any], motion: CoordinatedMotion) ->
 
 
 def _edited_cost(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[str]:
-    """Which terms of J are not those of the motion under the weights that the summary states, in words."""
+    """List the terms of J that differ from those of the motion under the weights in the summary, in words."""
     terms, weights = summary.get("cost_terms"), summary.get("cost_weights", vars(USUAL))
     if not isinstance(terms, dict) or not isinstance(weights, dict):
         return [f"{SUMMARY} says nothing of the terms of J, or of their weights"]
@@ -545,12 +548,12 @@ def _edited_cost(summary: Mapping[str, Any], motion: CoordinatedMotion) -> list[
 
 
 def require_whole(stored: StoredResult) -> StoredResult:
-    """Return a result that may be shown: nothing in it was changed that checksums cover, and all of it has its type.
+    """Return `stored` if it may be shown: its checksums fit, and all entries have their types.
 
     Raises
     ------
     ResultError
-        If a checksum does not fit, or an entry is of another type; names it.
+        If a checksum does not fit, or an entry is of another type; the message names it.
     """
     summary, file = stored.summary, stored.folder / SUMMARY
     if summary.get("motion_sha256") != checksum(stored.arrays):
@@ -565,7 +568,7 @@ def require_whole(stored: StoredResult) -> StoredResult:
 
 
 def _require_entries(summary: Mapping[str, Any], file: Path) -> None:
-    """Refuse a summary in which something is missing or of another type."""
+    """Refuse a summary with missing entries, or entries of another type."""
     require_types(summary, _TYPES, file)
     require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
@@ -616,7 +619,7 @@ def _phase(text: str) -> Phase:
 
 
 def _summary_checksum(summary: Mapping[str, Any]) -> str:
-    """SHA-256 of all entries but the checksum itself and the times, which no two runs share."""
+    """Compute the SHA-256 of all entries but the checksum itself and the times, which differ between runs."""
     entries = {key: value for key, value in summary.items() if key not in UNSUMMED}
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 

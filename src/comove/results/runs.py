@@ -1,8 +1,8 @@
-"""The store of runs: one SQLite file, one row a run, written as the run ends and never changed.
+"""Store of runs: one SQLite file with one row for each run, written as the run ends and never changed.
 
-Several processes may write at once. The key of a row is the hash of what was run, so that nothing is run twice, and
-whatever is killed loses no row that was written. What is read is looked at: a store of another version, or with rows
-that others have changed, is told.
+Several processes may write at once. The key of a row is the hash of its configuration, so nothing is run twice, and a
+killed process loses no row that was written. Reading checks the store: one of another version, or with rows that were
+edited, is reported.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ STATUSES = ("verified", "not verified", "nothing", "refused", "error", "killed",
 
 @dataclass(frozen=True)
 class Configuration:
-    """What is run.
+    """Configuration of a run.
 
     Attributes
     ----------
-    set, scene : names
-    scene_sha256 : of the scene's file
-    system : its name
-    seed : of all random numbers
-    budget : [s]
-    version : of comove
+    set, scene : names of the set and of the scene
+    scene_sha256 : checksum of the scene
+    system : name of the system that is run
+    seed : seed of all random numbers
+    budget : time that the system may use [s]
+    version : version of comove
     tool : version of the tool behind the system; empty where it is comove itself
     """
 
@@ -52,13 +52,13 @@ class Configuration:
 
     @property
     def key(self) -> str:
-        """SHA-256 of all of it."""
+        """Compute the SHA-256 of all entries."""
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Where it is run: model of the processor, number of its cores, version of Python."""
+    """Machine on which a run takes place: model of the processor, number of its cores, version of Python."""
 
     cpu: str
     cores: int
@@ -67,7 +67,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Figures:
-    """What was measured, as `comove.experiments.systems.Outcome` says; None where there is nothing to measure."""
+    """Measures of a run, as in `comove.experiments.systems.Outcome`; None where there is nothing to measure."""
 
     seconds: float | None = None
     first_verified: float | None = None
@@ -83,17 +83,17 @@ class Figures:
 
 @dataclass(frozen=True)
 class Run:
-    """One run.
+    """A run that has ended, with its outcome.
 
     Attributes
     ----------
-    configuration : what was run
+    configuration : configuration of the run
     status : one of `STATUSES`
-    message : why, in one line, where it is not "verified"
-    started : when, in UTC (ISO 8601)
-    machine : where
-    figures : what was measured
-    history : (seconds, cost) of the verified offers that were better than those before
+    message : reason for the status, in one line, if it is not "verified"
+    started : time at which it started, in UTC (ISO 8601)
+    machine : machine on which it took place
+    figures : measures of the run
+    history : (seconds, cost) of every verified offer that was better than those before
     """
 
     configuration: Configuration
@@ -126,7 +126,7 @@ _TABLES = {
 
 
 def _columns(declared: str) -> list[str]:
-    """Their names."""
+    """Return the names of the columns in a declaration of a table."""
     return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER)', declared)
 
 
@@ -136,23 +136,23 @@ _AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
 
 @dataclass(frozen=True)
 class RunStore:
-    """A store of runs; `open` or `create` it.
+    """A store of runs, made by `open` or `create`.
 
     Attributes
     ----------
-    path : of the file
+    path : path of the file
     """
 
     path: Path
 
     @classmethod
     def open(cls, path: str | Path) -> RunStore:
-        """A store that is there.
+        """Open an existing store.
 
         Raises
         ------
         ResultError
-            If there is no such file, or it is none.
+            If there is no such file, or it is not a store.
         """
         store = cls(Path(path))
         with telling(store.path, error=ResultError):
@@ -164,12 +164,12 @@ class RunStore:
 
     @classmethod
     def create(cls, path: str | Path) -> RunStore:
-        """A store that is there, or a new one.
+        """Open an existing store, or create a new one.
 
         Raises
         ------
         ResultError
-            If another file is in its place, or it cannot be written.
+            If the path is taken by something else, or it cannot be written.
         """
         store = cls(Path(path))
         with telling(store.path, "written", ResultError):
@@ -190,7 +190,9 @@ class RunStore:
         return store
 
     def _check(self, *, whole: bool = True) -> None:
-        """Refuse what is no store, or one of another version; `whole`: also one that was not finished."""
+        """Refuse a file that is not a store, or one of another version; with `whole`, also one that was not
+        finished.
+        """
         with self.connected(reading=True) as connection:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
             columns = {
@@ -216,11 +218,11 @@ class RunStore:
 
     @contextmanager
     def connected(self, *, reading: bool = False) -> Iterator[sqlite3.Connection]:
-        """A connection whose changes are written as a whole, or not at all.
+        """Lend a connection whose changes are written as a whole, or not at all.
 
         Parameters
         ----------
-        reading : nothing is changed, so that the file may lie where nobody may write
+        reading : whether the connection only reads; the file may then be on a read-only medium
 
         Raises
         ------
@@ -249,7 +251,9 @@ class RunStore:
                 connection.close()
 
     def _readable(self) -> sqlite3.Connection:
-        """A connection for reading; on a medium that nobody may write, SQLite has to be told that nobody does."""
+        """Return a connection for reading; on a read-only medium, SQLite has to be told that the file does not
+        change.
+        """
         connection = None
         try:
             connection = sqlite3.connect(self.path, timeout=WAIT)
@@ -270,7 +274,7 @@ class RunStore:
         return sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
 
     def plan(self, configurations: Iterable[Configuration]) -> None:
-        """Note what is to be run, so that a report can say what is missing."""
+        """Store the configurations that are to be run, so that a report can list the missing ones."""
         rows = [(c.key, *astuple(c)) for c in configurations]
         with self.connected() as connection:
             connection.executemany(
@@ -279,18 +283,18 @@ class RunStore:
             )
 
     def planned(self) -> list[Configuration]:
-        """What was to be run."""
+        """Return the configurations that were to be run."""
         with self.connected(reading=True) as connection:
             rows = connection.execute("SELECT * FROM planned").fetchall()
         return [Configuration(*row[1:]) for row in rows]
 
     def keys(self) -> set[str]:
-        """Of what has ended."""
+        """Return the keys of the runs that have ended."""
         with self.connected(reading=True) as connection:
             return {key for (key,) in connection.execute("SELECT key FROM runs")}
 
     def runs(self) -> list[Run]:
-        """What has ended, in the order in which it did."""
+        """Return the runs that have ended, in that order."""
         return [self._run(row) for row in self._rows()]
 
     def _rows(self) -> list[tuple]:
@@ -298,7 +302,7 @@ class RunStore:
             return connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
 
     def _run(self, row: tuple) -> Run:
-        """A run of its row, looked at."""
+        """Build a run from its row, and check it."""
         values = dict(zip(COLUMNS, row, strict=True))
         try:
             for name, value in values.items():
@@ -317,19 +321,20 @@ class RunStore:
             ) from error
 
     def has(self, key: str) -> bool:
-        """Whether a run has ended."""
+        """Return whether a run has ended."""
         with self.connected(reading=True) as connection:
             return connection.execute("SELECT 1 FROM runs WHERE key = ?", (key,)).fetchone() is not None
 
     def claim(
         self, key: str, driver: str, pid: int, since: float, is_gone: Callable[[int, float], bool]
     ) -> bool:
-        """Note that a process is about to begin a run, unless the process of another driver is at it.
+        """Note that a process is about to begin a run, unless a process of another driver works on it; returns
+        whether it was noted.
 
         Parameters
         ----------
-        since : when it is taken to begin (seconds of the epoch)
-        is_gone : whether a process that began then is at it no more
+        since : time at which it is taken to begin (seconds of the epoch)
+        is_gone : function of process id and beginning that returns whether that process has ended
         """
         with self.connected() as connection:
             connection.execute("BEGIN IMMEDIATE")
@@ -343,7 +348,7 @@ class RunStore:
             return True
 
     def begin(self, key: str, driver: str, pid: int, since: float) -> None:
-        """Note that a process is at a run, since when (seconds of the epoch); the last call counts."""
+        """Note that a process works on a run, and since when (seconds of the epoch); the last call counts."""
         with self.connected() as connection:
             connection.execute(
                 "INSERT INTO begun VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE SET since = excluded.since, "
@@ -352,19 +357,21 @@ class RunStore:
             )
 
     def begun(self, driver: str) -> list[tuple[str, int, float]]:
-        """Key, process and beginning (seconds of the epoch) of what the processes of a driver are at."""
+        """Return key, process id and beginning (seconds of the epoch) of the runs on which a driver's processes
+        work.
+        """
         with self.connected() as connection:
             return connection.execute(
                 "SELECT key, pid, since FROM begun WHERE driver = ?", (driver,)
             ).fetchall()
 
     def leave(self, driver: str) -> None:
-        """Forget what the processes of a driver are at."""
+        """Delete the notes of the runs on which a driver's processes work."""
         with self.connected() as connection:
             connection.execute("DELETE FROM begun WHERE driver = ?", (driver,))
 
     def add(self, run: Run) -> None:
-        """Write a run that has ended; where there is one with its key already, that one stays."""
+        """Write a run that has ended; an existing run with the same key stays unchanged."""
         c = run.configuration
         row = (
             c.key,
@@ -383,7 +390,7 @@ class RunStore:
             connection.execute("DELETE FROM begun WHERE key = ?", (c.key,))
 
     def note_kill(self, key: str) -> int:
-        """Note that a process was killed while it was at a run; how often that has been so."""
+        """Note that a process was killed during a run; returns how often that has happened."""
         with self.connected() as connection:
             connection.execute(
                 "INSERT INTO kills VALUES (?, 1) ON CONFLICT DO UPDATE SET times = times + 1", (key,)
@@ -407,7 +414,7 @@ def _run(row: dict[str, Any]) -> Run:
 
 
 def export_parquet(store: RunStore, path: str | Path) -> int:
-    """Write all runs to a Parquet file, a column each as in SQLite; how many there are.
+    """Write all runs to a Parquet file, with the columns of the SQLite file; returns the number of runs.
 
     Raises
     ------

@@ -386,7 +386,7 @@ def _shared(broken: NDArray[np.int64], n_intervals: int) -> int:
 
 
 def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) -> tuple[str, int]:
-    """The array and the sample of it that is furthest from the curve through the positions."""
+    """Return the name and the sample of the array that is furthest from the curve through the positions."""
     off = {}
     for name, right in (("velocity", joints.velocity), ("acceleration", joints.acceleration)):
         difference = np.abs(arrays[name][:, joint] - right[:, joint]) / max(np.abs(right).max(), FITS)

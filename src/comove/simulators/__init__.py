@@ -1,4 +1,4 @@
-"""Simulators: what a joint motion does, geometrically and in MuJoCo."""
+"""Simulators that play a joint motion, by geometry alone or in MuJoCo."""
 
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.files import read_simulation, write_simulation

@@ -1,4 +1,4 @@
-"""Building the world of a simulation: robot, obstacles and load as one MuJoCo model."""
+"""Builder of a simulation's world: robot, obstacles and load as one MuJoCo model."""
 
 from __future__ import annotations
 
@@ -37,16 +37,17 @@ def build_world(
     *,
     finish: Callable[[Any], None] | None = None,
 ) -> World:
-    """Put robot, obstacles and load together.
+    """Build the world of robot, obstacles and load.
 
     Parameters
     ----------
-    finish : puts into the world what only pictures need; visual meshes are read where it is given
+    finish : function that adds what only pictures need to the world's specification; visual meshes are read if it is
+        given
 
     Raises
     ------
     RobotError
-        If the robot cannot hold the load so, or MuJoCo cannot build it.
+        If the robot cannot hold the load by this grasp, or MuJoCo cannot build the robot.
     """
     arms = [robot.arm(name) for name in scene.manipulators]
     holding = [] if load is None else [arms[i] for i in load.holders]
@@ -70,7 +71,7 @@ def build_world(
 
 @contextmanager
 def _telling(robot: Robot) -> Iterator[None]:
-    """Tell what MuJoCo does not understand of a robot."""
+    """Turn MuJoCo's errors in building a robot into `RobotError`."""
     try:
         yield
     except ValueError as error:
@@ -102,7 +103,7 @@ def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:
 
 
 def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
-    """The grasp frame, at the body that the arm's last joint moves: its frame is the joint's in both models."""
+    """Add the grasp frame to the body that the arm's last joint moves: its frame is the joint's in both models."""
     frame = robot.model.frames[robot.model.getFrameId(arm.tip)]
     pose = frame.placement.homogeneous @ arm.tool
     body = spec.joint(robot.model.names[frame.parentJoint]).parent
@@ -112,7 +113,7 @@ def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
 
 
 def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
-    """No contact between the load and the hands that it is fixed to."""
+    """Exclude contact between the load and the hands that it is fixed to."""
     for arm in holding:
         for body in _hand_bodies(spec, robot, arm):
             if body.geoms:
@@ -120,7 +121,7 @@ def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
 
 
 def _hand_bodies(spec: Any, robot: Robot, arm: Arm) -> list[Any]:
-    """What the arm's last joint moves."""
+    """Return the bodies that the arm's last joint moves."""
     body = spec.joint(robot.joint_names[arm.columns[-1]]).parent
     return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
 

@@ -1,7 +1,7 @@
-"""MuJoCo, imported when it is first needed, and where its pictures are made.
+"""Import of MuJoCo when it is first needed, and choice of its drawing backend.
 
-MuJoCo chooses how it draws when it is imported, by the environment variable MUJOCO_GL. Without a screen that is EGL
-where a display can be opened, else OSMesa, else nothing: a simulation needs no pictures.
+MuJoCo chooses its drawing backend when it is imported, by the environment variable MUJOCO_GL. Without a screen, this
+is EGL where it can open a display, else OSMesa, else none: a simulation needs no pictures.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _MOST_DEVICES = 16
 
 @cache
 def engine() -> ModuleType:
-    """The module mujoco.
+    """Import and return the module mujoco.
 
     Raises
     ------
     ExtraError
-        If it is not installed.
+        If MuJoCo is not installed.
     """
     if "mujoco" not in sys.modules and sys.platform.startswith("linux"):
         os.environ.setdefault("MUJOCO_GL", drawing_backend())
@@ -46,7 +46,7 @@ def engine() -> ModuleType:
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings into a file in the working folder; what they say is told otherwise."""
+    """Keep MuJoCo from writing its warnings into a file in the working folder; instability is reported otherwise."""
     mujoco = engine()
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
@@ -70,7 +70,7 @@ def require_pictures() -> None:
 
 
 def no_pictures(reason: str) -> OptionError:
-    """The error that says why pictures cannot be drawn, and what to do."""
+    """Return the error that says why pictures cannot be drawn, and what to do."""
     return OptionError(
         f"pictures cannot be drawn: {reason}",
         key="MUJOCO_GL",
@@ -80,7 +80,7 @@ def no_pictures(reason: str) -> OptionError:
 
 @cache
 def drawing_backend() -> str:
-    """What MUJOCO_GL is set to where it is not set: egl, osmesa or disabled."""
+    """Return the value for MUJOCO_GL where it is not set: egl, osmesa or disabled."""
     if _egl_works():
         return "egl"
     return "osmesa" if _loads("OSMesa") else NO_PICTURES
@@ -95,7 +95,7 @@ def _loads(library: str) -> ctypes.CDLL | None:
 
 
 def _egl_works() -> bool:
-    """Whether EGL opens a display on one of its devices; a library without a driver does not."""
+    """Return whether EGL opens a display on one of its devices; a library without a driver does not."""
     egl = _loads("EGL")
     if egl is None:
         return False
@@ -116,7 +116,7 @@ def _egl_works() -> bool:
 
 
 def hangs_on(model: Any, body: int, other: int) -> bool:
-    """Whether a body is another one or moves with it."""
+    """Return whether a body is `other` or hangs on it in the kinematic tree."""
     while body not in (0, other):
         body = int(model.body_parentid[body])
     return body == other

@@ -1,4 +1,4 @@
-"""What happened while a joint motion was executed: series, contacts, and whether the load was delivered."""
+"""Record of an executed joint motion: series, contacts, and whether the load was delivered."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ DROPPED = 0.03  # m, that a load has slid in a hand that has lost it
 
 @dataclass(frozen=True)
 class Contact:
-    """Two things that touched and should not have.
+    """Two bodies that touched and should not have.
 
     Attributes
     ----------
-    between : what touched
-    time : when first [s]
-    depth : how deep at most [m]
+    between : names of the two bodies
+    time : time of the first contact [s]
+    depth : largest depth of penetration [m]
     """
 
     between: tuple[str, str]
@@ -43,26 +43,26 @@ class Contact:
 class Execution:
     """A joint motion as it was executed.
 
-    Time 0 is where the motion begins; the last samples are of the robot standing still at the end. Planned poses of
-    the load are where the planned hands carry it as it lies in the hands at time 0.
+    Time 0 is the beginning of the motion; in the last samples the robot stands still at the end. Planned poses of the
+    load are those to which the planned hands carry it, in its pose relative to the hands at time 0.
 
     Attributes
     ----------
-    robot, scene, motion : what was executed
+    robot, scene, motion : the joint motion, and the robot and the scene on which it was executed
     simulator : "mujoco" or "geometric"
-    grasp : how the hands held the load
-    load : None without one
-    settings, perturbation : as given
-    time : array, shape (n_steps,) [s]
-    commanded, joints : arrays, shape (n_steps, n_joints) [rad], asked for and measured
-    torque : array, shape (n_steps, n_joints), of the motors [N m]
-    hands, hands_planned : arrays, shape (n_steps, n_manipulators, 4, 4), grasp frames
-    load_pose : array, shape (n_steps, 4, 4); NaN without a load
+    grasp : model of the grasp by which the hands held the load
+    load : the load; None if there is none
+    settings, perturbation : settings and perturbation of the simulation
+    time : array, shape (n_steps,), times of the samples [s]
+    commanded, joints : arrays, shape (n_steps, n_joints), commanded and measured joint positions [rad]
+    torque : array, shape (n_steps, n_joints), torques of the motors [N m]
+    hands, hands_planned : arrays, shape (n_steps, n_manipulators, 4, 4), measured and planned grasp frames
+    load_pose : array, shape (n_steps, 4, 4), poses of the load; NaN without a load
     wrench : array, shape (n_steps, n_holders, 6), force and torque on the load at the grasps [N, N m]
-    fingers : array, shape (n_steps, n_fingers) [rad or m]
-    contacts : of robot and load with obstacles and each other
-    steps_per_second : how fast it went
-    unstable : when the simulation broke down [s], None if it did not
+    fingers : array, shape (n_steps, n_fingers), positions of the fingers' joints [rad or m]
+    contacts : contacts of robot and load with obstacles and with each other
+    steps_per_second : steps computed per second
+    unstable : time at which the simulation broke down [s], None if it did not
     """
 
     robot: Robot
@@ -88,29 +88,31 @@ class Execution:
 
     @property
     def holders(self) -> list[int]:
-        """Hands that hold the load, by number."""
+        """Return the numbers of the hands that hold the load."""
         return [] if self.load is None else list(self.load.holders)
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of holders, by number of the hand."""
+        """Return the pairs of holders, by number of the hand."""
         return tuple((a, b) for i, a in enumerate(self.holders) for b in self.holders[i + 1 :])
 
     @cached_property
     def held(self) -> Array:
-        """The load's pose in the frame of each holder; array, shape (n_steps, n_holders, 4, 4)."""
+        """Return the load's pose in the frame of each holder; array, shape (n_steps, n_holders, 4, 4)."""
         return inverse(self.hands[:, self.holders]) @ self.load_pose[:, None]
 
     @cached_property
     def load_planned(self) -> Array:
-        """Where the load should be; array, shape (n_steps, 4, 4)."""
+        """Return the planned poses of the load; array, shape (n_steps, 4, 4)."""
         if not np.isfinite(self.held[0]).all():  # it broke down before the motion began
             return np.full_like(self.load_pose, np.nan)
         return carried(self.hands_planned[:, self.holders], self.held[0])
 
     @cached_property
     def lag(self) -> Array:
-        """Largest distance of a grasp on the load, or of a hand without one, from its plan [m]; (n_steps,)."""
+        """Return the largest distance of a grasp on the load, or of a hand without a load, from its plan [m];
+        (n_steps,).
+        """
         if self.load is None:
             apart = self.hands[..., :3, 3] - self.hands_planned[..., :3, 3]
         else:
@@ -121,24 +123,30 @@ class Execution:
 
     @cached_property
     def distance_error(self) -> Array:
-        """Distances of the holders less those of their grasps on the load [m]; array, shape (n_steps, n_pairs)."""
+        """Return the distances of the holders less those of their grasps on the load [m]; array, shape (n_steps,
+        n_pairs).
+        """
         planned = _distances(np.zeros((0, 3)) if self.load is None else self.load.grasps)
         return _distances(self.hands[:, self.holders][..., :3, 3]) - planned
 
     @cached_property
     def slip(self) -> Array:
-        """How far each holder has slid on the load since time 0 [m]; array, shape (n_steps, n_holders)."""
+        """Return the distance that each holder has slid on the load since time 0 [m]; array, shape (n_steps,
+        n_holders).
+        """
         in_load = inverse(self.held)[..., :3, 3]
         return np.linalg.norm(in_load - in_load[:1], axis=-1)
 
     @cached_property
     def internal(self) -> Array:
-        """Wrenches that cancel out (`comove.simulators.forces`); array, shape (n_steps, n_holders, 6) [N, N m]."""
+        """Return the wrenches that cancel out (`comove.simulators.forces`); array, shape (n_steps, n_holders, 6)
+        [N, N m].
+        """
         return internal_wrenches(self.wrench, self._arms)
 
     @cached_property
     def squeeze(self) -> Array:
-        """Force between two hands along their line, positive where they press [N]; (n_steps, n_pairs)."""
+        """Return the force between two hands along their line, positive where they press [N]; (n_steps, n_pairs)."""
         return squeezes(self.wrench, self._arms)
 
     @cached_property
@@ -147,21 +155,21 @@ class Execution:
 
     @property
     def start_error(self) -> float:
-        """How far the load lies from its planned start at time 0 [m]."""
+        """Return the distance of the load from its planned start at time 0 [m]."""
         return self._from_scene(0)
 
     @property
     def end_error(self) -> float:
-        """How far the load, carried as it lay at time 0, ends from its plan [m]."""
+        """Return the distance of the load at the end from its plan, which starts at its pose at time 0 [m]."""
         return float(self.lag[-1])
 
     @property
     def goal_error(self) -> float:
-        """How far the load ends from its planned goal, its start error included [m]."""
+        """Return the distance of the load at the end from its planned goal, its start error included [m]."""
         return self._from_scene(-1)
 
     def _from_scene(self, step: int) -> float:
-        """Largest distance of a grasp on the load from the planned hand [m]."""
+        """Return the largest distance of a grasp on the load from the planned hand [m]."""
         if self.load is None:
             return float(self.lag[step])
         apart = (
@@ -172,7 +180,7 @@ class Execution:
 
     @cached_property
     def measures(self) -> dict[str, float | None]:
-        """The figures of the execution: metres, newtons, shares; None where there is nothing to measure."""
+        """Return the measures of the execution: metres, newtons, shares; None where there is nothing to measure."""
         return {
             "end_error": self.end_error,
             "goal_error": self.goal_error,
@@ -190,7 +198,7 @@ class Execution:
 
     @cached_property
     def reasons(self) -> tuple[str, ...]:
-        """Why the load was not delivered, in words; empty where it was."""
+        """Return the reasons why the load was not delivered, in words; empty where it was."""
         limits, found = self.settings, []
         if self.unstable is not None:
             found.append(f"the simulation broke down at {self.unstable:.2f} s")
@@ -222,11 +230,11 @@ class Execution:
 
     @property
     def delivered(self) -> bool:
-        """Whether the load arrived, held all the way, without touching anything."""
+        """Return whether the load arrived, held all the way, without touching anything."""
         return not self.reasons
 
     def series(self) -> dict[str, NDArray[Any]]:
-        """All series by name, for files."""
+        """Return all series by name, for files."""
         measured = ("time", "commanded", "joints", "torque", "hands", "hands_planned", "load_pose")
         forces = ("wrench", "fingers")
         derived = ("lag", "distance_error", "slip", "internal", "squeeze")
@@ -234,7 +242,7 @@ class Execution:
 
 
 def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
-    """How the load slid in a hand, in words; nothing where it hardly did."""
+    """Describe how far the load slid in a hand, in words; empty where it hardly did."""
     if slip.max() > DROPPED:
         return [f"the load left the hand '{hand}' at {time[slip > DROPPED][0]:.2f} s"]
     if slip.max() > limit:

@@ -1,7 +1,7 @@
-"""A simulation in a result folder: `simulation.json` and `simulation.npz`, and its pictures.
+"""Simulations in a result folder: `simulation.json` and `simulation.npz`, and pictures of them.
 
-The summary names the checksum of the series and appears last, at once after them, so that what was interrupted or
-edited is noticed.
+The summary holds the checksum of the series and appears last, right after them, so that interrupted or edited files
+are detected.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ UNSUMMED = {"summary_sha256", "steps_per_second"}
 
 
 def write_simulation(execution: Execution, folder: str | Path, *, seed: int | None = None) -> dict[str, Any]:
-    """Write an execution into an existing folder; returns the summary.
+    """Write an execution into an existing folder, and return the summary.
 
-    Pictures of an earlier simulation are taken away, since they show another one.
+    Pictures of an earlier simulation are removed, since they show another one.
 
     Parameters
     ----------
-    seed : from which the perturbation was drawn
+    seed : seed from which the perturbation was drawn
 
     Raises
     ------
@@ -68,7 +68,7 @@ def write_simulation(execution: Execution, folder: str | Path, *, seed: int | No
 
 
 def summary_of(execution: Execution, series: Mapping[str, NDArray], seed: int | None) -> dict[str, Any]:
-    """The contents of simulation.json."""
+    """Return the contents of simulation.json."""
     motion = execution.motion
     return {
         "delivered": execution.delivered,
@@ -93,12 +93,12 @@ def summary_of(execution: Execution, series: Mapping[str, NDArray], seed: int | 
 
 
 def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArray]]:
-    """Summary and series of a simulation.
+    """Read summary and series of a simulation.
 
     Raises
     ------
     ResultError
-        If they are missing, unreadable or do not belong together.
+        If the files are missing or unreadable, or do not belong together.
     """
     path = Path(folder) / SUMMARY
     with telling(path, error=ResultError):
@@ -130,13 +130,13 @@ def read_simulation(folder: str | Path) -> tuple[dict[str, Any], dict[str, NDArr
 
 
 def _summary_checksum(summary: Mapping[str, Any]) -> str:
-    """SHA-256 of all entries but the checksum itself and the speed, which no two runs share."""
+    """Compute the SHA-256 of all entries but the checksum itself and the speed, which differs between runs."""
     entries = {key: value for key, value in summary.items() if key not in UNSUMMED}
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
 def _named(grasp: object) -> dict[str, Any]:
-    """A grasp's kind and what it was made with."""
+    """Return the kind of a grasp and its parameters."""
     return {"kind": type(grasp).__name__.lower(), **(asdict(grasp) if is_dataclass(grasp) else {})}
 
 

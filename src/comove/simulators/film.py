@@ -1,4 +1,4 @@
-"""Films: MP4 by ffmpeg, where there is one, else GIF by Pillow."""
+"""Writer of films: MP4 by ffmpeg, where there is one, else GIF by Pillow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GIF_RATE = 12.5  # pictures a second of a GIF at most
 
 
 def encoder() -> str | None:
-    """The ffmpeg that comes with imageio-ffmpeg, else the system's, None where there is none."""
+    """Return the ffmpeg that comes with imageio-ffmpeg, else the system's, None where there is none."""
     try:
         import imageio_ffmpeg
 
@@ -31,9 +31,9 @@ def write_film(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg:
 
     Parameters
     ----------
-    path : of an MP4 where there is an encoder, of a GIF where there is none
+    path : path of the file, an MP4 if there is an encoder, else a GIF
     rate : pictures a second
-    ffmpeg : the encoder
+    ffmpeg : path of the encoder; None writes a GIF
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The forces of the hands on the load, and which part of them moves it.
+"""Forces of the hands on the load, split into a part that moves it and an internal part.
 
 Hand i at p_i (from the load's origin) exerts the force f_i and the torque t_i. Together they give the load
 
@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 
 
 def internal_wrenches(wrenches: Array, points: Array) -> Array:
-    """The part of the hands' wrenches that cancels out.
+    """Compute the part of the hands' wrenches that cancels out.
 
     Parameters
     ----------
     wrenches : array, shape (n_steps, n_hands, 6), force [N] and torque [N m] at the hand's grasp
-    points : array, shape (n_steps, n_hands, 3), of these grasps from the load's origin [m], in the same axes
+    points : array, shape (n_steps, n_hands, 3), positions of the grasps from the load's origin [m], in the same axes
 
     Returns
     -------
@@ -42,7 +42,7 @@ def internal_wrenches(wrenches: Array, points: Array) -> Array:
 
 
 def squeezes(wrenches: Array, points: Array) -> Array:
-    """Half the difference of two hands' forces along the line between them [N], positive where they press.
+    """Compute half the difference of two hands' forces along the line between them [N], positive where they press.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def squeezes(wrenches: Array, points: Array) -> Array:
 
     Returns
     -------
-    array, shape (n_steps, n_pairs), of the pairs (0, 1), (0, 2), ... (1, 2), ...
+    array, shape (n_steps, n_pairs), for the pairs (0, 1), (0, 2), ... (1, 2), ...
     """
     first, second = np.triu_indices(points.shape[1], 1)
     across = points[:, second] - points[:, first]

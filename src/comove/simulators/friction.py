@@ -1,4 +1,4 @@
-"""A grasp by fingers and friction."""
+"""Grasp by fingers and friction."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ OVERLAP = 0.001  # m, by which a load reaches into a hand that is too narrow for
 
 @dataclass(frozen=True)
 class Friction:
-    """Fingers close on the load before the motion begins; nothing but friction holds it from then on.
+    """A grasp in which fingers close on the load before the motion begins, and only friction holds it from then on.
 
     Attributes
     ----------
-    coefficient : of sliding friction between fingers and load
-    force : of each finger [N]; None takes the effort that the URDF allows it
+    coefficient : coefficient of sliding friction between fingers and load
+    force : force of each finger [N]; None takes the effort limit of the URDF
     size : width (between the fingers) and height of a bar [m]; None takes 5/3 and 2 times its radius: fingers
         need sides to hold it by
     """
@@ -51,16 +51,16 @@ class Friction:
                 )
 
     def section(self, radius: float) -> tuple[float, float] | None:
-        """A box."""
+        """Return width and height of a bar, which the fingers hold by its sides [m]."""
         return self.size or (5 / 3 * max(radius, THINNEST), 2 * max(radius, THINNEST))
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
-        """The fingers.
+        """Return the names of the fingers' joints.
 
         Raises
         ------
         RobotError
-            If an arm has none.
+            If an arm has no fingers.
         """
         for arm in arms:
             if not arm.fingers:
@@ -72,7 +72,9 @@ class Friction:
         return tuple(finger for arm in arms for finger in arm.fingers)
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """Servos of the fingers, coupled so that the load stays in their middle; what they believe of rubber."""
+        """Add servos of the fingers, couplings that keep the load in their middle, and the friction of their
+        surfaces.
+        """
         mj = engine()
         still = spec.add_equality(
             type=mj.mjtEq.mjEQ_WELD, objtype=mj.mjtObj.mjOBJ_BODY, active=False, solref=STIFF, solimp=HARD
@@ -108,7 +110,7 @@ class Friction:
         add_servo(spec, finger, force / GIVE, 2 * np.sqrt(FINGER_MASS * force / GIVE), force)
 
     def close(self, world: World, data: Any) -> None:
-        """Open the fingers, hold the load still, close them, let go of it.
+        """Open the fingers, hold the load still, close them, and release the load to their friction.
 
         Raises
         ------
@@ -140,7 +142,7 @@ class Friction:
 
 
 def _couple(world: World, data: Any, travel: dict[str, tuple[float, float]]) -> None:
-    """All fingers of a hand have closed by the same share of their travel, from open to closed."""
+    """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
     for first, *others in world.fingers:
         begin, end = travel[first]
         for finger in others:
@@ -168,7 +170,7 @@ def _below(body: Any) -> list[Any]:
 
 
 def _inward(world: World, data: Any, finger: str) -> float:
-    """The direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
+    """Return the direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
     mj, model = engine(), world.model
     joint = model.joint(finger)
     site = next(s for s, names in zip(world.holder_sites, world.fingers, strict=True) if finger in names)

@@ -1,8 +1,9 @@
-"""How the hands hold the load in a simulation: rigidly, by a joint, or by fingers and friction (`friction`).
+"""Models of how the hands hold the load in a simulation: rigidly, by a joint, or by fingers and friction
+(`friction`).
 
-Every hand has a site, its grasp frame, and the load a site for each hand. Where they are is known only when the hands
-stand at the load, so a grasp is closed at run time: the load's sites are moved to where the hands are, and what
-connects the two is switched on.
+Every hand has a site, its grasp frame, and the load has a site for each hand. Their relative poses are known only
+when the hands stand at the load, so a grasp is closed at run time: the load's sites are moved to the hands, and the
+constraints between both are activated.
 """
 
 from __future__ import annotations
@@ -20,44 +21,46 @@ HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % 
 
 
 class GraspModel(Protocol):
-    """What every grasp offers.
+    """A model of how hands hold a load in a simulation.
 
     Attributes
     ----------
-    touching : whether hands and load meet in contacts; otherwise they pass through each other
+    touching : whether hands and load are in contact; otherwise they pass through each other
     """
 
     touching: ClassVar[bool]
 
     def section(self, radius: float) -> tuple[float, float] | None:
-        """Width and height of a bar of some radius that it holds [m], None where the bar is round."""
+        """Return width and height of the box that stands for a bar of some radius [m], None where the bar is
+        round.
+        """
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
-        """Names of joints that it moves besides the arms'."""
+        """Return the names of the joints that the grasp moves besides the arms'."""
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """Put into the world what it needs; `friction` is a factor on what it believes."""
+        """Add what the grasp needs to the world; `friction` is a factor on its coefficient of friction."""
 
     def close(self, world: World, data: Any) -> None:
-        """Take hold of the load, the hands standing at it."""
+        """Take hold of the load while the hands stand at it."""
 
 
 class _Fixed:
-    """What welds and links have in common."""
+    """A grasp by a constraint between hand and load, the base of welds and links."""
 
     touching: ClassVar[bool] = False
     kind: ClassVar[str]
 
     def section(self, radius: float) -> tuple[float, float] | None:
-        """Bars are round."""
+        """Return None: bars are round."""
         return None
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
-        """Nothing."""
+        """Return no joints."""
         return ()
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
-        """A constraint between each hand's site and the load's site for it, open for now."""
+        """Add a constraint, inactive at first, between each hand's site and the load's site for it."""
         mj = engine()
         for arm in arms:
             grasp = spec.add_equality(
@@ -70,20 +73,20 @@ class _Fixed:
             grasp.name, grasp.name1, grasp.name2 = f"grasp {arm.name}", f"hand {arm.name}", f"held {arm.name}"
 
     def close(self, world: World, data: Any) -> None:
-        """Hold where the hands are."""
+        """Activate the constraints, at the present poses of the hands."""
         for name in world.holder_names:
             data.eq_active[world.model.equality(f"grasp {name}").id] = 1
 
 
 @dataclass(frozen=True)
 class Weld(_Fixed):
-    """Hand and load are one body: position and orientation are held."""
+    """A grasp that fixes position and orientation of the load to the hand, as one body."""
 
     kind: ClassVar[str] = "mjEQ_WELD"
 
 
 @dataclass(frozen=True)
 class Connect(_Fixed):
-    """Hand and load share a point, about which they may turn."""
+    """A grasp that fixes one common point of hand and load, about which they may turn."""
 
     kind: ClassVar[str] = "mjEQ_CONNECT"

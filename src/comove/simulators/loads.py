@@ -1,6 +1,7 @@
-"""Loads as bodies: simple shapes in a frame of their own, and where a movement of the hands carries that frame.
+"""Loads as bodies of simple shapes in a frame of their own, and the poses to which hands carry that frame.
 
-The frame stands in the middle between the holders, x from the second of them to the first, z as upright as it can be.
+The frame's origin is the mean of the holders' positions; x points from the second holder to the first, and z is as
+upright as possible.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ LUG_BEYOND = 0.015  # m, by which these reach past the hands
 
 @dataclass(frozen=True, eq=False)
 class LoadPart:
-    """A piece of a load: a box, or a capsule along its z.
+    """A piece of a load: a box, or a capsule along its z axis.
 
     Attributes
     ----------
     kind : "box" or "capsule"
-    position : array, shape (3,), in the load's frame [m]
-    rotation : array, shape (3, 3), in the load's frame
+    position : array, shape (3,), centre in the load's frame [m]
+    rotation : array, shape (3, 3), orientation in the load's frame
     size : half edges of a box; radius and half the length between the centres of a capsule's caps [m]
     """
 
@@ -47,7 +48,7 @@ class LoadPart:
 
     @property
     def volume(self) -> float:
-        """[m^3]"""
+        """Return the volume [m^3]."""
         if self.kind == "box":
             return 8.0 * float(np.prod(self.size))
         radius, half = self.size
@@ -56,15 +57,15 @@ class LoadPart:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What is carried.
+    """A load as a rigid body: its pieces, mass and grasps.
 
     Attributes
     ----------
-    holders : the hands that hold it, by number in the scene
-    grasps : array, shape (n_holders, 3), where they hold it, in its frame [m]
-    pose : array, shape (4, 4), at the start
-    parts : its pieces
-    mass : [kg]
+    holders : numbers, in the scene, of the hands that hold it
+    grasps : array, shape (n_holders, 3), positions of the grasps in its frame [m]
+    pose : array, shape (4, 4), pose at the start
+    parts : pieces of the load
+    mass : mass [kg]
     """
 
     holders: tuple[int, ...]
@@ -78,22 +79,22 @@ Section = Callable[[float], tuple[float, float] | None]
 
 
 def _round(radius: float) -> None:
-    """Bars are round."""
+    """Return None: bars are round."""
 
 
 def holders_of(scene: Scene) -> tuple[int, ...]:
-    """The hands, by number, that hold the scene's load."""
+    """Return the numbers of the hands that hold the scene's load."""
     return tuple(scene.manipulators.index(name) for name in scene.file.holders)
 
 
 def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | None:
-    """The scene's load, None where it has none.
+    """Build the scene's load, None where it has none.
 
     Parameters
     ----------
     hands : array, shape (n_manipulators, 4, 4), grasp frames at the start
-    section : width and height [m] of a bar by its radius, None where it is round; with one, boxes have lugs where
-        hands stand off them
+    section : function that returns width and height [m] of a bar by its radius, None where it is round; if it returns
+        a size, boxes get lugs where hands stand off them
     """
     load = scene.file.load
     if load is None:
@@ -110,7 +111,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
 
 
 def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
-    """The pieces of the scene's body, whose nodes are given in the load's frame."""
+    """Yield the pieces of the scene's body, whose nodes are given in the load's frame."""
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
         sides = section(float(radius)) if isinstance(scene.file.load, BarLoad) else None
@@ -133,7 +134,9 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
 
 
 def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | None:
-    """What fingers hold a box by where its hand stands off it; None where the hand is at the box itself."""
+    """Return the lug by which fingers hold a box where its hand stands off it; None where the hand is at the box
+    itself.
+    """
     inside = (grasp - box.position) @ box.rotation
     nearest = np.clip(inside, -np.array(box.size), box.size)
     off = float(np.linalg.norm(inside - nearest))
@@ -160,7 +163,7 @@ def _rod(a: Array, b: Array, radius: float) -> LoadPart:
 
 
 def _frame(points: Array) -> Array:
-    """Axes of a load held at `points`, array of shape (n_holders, 3); array, shape (3, 3)."""
+    """Compute the axes of a load held at `points`, array of shape (n_holders, 3); array, shape (3, 3)."""
     x = points[0] - points[1] if len(points) > 1 else np.array([1.0, 0.0, 0.0])
     x = x / np.linalg.norm(x)
     up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
@@ -170,12 +173,12 @@ def _frame(points: Array) -> Array:
 
 
 def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
-    """Refuse a motion of other joints than the robot's, and a scene that is not its own.
+    """Refuse a planar scene, a motion of other joints than the robot's, and a scene with another start.
 
     Raises
     ------
     RobotError, SceneError
-        Which says what does not fit.
+        If something does not fit; the message says what.
     """
     if scene.n_dims != 3:
         raise SceneError("robots live in space", key="workspace", way_out="write three numbers a point")
@@ -198,7 +201,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
 
 
 def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
-    """Grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
+    """Compute grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
     arms = [robot.arm(name) for name in scene.manipulators]
     frames = [robot.model.getFrameId(arm.tip) for arm in arms]
     tools, data = np.stack([arm.tool for arm in arms]), robot.model.createData()
@@ -211,9 +214,9 @@ def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
 
 
 def carried(hands: Array, held: Array) -> Array:
-    """Poses of a load that hands carry; array, shape (n_steps, 4, 4).
+    """Compute poses of a load that hands carry; array, shape (n_steps, 4, 4).
 
-    The middle of what the single hands say, positions by their mean, rotations by the polar factor of theirs.
+    Each hand gives a pose of the load; the result is their mean, for rotations the polar factor of the mean.
 
     Parameters
     ----------
@@ -228,12 +231,12 @@ def carried(hands: Array, held: Array) -> Array:
 
 
 def points_of(poses: Array, points: Array) -> Array:
-    """World positions of points of a body; (..., 4, 4) and (n_points, 3) -> (..., n_points, 3) [m]."""
+    """Compute world positions of points of a body; (..., 4, 4) and (n_points, 3) -> (..., n_points, 3) [m]."""
     return poses[..., None, :3, 3] + np.einsum("...ij,nj->...ni", poses[..., :3, :3], points)
 
 
 def inverse(poses: Array) -> Array:
-    """Of rigid transforms; arrays, shape (..., 4, 4)."""
+    """Invert rigid transforms; arrays, shape (..., 4, 4)."""
     turned = np.swapaxes(poses[..., :3, :3], -1, -2)
     result = np.zeros_like(poses)
     result[..., :3, :3] = turned

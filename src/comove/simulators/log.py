@@ -1,4 +1,4 @@
-"""What is measured while a simulation runs."""
+"""Log of the quantities that are measured while a simulation runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Log:
-    """Samples of what is measured, in arrays that are there from the beginning."""
+    """Samples of the measured quantities, in arrays allocated in advance."""
 
     def __init__(self, world: World, n_steps: int):
         self.world, self.count = world, 0
@@ -35,12 +35,12 @@ class Log:
         self.hands[..., 3, 3] = 1.0
 
     def write_state(self, data: Any) -> None:
-        """What a step overwrites."""
+        """Log the state, which a step overwrites."""
         self.joints[self.count] = data.qpos[self.world.qpos]
         self.fingers[self.count] = data.qpos[self.finger_qpos]
 
     def write_rest(self, data: Any) -> None:
-        """What belongs to the same instant."""
+        """Log the other quantities of the same instant, after the step."""
         world, i = self.world, self.count
         self.torque[i] = data.qfrc_actuator[world.dofs] + motor_weight(world, data)
         self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
@@ -53,10 +53,10 @@ class Log:
         self.count += 1
 
     def _write_wrenches(self, data: Any) -> None:
-        """Sum the constraints' forces on the load by the hand that they come from.
+        """Sum the constraints' forces on the load by hand, and log them as wrenches.
 
-        The rows of the constraints' Jacobian for a free body are the force in the world's axes and the torque
-        about its origin in its own.
+        The columns of the constraints' Jacobian for a free body give the force in the world's axes and the torque
+        about its origin in the body's axes.
         """
         world, n_dofs = self.world, self.world.model.nv
         if not data.nefc:
@@ -71,7 +71,9 @@ class Log:
         self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
 
     def _hand_of_rows(self, data: Any) -> NDArray[np.int64]:
-        """The holder that each row of the constraints belongs to, -1 for none; array, shape (n_rows,)."""
+        """Return the number of the holder that each row of the constraints belongs to, -1 for none; array, shape
+        (n_rows,).
+        """
         kinds = engine().mjtConstraint
         hand = np.full(data.nefc, -1)
         equality = data.efc_type == int(kinds.mjCNSTR_EQUALITY)
@@ -83,7 +85,7 @@ class Log:
         return hand
 
     def forget_broken(self) -> None:
-        """Keep the samples before the first in which something is not finite, but one at least."""
+        """Drop all samples from the first one with a value that is not finite, but keep one at least."""
         broken = ~np.isfinite(self.hands[: self.count]).all(axis=(1, 2, 3))
         broken |= ~np.isfinite(self.joints[: self.count]).all(axis=1)
         if self.world.load is not None:
@@ -92,6 +94,6 @@ class Log:
             self.count = max(1, int(broken.argmax()))
 
     def series(self) -> dict[str, Array]:
-        """What was written, by the names of `Execution`."""
+        """Return the logged series, by the names of `Execution`."""
         names = ("joints", "torque", "hands", "load_pose", "wrench", "fingers")
         return {name: getattr(self, name)[: self.count] for name in names}

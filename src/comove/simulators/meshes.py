@@ -1,8 +1,8 @@
-"""Meshes as MuJoCo reads them: OBJ, converted once and kept in the user's cache.
+"""Meshes as MuJoCo reads them: OBJ files, converted once and kept in the user's cache.
 
-An entry is named after the SHA-256 of what it was made from and ends with the SHA-256 of what stands in it, so that
-a truncated or damaged one is noticed and made anew. It is written under another name and renamed: two processes at
-once, or one that is killed, leave whole entries only.
+An entry is named after the SHA-256 of its source and ends with the SHA-256 of its own contents, so a truncated or
+damaged entry is detected and made anew. It is written under another name and then renamed: two processes at once, or
+one that is killed, leave whole entries only.
 """
 
 from __future__ import annotations
@@ -34,24 +34,25 @@ Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
 def cache_folder() -> Path:
-    """Where converted meshes are kept: $XDG_CACHE_HOME/comove/meshes, else ~/.cache/comove/meshes."""
+    """Return the folder of converted meshes: $XDG_CACHE_HOME/comove/meshes, else ~/.cache/comove/meshes."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "comove" / "meshes"
 
 
 def as_obj(mesh: Path) -> Path:
-    """The mesh, in metres, as one OBJ file in the cache.
+    """Convert a mesh, in metres, to one OBJ file in the cache.
 
     Raises
     ------
     RobotError
-        If it cannot be read or holds no triangles, or the cache cannot be written.
+        If the mesh cannot be read or holds no triangles, or the cache cannot be written.
     """
     return _cached(mesh, by_colour=False)[0][0]
 
 
 def coloured_parts(mesh: Path) -> list[Part]:
-    """The mesh as one OBJ file a colour, and the colours (red, green, blue, alpha), None where it has none.
+    """Convert a mesh to one OBJ file for each colour; returns them with their colours (red, green, blue, alpha), None
+    without one.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def _cached(mesh: Path, *, by_colour: bool) -> list[Part]:
 
 
 def _bytes_of(mesh: Path) -> bytes:
-    """What is in the file, and one byte more than is read where it is too large."""
+    """Read a file, at most one byte more than the largest allowed size."""
     try:
         with open(mesh, "rb") as file:
             return file.read(MAX_BYTES + 1)
@@ -97,7 +98,7 @@ def _bytes_of(mesh: Path) -> bytes:
 
 
 def _read_parts(folder: Path, key: str) -> list[Part] | None:
-    """What the cache holds, None where it is not all there and whole."""
+    """Read the parts of a mesh from the cache; None where an entry is missing or damaged."""
     index = _read_whole(folder / f"{key}.json")
     if index is None:
         return None
@@ -106,7 +107,7 @@ def _read_parts(folder: Path, key: str) -> list[Part] | None:
 
 
 def _converted(mesh: Path, data: bytes, by_colour: bool) -> list[tuple[bytes, Colour | None]]:
-    """The mesh's pieces as OBJ, vertices and triangles alone, with their colours."""
+    """Convert the mesh's pieces to OBJ, vertices and triangles alone, with their colours."""
     try:
         whole = triangles_of(data, mesh.suffix.lower())
     except MeshError as error:
@@ -123,16 +124,16 @@ def _converted(mesh: Path, data: bytes, by_colour: bool) -> list[tuple[bytes, Co
 
 @dataclass(frozen=True)
 class _Beside:
-    """Lends trimesh the files of materials that lie beside a mesh, and no pictures."""
+    """Resolver that lends trimesh the material files beside a mesh, and no pictures."""
 
     folder: Path
 
     def __getitem__(self, name: str) -> bytes:
-        """As `get`."""
+        """Read a file, as `get` does."""
         return self.get(name)
 
     def get(self, name: str) -> bytes:
-        """What is in a file."""
+        """Read a material file."""
         path = self.folder / str(name).strip()
         beside = path.suffix == MATERIALS and path.resolve().parent == self.folder.resolve()
         if not (beside and path.is_file()):
@@ -142,7 +143,7 @@ class _Beside:
 
 
 def _pieces(mesh: Path, data: bytes) -> list[Any]:
-    """The mesh's pieces with their materials, as trimesh reads them."""
+    """Return the mesh's pieces with their materials, as trimesh reads them."""
     try:
         import trimesh
     except ImportError as error:
@@ -171,7 +172,7 @@ def _colour(piece: Any) -> Colour | None:
 
 
 def _obj(pieces: list[Triangles]) -> bytes:
-    """Vertices and triangles of pieces as one OBJ; vertices at one place become one."""
+    """Write vertices and triangles of pieces as one OBJ; vertices at one place become one."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
     corners = np.concatenate([vertices for vertices, _ in pieces])
     faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])
@@ -182,7 +183,7 @@ def _obj(pieces: list[Triangles]) -> bytes:
 
 
 def _read_whole(path: Path) -> bytes | None:
-    """The body of an entry, None where it is missing or damaged."""
+    """Return the body of an entry, None where it is missing or damaged."""
     try:
         body, _, seal = path.read_bytes().rpartition(SEAL)
     except OSError:

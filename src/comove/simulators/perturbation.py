@@ -1,4 +1,4 @@
-"""What differs from the plan: friction, mass, gains, where the load lies in the hands, and a push."""
+"""Perturbations of a simulation: friction, mass, gains, the load's place in the hands, and a push."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MIDDLE = (0.3, 0.7)  # of the motion: when the push comes
 
 @dataclass(frozen=True)
 class Push:
-    """A force on the load's middle.
+    """A force on the load's middle for a short time.
 
     Attributes
     ----------
-    at : when it begins, as a share of the motion's duration
-    duration : how long it lasts [s]
-    force : in the scene's axes [N]
+    at : beginning, as a share of the motion's duration
+    duration : duration [s]
+    force : force in the scene's axes [N]
     """
 
     at: float
@@ -40,15 +40,15 @@ class Push:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What differs from the plan.
+    """Deviations of a simulation from the plan.
 
     Attributes
     ----------
     friction, mass : factors on the friction between fingers and load, and on the load's mass
     gains : factors on stiffness and damping of the servos, one for all joints or one each
-    start_error : where the load lies when it is grasped, from where it should, in its own axes [m]; the
-        robot does not know it, so the hands carry it so
-    push : a force in mid-motion, None where there is none
+    start_error : displacement of the load from its planned place when it is grasped, in its own axes [m]; it is
+        unknown to the robot, so the hands carry the load displaced
+    push : force during the motion, None where there is none
     """
 
     friction: float = 1.0
@@ -65,12 +65,14 @@ class Perturbation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, n_joints: int = 1) -> Perturbation:
-        """Draw one: friction and mass within 30 %, gains within 20 %, a start error of 5 mm along and across the
-        load in the plane on which it lies, a push of up to 5 N for 0.1 s in any direction.
+        """Draw a random perturbation.
+
+        Friction and mass are within 30 %, gains within 20 %; the start error is 5 mm in a random direction of the x-y
+        plane of the load's own axes; the push is up to 5 N for 0.1 s in any direction.
 
         Parameters
         ----------
-        n_joints : of the robot, each of which gets gains of its own
+        n_joints : number of the robot's joints, each of which gets its own gains
         """
         angle = rng.uniform(0.0, 2 * np.pi)
         force = rng.normal(size=3)
@@ -84,12 +86,12 @@ class Perturbation:
         )
 
     def asdict(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the perturbation as plain values."""
         return asdict(self)
 
 
 def _require(key: str, *values: float, positive: bool = False) -> None:
-    """Refuse what is no finite number, or not greater than 0 where it must be."""
+    """Refuse values that are not finite numbers, or not greater than 0 where they must be."""
     for value in values:
         if not (isinstance(value, Real) and -inf < value < inf) or (positive and value <= 0):
             least = " greater than 0" if positive else ""

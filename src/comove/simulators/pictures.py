@@ -41,13 +41,13 @@ def draw_sheet(
     width: int = 640,
     views: Sequence[View] = (FRONT,),
 ) -> None:
-    """Write a sheet of equally spaced instants as PNG.
+    """Write a sheet of pictures of an execution as PNG.
 
     Parameters
     ----------
-    count, columns : how many instants, and how many of them in a row
-    width : of one picture; its height is three quarters of that [pixels]
-    views : from where it is seen; the instants once more for each, below
+    count, columns : number of instants, and of pictures in a row
+    width : width of one picture [pixels]; its height is three quarters of that
+    views : directions of the camera; the rows of instants are repeated for each
 
     Raises
     ------
@@ -73,13 +73,13 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
 
     Parameters
     ----------
-    path : its suffix becomes .mp4, or .gif where nothing encodes films
-    rate : pictures a second
-    width : of the film; its height is three quarters of that [pixels]
+    path : path of the file; its suffix becomes .mp4, or .gif where there is no encoder
+    rate : pictures per second
+    width : width of the film [pixels]; its height is three quarters of that
 
     Returns
     -------
-    the path that was written
+    Path of the file that was written
 
     Raises
     ------
@@ -97,7 +97,9 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
 
 
 def _steps(execution: Execution, count: int) -> list[int]:
-    """Numbers of samples between which equally much happens: half of that is time, half travel of the hands."""
+    """Choose samples so that the same progress lies between neighbours: half of it is time, half travel of the
+    hands.
+    """
     last = min(
         int(np.searchsorted(execution.time, execution.motion.duration - 1e-9)), len(execution.time) - 1
     )
@@ -185,7 +187,9 @@ def place(execution: Execution, world: World, data: Any, step: int) -> None:
 
 
 def _seen(execution: Execution, world: World, data: Any) -> Array:
-    """What a picture must show: all hands and loads, obstacles, and the robot as it stands at the start."""
+    """Return the points that a picture must show: all hands and loads, obstacles, and the robot as it stands at
+    the start.
+    """
     model = world.model
     moving = [g for g in range(model.ngeom) if model.geom_group[g] in DRAWN_GROUPS and model.geom_bodyid[g]]
     hands = execution.hands[..., :3, 3].reshape(-1, 3)
@@ -195,7 +199,7 @@ def _seen(execution: Execution, world: World, data: Any) -> Array:
 
 
 def _corners(obstacle: Any) -> Array:
-    """Corners of a box, the middle of anything else; array, shape (n_points, 3)."""
+    """Return the corners of a box, the middle of any other obstacle; array, shape (n_points, 3)."""
     middle, size = np.array(obstacle.center), getattr(obstacle, "size", None)
     if size is None:
         return middle[None]

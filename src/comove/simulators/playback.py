@@ -1,7 +1,8 @@
-"""A joint motion as geometry alone: every joint is where it should be at every instant, by Pinocchio.
+"""Geometric playback of a joint motion: every joint is exactly at its planned position at every instant, by
+Pinocchio.
 
-The load goes with the hands. Forces are those of a load whose weight and inertia its holders share equally, torques
-those of inverse dynamics; nothing lags, slips or gives way.
+The load moves with the hands. Its holders share its weight and the force of its inertia equally; torques come from
+inverse dynamics. Nothing lags, slips or gives way.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
 
 
 def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Array]:
-    """Poses of the load, array of shape (n_steps, 4, 4), and the holders' forces on it, (n_steps, n_holders, 6)."""
+    """Compute poses of the load, array of shape (n_steps, 4, 4), and the holders' forces on it, (n_steps,
+    n_holders, 6).
+    """
     if load is None:
         return np.full((len(time), 4, 4), np.nan), np.zeros((len(time), 0, 6))
     held = hands[:, list(load.holders)]
@@ -84,7 +87,7 @@ def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Arr
 def _torques(
     robot: Robot, scene: Scene, load: Load | None, q: Array, v: Array, a: Array, wrench: Array
 ) -> Array:
-    """Inverse dynamics less what springs hold; array, shape (n_steps, n_joints)."""
+    """Compute torques by inverse dynamics less what springs hold; array, shape (n_steps, n_joints)."""
     model, data, torque = robot.model, robot.model.createData(), np.empty_like(q)
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     frames = [(model.getFrameId(arm.tip), arm.tool[:3, 3]) for arm in arms]
@@ -103,7 +106,7 @@ def _torques(
 def _contacts(
     robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
 ) -> tuple[Contact, ...]:
-    """Where links and load reach into obstacles or into each other, the holding hands left out."""
+    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands."""
     geometry, names, moved = _geometry(robot, scene, load)
     data, state, found = robot.model.createData(), geometry.createData(), {}
     parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
@@ -123,7 +126,9 @@ def _contacts(
 
 
 def _geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
-    """Robot, obstacles and load with the pairs that are looked at; names of all, numbers of the load's parts."""
+    """Build robot, obstacles and load with the pairs to be checked; returns also the names of all, and the numbers
+    of the load's parts.
+    """
     geometry = robot.collision.copy()
     geometry.removeAllCollisionPairs()
     links = range(geometry.ngeoms)
@@ -153,7 +158,7 @@ def _geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[
 
 
 def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
-    """Joints whose links go with a hand that holds the load."""
+    """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     return {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
 

@@ -1,8 +1,8 @@
-"""Position servos of a robot's joints, and what their motors can give.
+"""Position servos of a robot's joints, within the limits of their motors.
 
-A servo gives k (q_ref - q) + c (v_ref - v): the reference velocity is added to its reference position as c/k v_ref.
-The robot's own weight is compensated. Springs hold their share of it and the motors the rest, so that of a motor's
-effort limit E a servo may use what is left of it: from -E - w to E - w, w being the motor's share of the weight.
+A servo gives the torque k (q_ref - q) + c (v_ref - v): the reference velocity is added to its reference position as
+c/k v_ref. The robot's own weight is compensated. Springs hold a share of it and the motors the rest, w; so a servo
+whose motor has the effort limit E may give torques from -E - w to E - w.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ INERTIA = (0.3, 3.0)  # of what a servo is damped for [kg m^2; kg]
 
 
 def servo_gains(robot: Robot) -> tuple[Array, Array]:
-    """Stiffness k and damping c = 2 sqrt(I k) of the joints; arrays, shape (n_joints,) [N m/rad, N m s/rad].
+    """Compute stiffness k and damping c = 2 sqrt(I k) of the joints; arrays, shape (n_joints,) [N m/rad, N m s/rad].
 
     Raises
     ------
@@ -46,21 +46,21 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
 
 
 def _slides(robot: Robot, joint: int) -> bool:
-    """Whether a joint is one of Pinocchio's PX, PY, PZ, PrismaticUnaligned."""
+    """Return whether a joint is one of Pinocchio's PX, PY, PZ, PrismaticUnaligned."""
     return robot.model.joints[joint + 1].shortname().startswith("JointModelP")
 
 
 def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
-    """Put servos into a world; how far a reference velocity leads, c/k, array of shape (n_joints,) [s].
+    """Add servos to a world; returns the lead c/k of a reference velocity, array of shape (n_joints,) [s].
 
     Parameters
     ----------
-    factors : on stiffness and damping, one for all joints or one each
+    factors : factors on stiffness and damping, one for all joints or one for each
 
     Raises
     ------
     OptionError
-        If there are not as many.
+        If the number of factors does not fit.
     """
     stiffness, damping = servo_gains(robot)
     if len(factors) not in (1, len(stiffness)):
@@ -78,7 +78,7 @@ def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
 
 
 def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: float) -> None:
-    """A servo of one joint, of the joint's name; its control is the reference position."""
+    """Add a servo of one joint, under the joint's name; its control is the reference position."""
     mj = engine()
     servo = spec.add_actuator(name=joint, target=joint, trntype=mj.mjtTrn.mjTRN_JOINT)
     servo.gaintype, servo.biastype = mj.mjtGain.mjGAIN_FIXED, mj.mjtBias.mjBIAS_AFFINE
@@ -88,11 +88,11 @@ def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: fl
 
 
 def limit_servos(world: World, data: Any) -> None:
-    """Leave the servos what the robot's weight, where it stands now, leaves of the motors' limits."""
+    """Set the servos' limits to what the robot's weight, at the present posture, leaves of the motors' limits."""
     weight, limit = motor_weight(world, data), world.robot.effort
     world.model.actuator_forcerange[world.servos] = np.stack([-limit - weight, limit - weight], axis=1)
 
 
 def motor_weight(world: World, data: Any) -> Array:
-    """The motors' share of the robot's own weight; array, shape (n_joints,) [N m]."""
+    """Return the motors' share of the torques of the robot's own weight; array, shape (n_joints,) [N m]."""
     return (1 - world.robot.relief) * data.qfrc_gravcomp[world.dofs]

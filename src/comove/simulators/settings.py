@@ -1,4 +1,4 @@
-"""What a simulation keeps to and how it is judged."""
+"""Settings of a simulation, and the limits by which it is judged."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ LOG_RATES = (10.0, 500.0)  # Hz, the least and the largest
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a simulation.
+    """Settings of a simulation.
 
     Attributes
     ----------
-    log_rate : samples a second in an execution [Hz], from 10 to 500; the nearest that whole steps of 2 ms allow
-    settle, hold : how long the robot stands still before and after the motion [s]
-    slip_limit : how far a hand may slide on the load [m]
-    end_error_limit : how far from its goal the load may end [m]
-    internal_force_limit : with which hands may work against each other [N]
+    log_rate : samples per second in an execution [Hz], from 10 to 500; the nearest that whole steps of 2 ms allow
+    settle, hold : time for which the robot stands still before and after the motion [s]
+    slip_limit : largest distance that a hand may slide on the load [m]
+    end_error_limit : largest distance of the load from its goal at the end [m]
+    internal_force_limit : largest force with which hands may work against each other [N]
     """
 
     log_rate: float = 100.0

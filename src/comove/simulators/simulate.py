@@ -1,4 +1,4 @@
-"""A joint motion executed in MuJoCo."""
+"""Execution of a joint motion in MuJoCo."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ def simulate(
     *,
     settings: Settings = DEFAULT,
 ) -> Execution:
-    """Let servos follow a joint motion in MuJoCo, the load in the hands.
+    """Simulate servos that follow a joint motion in MuJoCo, with the load in the hands.
 
-    The servos get positions and velocities at every time step, as controllers do that interpolate a trajectory; they
-    know nothing of the load.
+    The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do; they
+    do not take the load into account.
 
     Parameters
     ----------
-    grasp : how the hands hold the load; welded unless given
-    perturbation : what differs from the plan; nothing unless given
+    grasp : model of how the hands hold the load; `Weld()` unless given
+    perturbation : deviations from the plan; none unless given
 
     Raises
     ------
     ExtraError
         If MuJoCo is not installed.
     OptionError
-        If the perturbation is that of a robot with another number of joints.
+        If the perturbation is for a robot with another number of joints.
     RobotError, SceneError
-        If robot, scene and motion do not belong together, or the robot cannot hold the load so.
+        If robot, scene and motion do not belong together, or the robot cannot hold the load by this grasp.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
     require_fit(motion, robot, scene)
@@ -83,7 +83,7 @@ def simulate(
 
 
 def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
-    """The hands stand at the load, whose grasps are where they should hold it."""
+    """Return MuJoCo's data with the hands at the load, and with the load's grasps at the hands."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
     data.qpos[world.qpos] = motion.position[0]
@@ -103,7 +103,7 @@ def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> 
 
 
 def _move_grasps(world: World, data: Any) -> None:
-    """Put the load's sites to where the hands are."""
+    """Move the load's sites to the hands."""
     mj, model = engine(), world.model
     if world.load is None:
         return
@@ -117,7 +117,7 @@ def _move_grasps(world: World, data: Any) -> None:
 def _run(
     world: World, data: Any, motion: JointMotion, perturbation: Perturbation, settings: Settings
 ) -> dict[str, Any]:
-    """The stepping loop: what the log holds, by the names of `Execution`."""
+    """Run the simulation; returns the logged quantities, by the names of `Execution`."""
     mj, model = engine(), world.model
     every = max(1, round(1 / (settings.log_rate * TIMESTEP)))
     n_steps = every * int(np.ceil((motion.duration + settings.hold) / (every * TIMESTEP)))
@@ -159,7 +159,7 @@ def _run(
 
 
 def _broken(data: Any) -> bool:
-    """Whether MuJoCo has met numbers that are not finite, or far too large."""
+    """Return whether MuJoCo has met numbers that are not finite, or far too large."""
     kinds = engine().mjtWarning
     return any(
         data.warning[kind].number
@@ -168,7 +168,7 @@ def _broken(data: Any) -> bool:
 
 
 def _push(world: World, motion: JointMotion, perturbation: Perturbation, time: Array) -> tuple[Array, Array]:
-    """The force of a push, array of shape (3,) [N], and at which steps it acts, array of bool."""
+    """Return the force of a push, array of shape (3,) [N], and the steps at which it acts, array of bool."""
     push = perturbation.push
     if push is None or world.load is None:
         return np.zeros(3), np.zeros(len(time), dtype=bool)
@@ -179,7 +179,7 @@ def _push(world: World, motion: JointMotion, perturbation: Perturbation, time: A
 def _note_contacts(
     world: World, data: Any, time: float, found: dict[tuple[int, int], tuple[float, float]]
 ) -> None:
-    """Keep of every watched pair that touches when first and how deep at most."""
+    """Update the time of the first contact and the largest depth of every watched pair that touches."""
     pairs, depths = data.contact.geom, -data.contact.dist
     for i in np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0)):
         pair = (int(pairs[i].min()), int(pairs[i].max()))

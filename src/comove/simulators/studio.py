@@ -1,4 +1,4 @@
-"""Light, floor and sky of pictures, and where they are taken from."""
+"""Light, floor and sky of pictures, and the cameras that take them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ROOM = 0.10  # m, around the middles of what must be seen
 
 @dataclass(frozen=True)
 class View:
-    """Where a camera stands.
+    """Direction from which a camera looks.
 
     Attributes
     ----------
-    aside : by how much it looks from the side of the robot's front [deg]
-    elevation : from which it looks down, negative [deg]
+    aside : angle from the robot's front to the camera, about the vertical axis [deg]
+    elevation : elevation of the line of sight, negative where the camera looks down [deg]
     """
 
     aside: float
@@ -37,7 +37,7 @@ FRONT, ABOVE = View(aside=24.0, elevation=-30.0), View(aside=0.0, elevation=-89.
 
 
 def furnish(spec: Any, *, shadows: bool = True) -> None:
-    """Put light, sky and a floor's pattern into a world; without shadows pictures are drawn four times as fast."""
+    """Add light, sky and a floor's pattern to a world; without shadows pictures are drawn four times as fast."""
     mj = engine()
     spec.visual.global_.offheight, spec.visual.global_.offwidth = LARGEST
     spec.visual.global_.fovy = FIELD
@@ -73,12 +73,12 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
 
 
 def camera_for(execution: Execution, seen: Array, aspect: float, view: View = FRONT) -> Any:
-    """A camera that looks at the robot and sees all of some points.
+    """Return a camera that looks at the robot and sees all of some points.
 
     Parameters
     ----------
-    seen : array, shape (n_points, 3) [m]
-    aspect : width by height of the picture
+    seen : array, shape (n_points, 3), the points [m]
+    aspect : ratio of width to height of the picture
     """
     camera = engine().MjvCamera()
     camera.lookat[:] = (seen.min(axis=0) + seen.max(axis=0)) / 2
@@ -100,7 +100,9 @@ def camera_for(execution: Execution, seen: Array, aspect: float, view: View = FR
 
 
 def _front(execution: Execution) -> float:
-    """Azimuth of a look from what the hands do to where the robot stands, along an axis [deg]."""
+    """Return the azimuth of the line from the middle of the hands' work to the robot's bases, rounded to an axis
+    [deg].
+    """
     work = execution.hands[:, :, :2, 3].mean(axis=(0, 1))
     bases = np.mean([source.base.position[:2] for source in execution.robot.sources], axis=0)
     x, y = bases - work

@@ -26,7 +26,7 @@ POST, TABLE, LOAD, FLOOR = (0.72, 0.20, 0.14, 1), (0.70, 0.60, 0.48, 1), (0.95, 
 
 
 def add_obstacles(spec: Any, scene: Scene) -> None:
-    """Put the scene's obstacles and a floor into a world."""
+    """Add the scene's obstacles and a floor to a world."""
     kinds = engine().mjtGeom
     shapes = {
         "box": (kinds.mjGEOM_BOX, lambda o: [edge / 2 for edge in o.size]),
@@ -45,7 +45,7 @@ def add_obstacles(spec: Any, scene: Scene) -> None:
 
 
 def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None:
-    """Put the load into a world as a free body, with a site for each hand; `mass` in kg."""
+    """Add the load to a world as a free body, with a site for each hand; `mass` in kg."""
     mj = engine()
     kinds = {"box": mj.mjtGeom.mjGEOM_BOX, "capsule": mj.mjtGeom.mjGEOM_CAPSULE}
     body = spec.worldbody.add_body(name=THE_LOAD, pos=load.pose[:3, 3])
@@ -69,7 +69,7 @@ def _finish(geom: Any, name: str, colour: tuple[float, ...]) -> None:
 
 
 def lower_floor(model: Any, data: Any) -> None:
-    """Put the floor under everything that stands in the world, where it now is."""
+    """Move the floor below everything in the world, at the present state."""
     floor = model.geom("the floor").id
     lowest = min(_lowest(model, data, geom) for geom in range(model.ngeom) if geom != floor)
     model.geom_pos[floor, 2] = lowest - 1e-3  # what stands on it does not touch it
@@ -77,7 +77,7 @@ def lower_floor(model: Any, data: Any) -> None:
 
 
 def _lowest(model: Any, data: Any, geom: int) -> float:
-    """Height of the lowest point of a shape, of a mesh's vertices or a box around anything else [m]."""
+    """Compute the height of the lowest point of a shape, by a mesh's vertices or a box around any other shape [m]."""
     down, mesh = data.geom_xmat[geom, 6:], model.geom_dataid[geom]
     if mesh >= 0:
         first = model.mesh_vertadr[mesh]

@@ -1,4 +1,4 @@
-"""A URDF as MuJoCo reads it: meshes converted, joints that do not move fixed where the description holds them."""
+"""URDF models as MuJoCo reads them: meshes are converted, and joints that do not move are fixed at their posture."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ UNREAD = ("mimic", "safety_controller", "calibration")
 def for_mujoco(
     sources: Sequence[Source], posture: Mapping[str, float], moving: Collection[str], *, drawn: bool
 ) -> str:
-    """All models of a robot as one, each on its base, for MuJoCo's reader of URDFs.
+    """Write all models of a robot as one URDF, each on its base, for MuJoCo's reader.
 
     Parameters
     ----------
     posture : values of joints that do not move [rad or m], 0 where not named
-    moving : names of the joints that do
-    drawn : whether visual meshes are wanted
+    moving : names of the joints that move
+    drawn : whether to keep visual meshes
     """
     whole = ET.Element("robot", name="robot")
     ET.SubElement(ET.SubElement(whole, "mujoco"), "compiler", COMPILER)
@@ -68,7 +68,7 @@ def for_mujoco(
 
 
 def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
-    """The joint that fixes a model to where it stands."""
+    """Return the joint that fixes a model to its base's place."""
     children = {joint.find("child").get("link") for joint in tree.findall("joint")}
     root = next(link.get("name") for link in tree.findall("link") if link.get("name") not in children)
     joint = ET.Element("joint", name=f"{ROOT} {number}", type="fixed")
@@ -81,14 +81,14 @@ def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
 
 
 def _convert(collision: ET.Element, file: Path) -> None:
-    """Let a collision element name an OBJ."""
+    """Replace the mesh of a collision element by an OBJ file."""
     mesh = collision.find("geometry/mesh")
     if mesh is not None:
         mesh.set("filename", str(as_obj(resolve(mesh.get("filename", ""), file))))
 
 
 def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:
-    """A visual element as one a colour; none where its mesh cannot be read, which hinders no simulation."""
+    """Split a visual element by colour; returns none where its mesh cannot be read, which hinders no simulation."""
     mesh = visual.find("geometry/mesh")
     if mesh is None:
         return [visual]
@@ -135,13 +135,15 @@ def _vector(element: ET.Element, key: str) -> Array:
 
 
 def _rotation(rpy: Array) -> Array:
-    """Of roll, pitch and yaw about the fixed axes x, y and z."""
+    """Return the rotation matrix of roll, pitch and yaw about the fixed axes x, y and z."""
     x, y, z = (matrices(exponential(axis * angle)) for axis, angle in zip(np.eye(3), rpy, strict=True))
     return z @ y @ x
 
 
 def _roll_pitch_yaw(rotation: Array) -> Array:
-    """The inverse of `_rotation`; upright (pitch of a right angle) the roll is 0."""
+    """Return roll, pitch and yaw of a rotation matrix, the inverse of `_rotation`; the roll is 0 at a pitch of a
+    right angle.
+    """
     across = np.hypot(rotation[0, 0], rotation[1, 0])
     pitch = np.arctan2(-rotation[2, 0], across)
     if across < 1e-9:

@@ -1,4 +1,4 @@
-"""The world of a simulation: a MuJoCo model, and where in it everything stands."""
+"""World of a simulation: a MuJoCo model, and the indices of everything in it."""
 
 from __future__ import annotations
 
@@ -18,20 +18,24 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A compiled model and the numbers of what is in it.
+    """A compiled MuJoCo model with the indices of what is in it.
 
     Attributes
     ----------
     model : mujoco.MjModel
-    robot, load : what was put in; the load may be None
-    qpos, dofs, servos : arrays, shape (n_joints,), of the robot's joints in its order
-    lead : array, shape (n_joints,), by which a reference velocity enters the servos' reference position [s]
-    sites : array, shape (n_manipulators,), grasp frames of the hands
-    holder_names, holder_sites, held_sites : of the hands that hold the load, and their grasps on it
+    robot, load : the robot and the load in the world; the load may be None
+    qpos, dofs, servos : arrays, shape (n_joints,), indices of coordinates, degrees of freedom and servos of the
+        robot's joints, in its order
+    lead : array, shape (n_joints,), factor of a reference velocity in the servos' reference position [s]
+    sites : array, shape (n_manipulators,), indices of the hands' grasp frames
+    holder_names : names of the arms that hold the load
+    holder_sites, held_sites : arrays, shape (n_holders,), indices of the sites of these hands, and of their grasps on
+        the load
     fingers : names of the joints of each holder's fingers, empty where they do not move
-    load_body, load_qpos, load_dof : body, first coordinate and first degree of freedom; -1 without a load
-    hand_of_geom : array, shape (n_geoms,), which holder a shape belongs to, -1 for none
-    watched : array of bool, shape (n_geoms, n_geoms), pairs whose contact is told
+    load_body, load_qpos, load_dof : indices of the load's body, first coordinate and first degree of freedom; -1
+        without a load
+    hand_of_geom : array, shape (n_geoms,), number of the holder that a shape belongs to, -1 for none
+    watched : array of bool, shape (n_geoms, n_geoms), whether the contact of a pair of shapes is reported
     """
 
     model: Any
@@ -53,7 +57,9 @@ class World:
     watched: NDArray[np.bool_]
 
     def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
-        """What two shapes belong to, for people: the load before a link, a link before an obstacle."""
+        """Return the names of what two shapes belong to, for messages: the load before a link, a link before an
+        obstacle.
+        """
         first, second = sorted(pair, key=self._rank)
         return self._name_of(first), self._name_of(second)
 

@@ -1,4 +1,4 @@
-"""Pictures; the only room that imports matplotlib."""
+"""Pictures of primitives, motions, runs and benchmarks; the only package here that imports matplotlib."""
 
 from comove.views.benchmark import Growth, draw_cost_ratios, draw_growth, draw_shares
 from comove.views.comparison import animate_comparison, draw_comparison

@@ -1,4 +1,4 @@
-"""Pictures of benchmarks: shares solved against time, ratios of cost, and how times grow."""
+"""Pictures of benchmarks: share of runs solved by time, ratios of cost, and growth of times."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ LARGEST = 10.0  # ratio, up to which they are drawn
 
 
 def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
-    """Share of runs with a verified motion against time, a panel a set (a cactus plot, turned).
+    """Draw the share of runs with a verified motion against time, one panel for each set (a cactus plot, turned).
 
     Parameters
     ----------
-    times : by set and system, array, shape (n_runs,), to the first verified motion, infinite for never [s]
+    times : by set and system, array, shape (n_runs,), time to the first verified motion, infinite if none [s]
     """
     known = [t for of in times.values() for t in of.values()]
     finite = np.concatenate([np.empty(0), *(t[np.isfinite(t)] for t in known)])
@@ -45,11 +45,12 @@ def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
 
 
 def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
-    """Final cost over the best one known, a panel a set: which share of runs is within a ratio.
+    """Draw the share of runs whose ratio of final cost to the best known cost is below a limit, one panel for each
+    set.
 
     Parameters
     ----------
-    ratios : by set and system, array, shape (n_runs,), infinite where nothing is verified
+    ratios : by set and system, array, shape (n_runs,), ratios of cost, infinite where nothing is verified
     """
 
     def draw(axes: Axes, values: Array, style: dict) -> None:
@@ -89,15 +90,15 @@ def _panels(values: Mapping[str, Mapping[str, Array]], draw) -> Figure:
 
 
 class Growth(NamedTuple):
-    """How a time grows.
+    """Times as a function of a quantity that grows, with a fitted power law.
 
     Attributes
     ----------
-    title : of the panel
-    label : of what grows
-    x : array, shape (n_points,)
-    times : array, shape (n_points, n_repeats) [s]
-    exponent : of the fitted power
+    title : title of the panel
+    label : label of the quantity that grows
+    x : array, shape (n_points,), values of that quantity
+    times : array, shape (n_points, n_repeats), measured times [s]
+    exponent : exponent of the fitted power law
     """
 
     title: str
@@ -108,7 +109,9 @@ class Growth(NamedTuple):
 
 
 def draw_growth(curves: Sequence[Growth]) -> Figure:
-    """Times against what grows, both axes logarithmic, a panel a curve, with the fitted power."""
+    """Draw times against a growing quantity with the fitted power law, both axes logarithmic, one panel for each
+    curve.
+    """
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
     figure = new_figure(3.4 * columns, 3.0 * rows)

@@ -1,4 +1,4 @@
-"""Every method on one scene, side by side: a picture and an animation (the counterpart of the paper's Figure 2)."""
+"""Comparison of all methods on one scene: a picture and an animation (the counterpart of the paper's Figure 2)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ MILLI = 1e3
 
 
 def draw_comparison(compared: Sequence[Compared]) -> Figure:
-    """Hands' paths, load and obstacles at equal steps, numbered, by method; distance error and clearance below."""
+    """Draw, by method, hands' paths, load and obstacles at equal, numbered steps; distance error and clearance
+    below.
+    """
     figure, panels = _layout(compared, 3.1)
     for one, column in zip(compared, panels, strict=True):
         record, scene = one.record, one.record.scene
@@ -83,7 +85,7 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
 
 
 def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
-    """Write the same as an animated GIF, in real time or faster where it is long."""
+    """Write the comparison as an animated GIF, in real time or faster where it is long."""
     figure, panels = _layout(compared, 2.0)
     last = _shown(compared)
     draws: list[Callable[[float], list[Artist]]] = []
@@ -116,7 +118,9 @@ def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
 
 
 def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[list[Axes]]]:
-    """A column of panels a method, `width` inches wide: views of the scene, then distance error and clearance."""
+    """Build a column of panels for each method, `width` inches wide: views of the scene, then distance error and
+    clearance.
+    """
     scene = compared[0].record.scene
     views, n = views_of(scene), len(compared)
     size = scene.upper - scene.lower
@@ -166,7 +170,7 @@ def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[li
 def _frame_of_values(
     axes: Axes, compared: Sequence[Compared], values: Sequence[Array], label: str, column: int
 ) -> None:
-    """Limits that all columns share; below 0 in red."""
+    """Set limits that all columns share, and mark values below 0 in red."""
     least = MILLI * min(float(v.min()) for v in values)
     most = MILLI * max(float(v.max()) for v in values)
     pad = 0.08 * max(most - least, 1e-3)
@@ -181,7 +185,7 @@ def _frame_of_values(
 
 
 def _verdict(one: Compared) -> tuple[str, bool]:
-    """What is wrong, or how it went, in a few words; whether all is well."""
+    """Describe what is wrong, or the result, in a few words; returns also whether all is well."""
     r, wrong = one.report, []
     if r.clearance_min < 0:
         wrong.append(f"{-MILLI * r.clearance_min:.0f} mm into something")
@@ -196,7 +200,9 @@ def _verdict(one: Compared) -> tuple[str, bool]:
 
 
 def _shown(compared: Sequence[Compared]) -> float:
-    """The time that is shown [s]: until the last who arrives has arrived."""
+    """Return the time up to which is drawn [s]: when the last method that arrives has arrived, but at least the
+    scene's duration.
+    """
     ends = [c.record.time[-1] for c in compared if c.arrived]
     return float(max([*ends, compared[0].record.scene.duration]))
 
@@ -206,7 +212,7 @@ def _tone(one: Compared, step: int) -> str:
 
 
 def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
-    """Every other step by its number, so that one sees what was where at the same time."""
+    """Write the numbers of every other step, to show what was where at the same time."""
     if step % 2 == 0:
         ground = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
         axes.text(
@@ -227,7 +233,7 @@ def _draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callable[[float], list[Artist]]:
-    """What draws obstacles, load and the last of the hands' ways at an instant [s]."""
+    """Return the function that draws obstacles, load and the last part of the hands' paths at an instant [s]."""
     record, scene = one.record, one.record.scene
     step_of = len(record.time) - 1, record.time[1]
     moving = scene.moving[scene.owners]
@@ -256,7 +262,7 @@ def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callabl
 
 
 def _animated_line(axes: Axes, time: Array, values: Array, colour: str) -> Callable[[float], list[Artist]]:
-    """What draws a curve up to an instant [s]."""
+    """Return the function that draws a curve up to an instant [s]."""
     (line,) = axes.plot([], [], color=colour, linewidth=1.4, animated=True)
 
     def draw(until: float) -> list[Artist]:

@@ -1,4 +1,4 @@
-"""Pictures of a robot's motion: joints between their limits, and the shares of their rates."""
+"""Pictures of a robot's motion: joints between their limits, and speeds and accelerations as shares of theirs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8
 
 
 def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure:
-    """Positions (between the limits), speeds and accelerations (as shares of theirs) of every arm's joints."""
+    """Draw positions (between the limits), speeds and accelerations (as shares of theirs) of every arm's joints."""
     rows = (
         ("position in its range", 2 * (joints.position - robot.lower) / (robot.upper - robot.lower) - 1),
         ("share of speed", joints.velocity / robot.velocity),

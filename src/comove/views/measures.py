@@ -1,4 +1,4 @@
-"""Measures of several series over several groups, with their intervals: one panel a measure."""
+"""Pictures of measures of several series over several groups, with their intervals, one panel for each measure."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ COLUMNS = 4
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One measure.
+    """One measure, drawn in one panel.
 
     Attributes
     ----------
-    title : what it is, with its unit
-    value, low, high : arrays, shape (n_series, n_groups), in that unit; NaN where there is none
-    floor : what is less is drawn here, on a logarithmic axis; None for a linear one
+    title : name of the measure, with its unit
+    value, low, high : arrays, shape (n_series, n_groups), values and ends of their intervals; NaN for none
+    floor : value at which lesser ones are drawn, on a logarithmic axis; None for a linear one
     """
 
     title: str
@@ -38,11 +38,11 @@ class Panel:
 
 
 def draw_measures(panels: Sequence[Panel], series: Sequence[str], groups: Sequence[str]) -> Figure:
-    """A row a series, a colour a group, a panel a measure; bars are intervals.
+    """Draw one panel for each measure, with a row for each series and a colour for each group; bars are intervals.
 
     Parameters
     ----------
-    series, groups : their names
+    series, groups : names of the series and of the groups
     """
     rows = -(-len(panels) // COLUMNS)
     figure = new_figure(13.2, rows * (0.34 * len(series) + 1.2) + 0.4)

@@ -1,4 +1,4 @@
-"""Pictures of a motion: the scene with every few states, and objective and constraint along the way."""
+"""Pictures of a motion: the scene with the load at several states, and objective and constraint along the motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure without a window; sizes in inches."""
+    """Return a figure without a window; sizes in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -43,9 +43,9 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
-    """The scene, the hands' paths and the load at equal steps (the paper's Figure 6); below, speed and acceleration.
+    """Draw scene, hands' paths and load at equal steps (the paper's Figure 6); below, speed and acceleration.
 
-    In space in perspective, and along the three axes.
+    A spatial scene is drawn in perspective, and along the three axes.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def draw_side_by_side(
     states: bool = True,
     columns: int | None = None,
 ) -> Figure:
-    """Planar motions next to each other (the paper's Figures 3, 4 and 6).
+    """Draw planar motions next to each other (the paper's Figures 3, 4 and 6).
 
     Parameters
     ----------
     demonstrations : one for each motion, as in `draw_motion`
-    states : draw the load at equal steps, not the paths alone
+    states : whether to draw the load at equal steps, not the paths alone
     columns : motions in a row; all of them unless given
     """
     columns = columns or len(motions)
@@ -118,7 +118,7 @@ def draw_panel(
     *,
     states: bool = True,
 ) -> None:
-    """One view of a motion."""
+    """Draw one view of a motion."""
     scene, columns = motion.scene, list(view)
     draw_frame(axes, scene, view)
     _draw_obstacles(axes, scene, view)
@@ -139,7 +139,7 @@ def draw_panel(
 
 
 def draw_legend(figure: FigureBase, columns: int = 4) -> None:
-    """One legend for all panels."""
+    """Draw one legend for all panels."""
     labelled = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -148,7 +148,7 @@ def draw_legend(figure: FigureBase, columns: int = 4) -> None:
 
 
 def draw_progress(motion: CoordinatedMotion) -> Figure:
-    """Objective and constraint along the movement (the paper's Figure 5)."""
+    """Draw objective and constraint along the motion (the paper's Figure 5)."""
     return draw_progress_side_by_side(
         [motion], [f"{motion.scene.name}: objective and constraint along the movement"]
     )
@@ -157,7 +157,7 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
 def draw_progress_side_by_side(
     motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, velocity: float = C_VEL
 ) -> Figure:
-    """The same of several motions, on the same axes.
+    """Draw objective and constraint along several motions, on the same axes.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def _draw_objective(axes: Axes, motion: CoordinatedMotion, weight: float) -> Non
 
 
 def _draw_constraint(axes: Axes, motion: CoordinatedMotion) -> float:
-    """Errors of the distances; returns how far the axis should reach to either side [m]."""
+    """Draw the errors of the distances; returns how far the axis should reach to either side [m]."""
     scene = motion.scene
     s = np.linspace(0.0, 1.0, 801)
     position, reach = motion.hands(s)[0], 0.0
@@ -213,12 +213,12 @@ def _draw_constraint(axes: Axes, motion: CoordinatedMotion) -> float:
 
 
 def views_of(scene: Scene) -> tuple[tuple[int, int], ...]:
-    """The planes in which a scene is drawn."""
+    """Return the planes in which a scene is drawn."""
     return ((0, 1),) if scene.n_dims == 2 else VIEWS
 
 
 def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """The workspace."""
+    """Draw the workspace."""
     low, high = scene.lower[list(view)], scene.upper[list(view)]
     pad = 0.02 * float((high - low).max())
     axes.set(
@@ -232,9 +232,9 @@ def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Obstacles as filled outlines: in the plane themselves, in space their shadow along the view.
+    """Draw obstacles as filled outlines: in the plane themselves, in space their projections along the view.
 
-    What moves is drawn darker the later it is, with the path of its centre.
+    Moving obstacles are drawn several times, later ones darker, with the paths of their centres.
     """
     solid = 1.0 if scene.n_dims == 2 else 0.35
     moves = scene.moving[scene.owners]
@@ -254,14 +254,14 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _draw_triangles(axes: Axes, triangles: Array) -> None:
-    """The shadow of a mesh, darker where more of it is behind each other; triangles (n, 3, 2)."""
+    """Draw the projection of a mesh, darker where triangles overlap; triangles of shape (n, 3, 2)."""
     axes.add_collection(
         PolyCollection(triangles, facecolors="0.62", alpha=MESH_ALPHA, edgecolors="none", rasterized=True)
     )
 
 
 def outline(row: Array, view: tuple[int, int]) -> Array:
-    """Border of an obstacle's projection, from its support points in all directions of the view."""
+    """Compute the border of an obstacle's projection, from its support points in all directions of the view."""
     angles = np.linspace(0.0, 2 * np.pi, 181)
     directions = np.zeros((len(angles), 3))
     directions[:, view[0]], directions[:, view[1]] = np.cos(angles), np.sin(angles)
@@ -294,19 +294,19 @@ def _hull_of_box(row: Array, rotation: Array, size: Array, view: tuple[int, int]
 
 
 def hull_outline(corners: Array) -> Array:
-    """The corners (n, 2) of the convex hull, in order."""
+    """Return the corners, shape (n, 2), of the convex hull of points, in order."""
     angles = np.linspace(0.0, 2 * np.pi, 721)
     farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
     return corners[list(dict.fromkeys(farthest.tolist()))]
 
 
 def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
-    """Colours of the load by state: where it touches something, and where a distance is off.
+    """Return colours of the load by state: where it touches something, and where a distance is off.
 
     Parameters
     ----------
-    nodes : array, shape (n_states, n_nodes, 3), [m]
-    time : array, shape (n_states,), [s]
+    nodes : array, shape (n_states, n_nodes, 3), positions of the nodes [m]
+    time : array, shape (n_states,), times of the states [s]
     """
     tones = []
     for state, instant in zip(nodes, time, strict=True):
@@ -320,7 +320,7 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
-    """The load's edges, or outlines of its solids, at every state; nodes (n_states, n_nodes, 2)."""
+    """Draw the load's edges, or outlines of its solids, at every state; nodes of shape (n_states, n_nodes, 2)."""
     bars, solids = [e for e in scene.body.edges if e[0] != e[1]], scene.body.solids
     if not bars and not len(solids):
         bars = [(c.first, c.second) for c in scene.distances]

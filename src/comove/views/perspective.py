@@ -1,4 +1,4 @@
-"""A spatial scene seen by somebody who stands beside it."""
+"""Perspective picture of a spatial scene, seen from beside it."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def draw_perspective(
 
     Parameters
     ----------
-    position : of the panel, as `add_subplot` takes it
-    nodes : array, shape (n_states, n_nodes, 3), where the load is drawn [m]
-    colours : of the hands
+    position : position of the panel, as for `add_subplot`
+    nodes : array, shape (n_states, n_nodes, 3), states in which the load is drawn [m]
+    colours : colours of the hands
     demonstration : array, shape (n_steps, n_manipulators, 3), [m], drawn dashed where given
     """
     scene = motion.scene
@@ -80,7 +80,7 @@ def draw_perspective(
 
 
 def _draw_load(axes, scene: Scene, nodes: Array) -> None:
-    """The load's edges at every state, and its solids as the outlines of their hulls."""
+    """Draw the load's edges at every state, and its solids as the faces of their hulls."""
     edges = [tuple(edge) for edge in scene.body.edges if edge[0] != edge[1]]
     if not edges and not len(scene.body.solids):
         edges = [(c.first, c.second) for c in scene.distances]
@@ -102,14 +102,14 @@ def _draw_load(axes, scene: Scene, nodes: Array) -> None:
 
 
 def _obstacles(scene: Scene) -> list[Array]:
-    """Faces of every obstacle at 0 s, cut off at the border; arrays, shape (n_faces, 3, 3) [m]."""
+    """Return the faces of every obstacle at 0 s, cut off at the border; arrays, shape (n_faces, 3, 3) [m]."""
     found = [scene.surfaces.of(mesh) for mesh in range(len(scene.surfaces.owner))]
     found += [hull_faces(_points(row)) for row in scene.obstacles[scene.convex_rows]]
     return [np.clip(faces, scene.lower, scene.upper) for faces in found]
 
 
 def _points(row: Array) -> Array:
-    """Points whose convex hull is an obstacle, or nearly; array, shape (n, 3) [m]."""
+    """Compute points whose convex hull is an obstacle, or nearly; array, shape (n, 3) [m]."""
     rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
     size, kind = row[sd.SIZE : sd.SIZE + 3], int(row[sd.KIND])
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, N_ROUND, endpoint=False), np.linspace(-1, 1, N_ROUND // 2))
@@ -136,7 +136,7 @@ def _points(row: Array) -> Array:
 def hull_faces(points: Array) -> Array:
     """Return the triangles of the convex hull of points, outwards; array, shape (n_faces, 3, 3).
 
-    Of points in a plane there are none.
+    There are none if the points lie in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -152,7 +152,7 @@ def hull_faces(points: Array) -> Array:
 
 
 def _shaded(faces: Array, alpha: float) -> Array:
-    """Grey by how faces are turned to the light; array, shape (n_faces, 4)."""
+    """Compute grey colours of faces by their angle to the light; array, shape (n_faces, 4)."""
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     bright = np.clip(normal / length @ (LIGHT / np.linalg.norm(LIGHT)), -1.0, 1.0)

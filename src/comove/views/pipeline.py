@@ -1,4 +1,4 @@
-"""From a demonstration to a verified motion: each step with its own data (the paper's Figure 1)."""
+"""Picture of the steps from a demonstration to a verified motion, each with its own data (the paper's Figure 1)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ N_POINTS = 60  # of the recording
 def draw_pipeline(
     demonstration: Demonstration, dmp: DMP, coordinated: CoordinatedMotion, optimised: CoordinatedMotion
 ) -> Figure:
-    """Demonstration, its primitive, the same for every hand on one phase, and the optimised motion.
+    """Draw a demonstration, its primitive, its coordination on one phase for all hands, and the optimised motion.
 
     Parameters
     ----------
-    demonstration, dmp : planar, what was recorded and what was learned from it
+    demonstration, dmp : planar recording, and the primitive learned from it
     coordinated, optimised : motions of a planar scene
     """
     figure = new_figure(17.6, 5.2)

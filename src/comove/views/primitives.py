@@ -35,14 +35,14 @@ def draw_primitive(
     goals: ArrayLike | None = None,
     title: str = "",
 ) -> Figure:
-    """A primitive: its fit, other goals, coordinates, speed, and forcing functions.
+    """Draw a primitive: its fit, other goals, coordinates, speed, and forcing functions.
 
     Parameters
     ----------
-    primitive : of poses the positions are drawn, and the orientation instead of the forcing functions
-    demonstration : the recording that it was fitted to, drawn below it, with the distance between them
-    goals : array, shape (n_goals, n_dims), to which it is generalised; eight around its own unless given
-    title : the primitive's name unless given
+    primitive : the primitive; for poses, positions are drawn, and the orientation instead of the forcing functions
+    demonstration : recording to which it was fitted, drawn below it, with the distance between the two
+    goals : array, shape (n_goals, n_dims), goals to which it is generalised; some around its own unless given
+    title : title; the primitive's name unless given
     """
     dmp, unit = _movement(primitive), _unit(primitive, demonstration)
     name = title or (primitive.name if isinstance(primitive, Primitive) else "movement primitive")
@@ -90,7 +90,7 @@ def draw_primitive(
 
 
 def draw_library(primitives: Iterable[Primitive], *, title: str = "library") -> Figure:
-    """A contact sheet: every movement small, with its duration and the error of its fit."""
+    """Draw a contact sheet: every movement small, with its duration and the error of its fit."""
     primitives = list(primitives)
     shown = primitives[:SHOWN]
     rows = max(1, ceil(len(shown) / min(max(1, ceil(sqrt(1.5 * len(shown)))), 8)))
@@ -175,7 +175,7 @@ def _draw_acceleration(axes: Axes, dmp: DMP, unit: str) -> None:
 
 
 def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | None) -> None:
-    """Its quaternions; those of the recording with the signs that fit them."""
+    """Draw the primitive's quaternions, and those of the recording with the signs that fit them."""
     if demonstration is not None and demonstration.orientation is not None:
         recorded = demonstration.orientation
         fitted = dmp.at(demonstration.time).orientation
@@ -190,7 +190,7 @@ def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | N
 
 
 def _draw_forcing(axes: Axes, dmp: DMP) -> None:
-    """The functions that the forcing term is a sum of; two (or one) more than weights, for the ends."""
+    """Draw the basis functions of the forcing term; there are two (or one) more than weights, for the ends."""
     n_basis = dmp.weights.shape[1]
     if dmp.variant is Variant.RHYTHMIC:
         psi, formula = von_mises(n_basis + 1), "ψ(t)"
@@ -208,7 +208,7 @@ def _draw_forcing(axes: Axes, dmp: DMP) -> None:
 
 
 def _goals(dmp: DMP, view: tuple[int, ...], goals: ArrayLike | None) -> Array:
-    """Those given, or eight around the primitive's own at a third of its extent."""
+    """Return the given goals, or some around the primitive's own, at a distance in proportion to its extent."""
     if goals is not None:
         return np.atleast_2d(np.asarray(goals, dtype=float))
     extent = float(np.ptp(_played(dmp).position, axis=0).max()) or 1.0
@@ -222,19 +222,19 @@ def _goals(dmp: DMP, view: tuple[int, ...], goals: ArrayLike | None) -> Array:
 
 
 def _played(dmp: DMP, until: float = 0.0) -> Trajectory:
-    """The movement; of a rhythmic one two periods, or until a time [s]."""
+    """Return the movement; for a rhythmic one two periods, or until a time [s] if that is longer."""
     end = max(2 * dmp.duration, until) if dmp.variant is Variant.RHYTHMIC else dmp.duration
     return dmp.at(np.linspace(0.0, end, N_STEPS * max(1, round(end / dmp.duration))))
 
 
 def _view(played: Trajectory) -> tuple[int, ...]:
-    """The coordinates that are drawn against each other: the two that go farthest; a single one by itself."""
+    """Return the coordinates that are drawn against each other: the two of the largest range, or a single one."""
     farthest = np.argsort(-np.ptp(played.position, axis=0), kind="stable")[:2]
     return tuple(sorted(farthest.tolist()))
 
 
 def _seen(played: Trajectory | Demonstration, view: tuple[int, ...]) -> tuple[Array, Array]:
-    """Abscissa and ordinate: the path, of one coordinate its course."""
+    """Return abscissa and ordinate: two coordinates of the path, or time and a single coordinate."""
     if len(view) == 1:
         return played.time, played.position[:, 0]
     return played.position[:, view[0]], played.position[:, view[1]]
@@ -261,7 +261,7 @@ def _frame(axes: Axes, dmp: DMP, view: tuple[int, ...], unit: str) -> None:
 
 
 def _square(axes: Axes) -> None:
-    """Make both scales equal in a square: its limits, and the room that they take, are known before the layout."""
+    """Make both scales equal in a square; limits and size are so fixed before the layout."""
     limits = np.array([axes.get_xlim(), axes.get_ylim()])
     middle, reach = limits.mean(axis=1), np.ptp(limits, axis=1).max() / 2
     axes.set(xlim=middle[0] + [-reach, reach], ylim=middle[1] + [-reach, reach])
@@ -269,7 +269,7 @@ def _square(axes: Axes) -> None:
 
 
 def _name_curves(axes: Axes, count: int) -> None:
-    """A legend above the axes, where no curve is."""
+    """Draw a legend above the axes, where no curve is."""
     place = {"loc": "lower right", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.1}
     spacing = {"handlelength": 0.8, "handletextpad": 0.4, "columnspacing": 0.8}
     axes.legend(frameon=False, ncols=count, **spacing, **place)

@@ -1,4 +1,4 @@
-"""Pictures and animations of executions among obstacles that move (the counterpart of the paper's Figure 2)."""
+"""Pictures and animations of executions among moving obstacles (the counterpart of the paper's Figure 2)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TRAIL = 1.0  # s, of the way that an animation shows behind the hands
 
 
 def draw_run(record: Record, title: str | None = None) -> Figure:
-    """An execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
+    """Draw an execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
     scene, views = record.scene, views_of(record.scene)
     figure = new_figure(5.4 * len(views) + 0.4, 6.2)
     for i, view in enumerate(views):
@@ -101,7 +101,10 @@ def _draw_obstacles(
 
 
 def load_lines(scene: Scene, nodes: Array) -> list[Array]:
-    """What of a load is drawn, or of what is held apart where there is none: lines, each of shape (2, n).
+    """Return the lines that draw a load, or the pairs of hands kept at a distance where there is none; each of shape
+    (2, n).
+
+    The outline of a solid that is not a box is one longer line.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ MOST = 400_000  # distances: a bound that needs more is given up as it stands, s
 
 
 class LinkClearance(NamedTuple):
-    """The certificate for one kind of pairs.
+    """Bounds of the clearance of one kind of pairs, as the certificate gives them.
 
     Attributes
     ----------

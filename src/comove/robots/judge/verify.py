@@ -120,7 +120,7 @@ class VerifiedJointMotion(Sealed):
 
 @dataclass(frozen=True)
 class JointVerdict:
-    """The verdict on a joint motion.
+    """Result of judging a joint motion: the verified motion or the reasons against it, and the measures.
 
     Attributes
     ----------

@@ -69,7 +69,7 @@ class Arms(NamedTuple):
 
 
 class Strain(NamedTuple):
-    """What a motion demands of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
+    """Measures of what motions demand of the arms; arrays, shape (n_rollouts, n_arms), clearance (n_rollouts,).
 
     Attributes
     ----------
