@@ -75,11 +75,20 @@ def ideal_runs(seeds=3):
     )
     transports = tuple(
         Transport(
-            *(Passage(scene, who, 0.2), True, True, (), 1.0 if scene == "narrow" else 0.1),
-            *(1e-4, 0.01, 1e-3, 1e-3, 10.0, b"picture"),
+            Passage(scene, who, 0.2, seed, drawn=seed == 0),
+            verified=True,
+            turn=1.0 if scene == "narrow" else 0.1,
+            distance_error=1e-4,
+            clearance=0.01,
+            seconds=10.0,
+            delivered=True,
+            lag=1e-3,
+            end_error=1e-3,
+            picture=b"picture" if seed == 0 else b"",
         )
         for scene in PASSAGES
         for who in WAYS
+        for seed in range(2)
     )
     return Runs(
         seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS), transports=transports

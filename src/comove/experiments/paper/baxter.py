@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from comove.errors import ComoveError, ExtraError
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import largest_turn
 from comove.planning import LeastJerk, Paper, PaperCost, load_kernels, movements_of
 from comove.planning.method import Method
+
+if TYPE_CHECKING:
+    from comove.simulators import Execution
 
 PASSAGES = ("wide", "narrow")
 METHODS: dict[str, Method | None] = {"paper": Paper(), "comove": None}
@@ -30,13 +32,15 @@ class Passage:
     scene : name of the passage
     who : name of the method
     velocity : c_vel of equation (4), for the paper's method
-    budget : time after which the best motion so far is taken [s]
+    seed : seed of all random numbers
+    drawn : whether to draw it
     """
 
     scene: str
     who: str
     velocity: float
-    budget: float = BUDGET
+    seed: int
+    drawn: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,6 @@ class Transport:
     passage : settings of the transport
     verified : whether the judge verified the joint motion
     delivered : whether the stick, welded to the grippers, was delivered in MuJoCo
-    reasons : reasons for a failure
     turn : largest change of the stick's direction [rad]
     distance_error, clearance : distance error of the planned hands, and clearance of links, hands and stick from
         posts and table [m]
@@ -60,14 +63,13 @@ class Transport:
 
     passage: Passage
     verified: bool
-    delivered: bool
-    reasons: tuple[str, ...]
     turn: float
     distance_error: float
     clearance: float
-    lag: float | None
-    end_error: float | None
     seconds: float
+    delivered: bool = False
+    lag: float | None = None
+    end_error: float | None = None
     picture: bytes = field(default=b"", repr=False)
 
     @property
@@ -102,55 +104,44 @@ def transport(passage: Passage) -> Transport:
         scene,
         robot,
         demonstration=movements_of(scene.taught, scene),
+        seed=passage.seed,
         method=method,
-        budget=passage.budget,
+        budget=BUDGET,
         objective=LeastJerk() if method is None else PaperCost(velocity=passage.velocity),
     )
     seconds = time.perf_counter() - begun
     if found.solution.interrupted:
         raise KeyboardInterrupt
-    attempt, report = found.solution.attempt, found.report
-    told = Transport(
+    planned = Transport(
         passage,
-        found.verified,
-        False,
-        found.solution.reasons,
-        largest_turn(attempt),
-        found.solution.report.distance_error_max,
-        min(report.clearance_scene, found.solution.report.clearance_min),
-        None,
-        None,
-        seconds,
+        verified=found.verified,
+        turn=largest_turn(found.solution.attempt),
+        distance_error=found.solution.report.distance_error_max,
+        clearance=min(found.report.clearance_scene, found.solution.report.clearance_min),
+        seconds=seconds,
     )
     if not found.verified:
-        return told
+        return planned
     execution = simulate(found.joints, scene, robot, Weld())
-    return Transport(
-        **vars(told)
-        | {
-            "delivered": execution.delivered,
-            "reasons": execution.reasons,
-            "lag": execution.measures["lag_max"],
-            "end_error": execution.measures["end_error"],
-            "picture": _picture(execution),
-        }
+    return replace(
+        planned,
+        delivered=execution.delivered,
+        lag=execution.measures["lag_max"],
+        end_error=execution.measures["end_error"],
+        picture=_picture(execution) if passage.drawn else b"",
     )
 
 
-def _picture(execution) -> bytes:
+def _picture(execution: Execution) -> bytes:
+    """Return a PNG of equally spaced instants in two views; empty if nothing can be drawn on this machine."""
     from comove.simulators import ABOVE, FRONT, draw_sheet
 
-    with _file() as path:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "sheet.png"
         try:
             draw_sheet(
                 execution, path, count=N_INSTANTS, columns=N_INSTANTS, width=WIDTH, views=(FRONT, ABOVE)
             )
-        except ComoveError:  # nothing can be drawn here; what was simulated counts without
+        except ComoveError:  # what was simulated counts without
             return b""
         return path.read_bytes()
-
-
-@contextmanager
-def _file() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder) / "sheet.png"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from comove.experiments.paper import baxter
-from comove.experiments.paper.jobs import CONTENDERS, Outcome
+from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import Measures
 from comove.experiments.paper.runs import GAIT, INITIAL, ROLES, SCENES, Runs
 from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
@@ -52,7 +52,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
         ),
         "figure4.png": _side_by_side(
             [
-                (f"({letter}) {scene} passage, {_name(who)}", runs.one("figure 4", scene=scene, who=who))
+                (f"({letter}) {scene} passage, {title_of(who)}", runs.one("figure 4", scene=scene, who=who))
                 for who in ("paper", "comove")
                 for letter, scene in (("a", "wide"), ("b", "narrow"))
             ],
@@ -60,7 +60,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
         ),
         "figure5.png": draw_progress_side_by_side(
             [runs.one("figure 4", scene="narrow", who=who).motion for who in ("paper", "comove")],
-            [f"narrow passage, {_name(who)}" for who in ("paper", "comove")],
+            [f"narrow passage, {title_of(who)}" for who in ("paper", "comove")],
             velocity=GAIT["velocity"],
         ),
         "figure6.png": _side_by_side(
@@ -150,7 +150,3 @@ def verdict(m: Measures) -> str:
     if m.end_error > 1e-3:
         wrong.append(f"goal missed by {1e3 * m.end_error:.0f} mm")
     return ", ".join(wrong) or "not verified"
-
-
-def _name(who: str) -> str:
-    return "paper's method" if who == "paper" else who

@@ -65,6 +65,11 @@ OTHERS = {
 }
 
 
+def title_of(who: str) -> str:
+    """Return what a contender is called on the page."""
+    return "paper's method" if who == "paper" else who
+
+
 @dataclass(frozen=True)
 class Job:
     """Settings of a run.

@@ -13,7 +13,7 @@ import numpy as np
 from comove.experiments.markdown import table
 from comove.experiments.paper.claims import Claim, ClaimFinding
 from comove.experiments.paper.figures import median_of, share_of, verdict
-from comove.experiments.paper.jobs import CONTENDERS
+from comove.experiments.paper.jobs import CONTENDERS, title_of
 from comove.experiments.paper.measures import Measures, count_verified
 from comove.experiments.paper.runs import (
     MOVEMENT_CONTENDERS,
@@ -102,7 +102,8 @@ def transports_table(runs: Runs) -> str:
         )
         rows.append(
             [
-                *(t.passage.scene, t.passage.who, "yes" if t.verified else "no", f"{np.rad2deg(t.turn):.0f}"),
+                *(t.passage.scene, title_of(t.passage.who), str(t.passage.seed)),
+                *("yes" if t.verified else "no", f"{np.rad2deg(t.turn):.0f}"),
                 *(f"{t.distance_error:.2g}", f"{1e3 * t.clearance:.1f}", f"{t.seconds:.1f}"),
                 *("yes" if t.delivered else "no", *simulated),
             ]
@@ -110,6 +111,7 @@ def transports_table(runs: Runs) -> str:
     head = [
         "passage",
         "method",
+        "seed",
         "verified",
         "stick turns [°]",
         "distance error [m]",
