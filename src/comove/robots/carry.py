@@ -79,8 +79,8 @@ def carry(
     robot
         `Robot.load("baxter")`, for example.
     method
-        Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4):
-        along a load without ends beyond them, and in the duration that the scene states.
+        Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4); so it
+        serves loads that end at the hands.
     demonstration, seed, objective, progress
         As for `comove.planning.solve`.
     budget
