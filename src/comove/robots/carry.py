@@ -79,8 +79,8 @@ def carry(
     robot
         `Robot.load("baxter")`, for example.
     method
-        Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4); so it
-        serves loads that end at the hands.
+        Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4), and
+        so serves loads that end at the hands.
     demonstration, seed, objective, progress
         As for `comove.planning.solve`.
     budget
