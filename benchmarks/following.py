@@ -22,9 +22,9 @@ from comove import LeastJerk, PaperCost
 from comove.demonstrations import lasa_names
 from comove.experiments.bench.sets import draw_scene
 from comove.experiments.examples import example_path
+from comove.geometry.distances import configuration_distance
 from comove.planning import carried_demonstration
 from comove.planning.followed import followed
-from comove.scenes.distances import configuration_distance
 
 N_STEPS = 401
 FREE = 0.05  # m from everything

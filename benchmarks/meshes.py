@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from timing import number, peer, print_table
 
-from comove.scenes.cover import cover_of
+from comove.geometry.convex_decomposition import cover_of
 
 MESHES = Path(__file__).parents[1] / "examples" / "meshes"
 N_TURNS = 3

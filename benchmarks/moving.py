@@ -25,10 +25,10 @@ import numpy as np
 from dodging import dodge, news
 
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
-from comove.execution.comparison import MODULATED, loose_run
+from comove.experiments.modulation import Sharing
+from comove.experiments.modulation.comparison import MODULATED, loose_run
 from comove.experiments.random_scenes import moving_scene
 from comove.planning import load_kernels
-from comove.reaction import Sharing
 from comove.scenes import Scene
 from comove.verification.record import Record, judge
 

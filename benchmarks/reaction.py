@@ -20,9 +20,9 @@ from collections.abc import Callable
 import numpy as np
 from timing import number, on_one_thread, print_table, quantile
 
-from comove.reaction import programme as tp
-from comove.reaction.nearness import moved_obstacles
-from comove.reaction.programme import Sighting, TwistProgramme
+from comove.reaction import twist_qp as tp
+from comove.reaction.control_points import moved_obstacles
+from comove.reaction.twist_qp import Sighting, TwistProgramme
 from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 

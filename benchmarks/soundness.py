@@ -65,7 +65,7 @@ def judged(
     kind: str, first: int, count: int, file: Path | None = None
 ) -> tuple[Counter[str], list[tuple[int, float, float]]]:
     """Outcomes of some draws, and the false certificates among them: seed, bound and truth [m]."""
-    from comove.scenes.triangles import read_triangles
+    from comove.geometry.triangles import read_triangles
     from tests.verification import test_certificate, test_surfaces
     from tests.verification.random_meshes import near_contact as near_mesh
     from tests.verification.random_motions import near_contact

@@ -73,6 +73,8 @@ def test_the_order_is_that_of_the_design():
             "errors",
             "ties",
             "trajectory",
+            "io",
+            "geometry",
             "demonstrations",
             "primitives",
             "scenes",
@@ -105,7 +107,10 @@ def test_the_judge_knows_no_maker():
 
 def test_the_judge_of_robots_knows_no_search():
     for inside, _, tree in modules():
-        for judge, maker in (("robots/judge", "robots.search"), ("robots/search", "robots.judge")):
+        for judge, maker in (
+            ("robots/verification", "robots.search"),
+            ("robots/search", "robots.verification"),
+        ):
             if str(inside).startswith(judge):
                 assert not [name for name in imported(tree) if f"comove.{maker}" in name], inside
 
@@ -118,7 +123,7 @@ def test_optimisers_know_no_robot():
 
 def test_only_the_judges_make_verified_motions():
     """`VerifiedMotion(...)` and `VerifiedJointMotion(...)` are called nowhere else, their seals nobody's business."""
-    judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/judge"}
+    judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/verification"}
     for inside, _, tree in modules():
         names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
         names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
@@ -130,9 +135,15 @@ def test_only_the_judges_make_verified_motions():
                 assert not any(call.split(".")[-1] == made for call in calls), inside
 
 
-def test_pictures_are_drawn_in_views_only():
+def test_the_lab_is_entered_by_the_command_line_only():
     for inside, room, tree in modules():
-        if room != "views":
+        if room not in ("experiments", "cli"):
+            assert "experiments" not in rooms_entered(tree), inside
+
+
+def test_pictures_are_drawn_in_views_and_in_the_lab_only():
+    for inside, room, tree in modules():
+        if room not in ("views", "experiments"):
             assert not [n for n in imported(tree) if n.split(".")[0] in ("matplotlib", "viser")], inside
 
 

@@ -22,8 +22,9 @@ from comove.demonstrations import (
     write_rosbag,
 )
 from comove.errors import ComoveError
+from comove.experiments.bench.store import RunStore
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
-from comove.results import RunStore, check_target, read_result
+from comove.results import check_target, read_result
 from comove.robots import Robot, read_joints
 from comove.scenes import Scene
 from comove.simulators import read_simulation

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from comove.cli import bench  # noqa: F401  registers the verbs
 from comove.cli.app import app
 from comove.experiments.bench.sets import scenes_of
-from comove.results.runs import RunStore
+from comove.experiments.bench.store import RunStore
 
 
 def invoke(*arguments):

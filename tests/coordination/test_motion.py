@@ -17,7 +17,8 @@ from comove.coordination import (
 )
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.primitives import DMP, LinearPhase, Variant, motion_basis, rotations
+from comove.geometry import rotations
+from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.forcing import N_INTERVALS
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 

@@ -8,8 +8,8 @@ from comove.coordination.motion import carried_to_hands
 from comove.coordination.poses import hands_of_poses
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
+from comove.geometry.rotations import exponential
 from comove.primitives import DMP, PoseDMP
-from comove.primitives.rotations import exponential
 
 T = np.linspace(0.0, 1.0, 201)
 REST = T**3 * (10 - 15 * T + 6 * T**2)

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from comove.execution.filters import CALM, DRIFT, informed, later, unknown
-from comove.execution.sight import Turning
+from comove.execution.observers import Turning
 
 AGILITY, FASTEST, SHARPEST, NOISE, DT = 0.5, 0.5, 1.2, 0.01, 0.01
 SPREAD = np.repeat([10.0, FASTEST, SHARPEST], 3) ** 2

@@ -5,9 +5,9 @@ import pytest
 
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Measured, Sensor, write_run
-from comove.execution.sight import Known, going_on
-from comove.reaction.obstacles import level_obstacle
-from comove.reaction.programme import Sighting
+from comove.execution.observers import Known, going_on
+from comove.experiments.modulation.obstacles import level_obstacle
+from comove.reaction.twist_qp import Sighting
 from comove.scenes import Scene
 from comove.verification.record import judge
 from comove.views.run import draw_run

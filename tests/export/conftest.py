@@ -6,7 +6,7 @@ import pytest
 from comove import Scene
 from comove.coordination.motion import CoordinatedMotion
 from comove.robots import JointMotion, verify_joints
-from comove.robots.approach import plan_transfers
+from comove.robots.transfers import plan_transfers
 from tests.robots.known_carry import baxter, followed, grasp_frames, known_carry, scene_data
 from tests.robots.known_path import START, hands
 

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, OptionError
+from comove.geometry.rotations import similarity
 from comove.primitives import DMP, ExponentialPhase, Variant
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
-from comove.primitives.rotations import similarity
 
 seeds = st.integers(0, 2**32 - 1)
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]

@@ -4,7 +4,16 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.reaction import Box, Capsule, Cylinder, Ellipsoid, MovingObstacle, Sphere, Superquadric, level
+from comove.experiments.modulation import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    MovingObstacle,
+    Sphere,
+    Superquadric,
+    level,
+)
 
 ALL = ("sphere", "ellipsoid", "superquadric", "box", "capsule", "cylinder")
 length = st.floats(0.05, 1.0)

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.reaction.programme import Sighting, TwistProgramme
+from comove.geometry.distances import CENTER, ROTATION
+from comove.reaction.twist_qp import Sighting, TwistProgramme
 from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
-from comove.scenes.distances import CENTER, ROTATION
 
 from ..brute_force import body_of, obstacle_distance
 

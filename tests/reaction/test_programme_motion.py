@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.reaction.programme import TwistProgramme
+from comove.reaction.twist_qp import TwistProgramme
 from comove.reaction.twists import nodes_of, poses_of
 
 from .moving import World, run, scene_of

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from comove.coordination.coordinates import load_coordinates, projected_coordinates
 from comove.errors import OptionError
-from comove.primitives.rotations import matrices
+from comove.geometry.rotations import matrices
 from comove.reaction.twists import (
     HandPoses,
     advanced,

@@ -569,13 +569,13 @@ def test_a_file_system_that_takes_no_folders():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
-@pytest.mark.slow  # as of any folder, in tests/demonstrations/test_drafts.py
+@pytest.mark.slow  # as of any folder, in tests/io/test_drafts.py
 @pytest.mark.parametrize("exchange", [True, False])
 def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path, exchange, monkeypatch):
     folder, step = written(tmp_path / "result", solved("narrow")), 0
     old = (folder / "solution.json").read_bytes()
     if not exchange:
-        monkeypatch.setattr("comove.demonstrations.drafts.exchanged", lambda *_: False)
+        monkeypatch.setattr("comove.io.drafts.exchanged", lambda *_: False)
 
     def again():
         with whole_folder(folder) as draft:

@@ -17,8 +17,8 @@ from comove.errors import ComoveWarning, RobotError
 from comove.robots import Robot
 from comove.robots.description import find_description, load_description
 from comove.robots.urdf import resolve
+from tests.geometry.triangles.written import WEDGE
 from tests.robots.small_robots import BUNDLED, EXAMPLES, random_arms, robot, urdf, written
-from tests.scenes.triangles.written import WEDGE
 
 LIMIT = '<limit lower="-1" upper="2" effort="3" velocity="4"/>'
 ENDLESS = '<limit effort="3" velocity="4"/>'

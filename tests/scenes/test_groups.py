@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.primitives.rotations import matrices
+from comove.geometry.rotations import matrices
 from comove.scenes.groups import (
     GroupPose,
     RigidGroup,

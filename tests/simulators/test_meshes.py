@@ -8,7 +8,7 @@ import pytest
 
 from comove.errors import RobotError
 from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts
-from tests.scenes.triangles.written import WEDGE
+from tests.geometry.triangles.written import WEDGE
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -75,7 +75,7 @@ def test_links_may_be_called_as_one_likes(tmp_path, name):
 
 
 def test_a_load_has_no_name_that_a_link_may_have():
-    from comove.simulators.things import THE_LOAD
+    from comove.simulators.bodies import THE_LOAD
     from comove.simulators.urdf import ROOT
 
     assert " " in THE_LOAD and " " in ROOT

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from comove.coordination import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import SceneError
+from comove.geometry.solids import solid_at, solid_distance
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
-from comove.scenes.solids import solid_at, solid_distance
 from tests import brute_force
 
 from .random_motions import WIDE, on_scene, random_obstacle, scene_data

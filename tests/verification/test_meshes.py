@@ -137,7 +137,7 @@ def test_a_mesh_of_a_box_is_judged_as_the_box(tmp_path, seed):
             found.append(certify(CoordinatedMotion.straight(scene)))
     lower = [clearance.lower for clearance in found]
     assert lower[0] > 0.0
-    # To the hands, which are points, a mesh is up to an eighth nearer than it is (`comove.scenes.polytopes`).
+    # To the hands, which are points, a mesh is up to an eighth nearer than it is (`comove.geometry.polytopes`).
     assert lower[0] == pytest.approx(lower[2], abs=2e-4)
     assert lower[1] == pytest.approx(lower[3], abs=2e-4)
     assert 7 / 8 * lower[0] - 2e-4 < lower[1] < lower[0] + 2e-4

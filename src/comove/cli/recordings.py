@@ -186,7 +186,7 @@ def file_name(text: str) -> str:
 
 def check_target(path: Path) -> None:
     """Check, before a long computation, that a primitive can be written to `path`."""
-    from comove.demonstrations.files import require_target
+    from comove.io.files import require_target
     from comove.primitives.files import is_primitive
 
     require_target(path, LibraryError)
@@ -219,8 +219,8 @@ def learned_text(primitive) -> str:
 
 def check_picture(path: Path | None) -> None:
     """Check, before a long computation, that a picture can be written to `path`, if one is wanted."""
-    from comove.demonstrations.files import require_target
     from comove.errors import OptionError
+    from comove.io.files import require_target
 
     if path is None:
         return
@@ -231,8 +231,8 @@ def check_picture(path: Path | None) -> None:
 
 def save_picture(figure, path: Path) -> None:
     """Write a figure, or raise an error that says in one sentence why that is impossible."""
-    from comove.demonstrations.files import whole_path
     from comove.errors import OptionError
+    from comove.io.files import whole_path
     from comove.views import save
 
     check_picture(path)

@@ -44,13 +44,15 @@ def run(
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, record and draw it."""
     from comove.cli.progress import progress_bar, time_spent
-    from comove.execution import Executor, Pace, write_comparison, write_run
-    from comove.execution.comparison import compare as compare_all
+    from comove.execution import Executor, Pace, write_run
+    from comove.experiments.modulation.comparison import compare as compare_all
+    from comove.experiments.modulation.comparison import write_comparison
+    from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
     from comove.planning import load_kernels, solve
     from comove.results import check_target, whole_folder
     from comove.scenes import Scene
     from comove.verification.record import judge
-    from comove.views import animate_comparison, animate_run, draw_comparison, draw_run, save
+    from comove.views import animate_run, draw_run, save
 
     check_period(period)
     pace = Pace(period=period)

@@ -155,8 +155,8 @@ def from_library(library: Library, scene: Scene, method: Method, seed: int, budg
     The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
     result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
     """
+    from comove.experiments.compared.single import alone
     from comove.planning import Paper, Printed, best_movement, combine
-    from comove.planning.compared.single import alone
 
     taught = scene.file.demonstration
     plane = None if taught is None else taught.plane
@@ -249,8 +249,8 @@ def _weights(text: str) -> dict[str, float]:
 
 def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
     """Return the method with the given name, one of those `known`."""
+    from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
     from comove.planning import Comove, Paper, Printed, Projection
-    from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 
     own = (Comove, Projection, Paper, Printed)
     compared = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)

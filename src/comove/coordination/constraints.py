@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ConstraintError, OptionError, near_name
+from comove.geometry.rotations import conjugate, exponential, matrices, quaternion_product
 from comove.primitives.arguments import is_number, numbers
 from comove.primitives.poses import VERTICAL, Pose
-from comove.primitives.rotations import conjugate, exponential, matrices, quaternion_product
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

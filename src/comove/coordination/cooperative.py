@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.coordination.constraints import TURN_LENGTH, Constraint, Poses, project
 from comove.demonstrations import Demonstration
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
-from comove.primitives import rotations
+from comove.geometry import rotations
 from comove.primitives.arguments import instants, require_steps
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.trajectory import PoseTrajectory

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.rotations import quaternion_product
+from comove.geometry.rotations import quaternion_product
 from comove.scenes.constraints import (
     ROUNDING,
     RelativePoseConstraint,

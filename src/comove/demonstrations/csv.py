@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import MAX_ROWS, existing_file, telling, together, whole_file
+from comove.demonstrations.episodes import MAX_ROWS, together
 from comove.errors import ComoveWarning, DemonstrationError, near_name
+from comove.io.files import existing_file, telling, whole_file
 
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")

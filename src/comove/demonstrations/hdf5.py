@@ -26,17 +26,9 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import (
-    MAX_ROWS,
-    as_episodes,
-    even_rate,
-    existing_file,
-    extra,
-    one_of,
-    together,
-    whole_path,
-)
+from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of, together
 from comove.errors import DemonstrationError, near_name
+from comove.io.files import existing_file, extra, whole_path
 
 if TYPE_CHECKING:
     from h5py import Dataset, Group

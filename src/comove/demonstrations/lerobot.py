@@ -28,17 +28,9 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import MAX_DIMS, Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import (
-    MAX_ROWS,
-    as_episodes,
-    even_rate,
-    existing_file,
-    extra,
-    one_of,
-    telling,
-    whole_folder,
-)
+from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of
 from comove.errors import DemonstrationError, near_name
+from comove.io.files import existing_file, extra, telling, whole_folder
 
 if TYPE_CHECKING:
     from pyarrow import Table

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import telling
 from comove.errors import DemonstrationError, near_name
+from comove.io.files import telling
 
 SUFFIXES = (".csv", ".npz", ".hdf5", ".h5", ".bag", ".mcap", ".db3")
 """Kinds of files; folders hold LeRobot datasets or rosbag2 recordings."""

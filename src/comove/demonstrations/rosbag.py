@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import Origin, check, check_orientation
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import MAX_ROWS, existing_file, extra, telling, whole_folder, whole_path
+from comove.demonstrations.episodes import MAX_ROWS
 from comove.demonstrations.loading import choose_name
 from comove.demonstrations.mcap import check_mcap, seal_mcap
 from comove.errors import ComoveWarning, DemonstrationError
+from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
 
 MAX_METADATA_BYTES = 4 * 2**20
 """Largest `metadata.yaml` [bytes]."""

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from comove.demonstrations.cleaning import IN_ANY_CASE, Origin, check, unit_hint
 from comove.demonstrations.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.files import MAX_ROWS, existing_file, telling
+from comove.demonstrations.episodes import MAX_ROWS
 from comove.demonstrations.units import TIMES, length
 from comove.errors import DemonstrationError, OptionError, near_name
+from comove.io.files import existing_file, telling
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Obstacles that are known only from point clouds, as a depth camera or a laser scanner measures them.
 
-Every cloud is covered by spheres (`comove.execution.cover`), which are tracked over time
+Every cloud is covered by spheres (`comove.geometry.sphere_cover`), which are tracked over time
 (`comove.execution.tracks`): at any time there are as many obstacles as spheres. Obstacles that stand still in the
 scene's file are kept as they are.
 """
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.sight import Sight, going_on
+from comove.execution.observers import Sight, going_on
 from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
+from comove.geometry import distances as sd
 from comove.primitives.arguments import is_number, numbers
-from comove.reaction.programme import Sighting
-from comove.scenes import distances as sd
+from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import FAR, Scene
 
 Array = NDArray[np.float64]

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.distances import inflated
+from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.planning.objective import Objective
-from comove.primitives.rotations import exponential, matrices, quaternion_product
 from comove.reaction.twists import HandPoses, hand_velocities, twists_between
-from comove.scenes.distances import inflated
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

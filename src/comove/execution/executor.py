@@ -20,7 +20,9 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.execution.clouds import Clouds
 from comove.execution.evasion import MOMENT, evasive_course, prospect
-from comove.execution.sight import Known, Sight, going_on
+from comove.execution.observers import Known, Sight, going_on
+from comove.geometry.distances import inflated
+from comove.geometry.rotations import matrices
 from comove.planning.arguments import movements_of
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
@@ -28,8 +30,7 @@ from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
-from comove.primitives.rotations import matrices
-from comove.reaction.programme import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
+from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import (
     HandPoses,
     advanced,
@@ -39,7 +40,6 @@ from comove.reaction.twists import (
     poses_of,
     twists_between,
 )
-from comove.scenes.distances import inflated
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify

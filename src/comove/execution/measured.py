@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.execution.filters import Belief, informed, later, unknown
-from comove.execution.sight import Sight, going_on, sighting
+from comove.execution.observers import Sight, going_on, sighting
 from comove.primitives.arguments import is_number, numbers, require_positive
-from comove.reaction.programme import Sighting
+from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

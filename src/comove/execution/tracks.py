@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.execution.cover import Cells, covered, square_of, thinned
+from comove.geometry.sphere_cover import Cells, covered, square_of, thinned
 from comove.primitives.arguments import require_count, require_positive
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ import shutil
 from importlib.resources import files
 from pathlib import Path
 
-from comove.demonstrations.files import whole_path
 from comove.errors import ResultError
+from comove.io.files import whole_path
 from comove.scenes.scene import Scene
 
 EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from comove.errors import OptionError, near_name
+from comove.experiments.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
 from comove.experiments.peers import PEERS
 from comove.experiments.systems import OwnSystem, System
-from comove.planning.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.methods import Comove, Projection
 from comove.planning.paper import Paper
 from comove.planning.printed import Printed

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from comove.demonstrations.files import whole_file, whole_folder, whole_path
 from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
 from comove.export.baxter import require_baxter, write_baxter
 from comove.export.parts import (
@@ -23,8 +22,9 @@ from comove.export.parts import (
     require_rate,
 )
 from comove.export.tables import write_csv, write_npz
-from comove.robots.approach import Transfers
-from comove.robots.judge.verify import VerifiedJointMotion
+from comove.io.files import whole_file, whole_folder, whole_path
+from comove.robots.transfers import Transfers
+from comove.robots.verification.verify import VerifiedJointMotion
 
 
 def _nothing(part: MotionPart) -> None:

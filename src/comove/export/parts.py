@@ -1,7 +1,7 @@
 """Parts of a motion for a robot: up to three motions of its joints, with their provenance.
 
 The *carry* is the verified motion. The *approach* brings the hands from home to the grasp and grips, the *release*
-lets go and brings them home; both come from `comove.robots.approach`.
+lets go and brings them home; both come from `comove.robots.transfers`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.errors import RobotError
 from comove.results.folder import checksum, motion_arrays
-from comove.robots.approach import Transfers
-from comove.robots.judge.verify import VerifiedJointMotion
 from comove.robots.motion import JointMotion
+from comove.robots.transfers import Transfers
+from comove.robots.verification.verify import VerifiedJointMotion
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
         raise ExportError(
             "approach and release are not those of this motion",
             key="transfers",
-            way_out="plan them for it: comove.robots.approach.plan_transfers(motion)",
+            way_out="plan them for it: comove.robots.transfers.plan_transfers(motion)",
         )
     motions = {CARRY: (motion.joints, 0.0)}
     if transfers is not None:
@@ -151,7 +151,7 @@ def require_verified(motion: Any) -> None:
         raise ExportError(
             f"the motion is a {type(motion).__name__}, which nobody has verified",
             key="motion",
-            way_out="give the VerifiedJointMotion that comove.robots.judge.verify makes",
+            way_out="give the VerifiedJointMotion that comove.robots.verification.verify makes",
         )
 
 

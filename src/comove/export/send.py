@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError, near_name
 from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, MotionPart, PartSamples, parts_of, require_rate
-from comove.robots.approach import Transfers
-from comove.robots.judge.verify import VerifiedJointMotion
+from comove.robots.transfers import Transfers
+from comove.robots.verification.verify import VerifiedJointMotion
 from comove.ties import first_largest
 
 Clock = Callable[[], float]

@@ -26,11 +26,11 @@ from comove.coordination.coordinates import (
     Coordinates,
     place_one,
 )
+from comove.geometry.distances import CENTER, point_distance, segment_distance
+from comove.geometry.solids import border_distance, empty_solid, solid_at, solid_distance
+from comove.geometry.surfaces import Surfaces, signed_distance
 from comove.planning.clock import clock_until, worked
-from comove.scenes.distances import CENTER, point_distance, segment_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import border_distance, empty_solid, solid_at, solid_distance
-from comove.scenes.surfaces import Surfaces, signed_distance
 
 Array = NDArray[np.float64]
 

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
+from comove.geometry.distances import REACH, point_distance, segment_distance
+from comove.geometry.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
+from comove.geometry.surfaces import signed_distance
 from comove.planning.objectives.paper import PaperCost
-from comove.scenes.distances import REACH, point_distance, segment_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
-from comove.scenes.surfaces import signed_distance
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
+from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
 from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,
@@ -25,7 +26,6 @@ from comove.planning.configurations import (
     random_orientation,
     span,
 )
-from comove.scenes.distances import CENTER, REACH, ROTATION, point_distance
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from comove.geometry.distances import CENTER
 from comove.planning.clock import worked
 from comove.planning.configurations import (
     CREEPING,
@@ -27,7 +28,6 @@ from comove.planning.configurations import (
     span,
 )
 from comove.planning.planner import continuous
-from comove.scenes.distances import CENTER
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.demonstrations import Demonstration
-from comove.demonstrations.files import existing_file, telling, whole_file
 from comove.errors import LibraryError, OptionError, near_name
+from comove.geometry.rotations import conjugate, quaternion_product
+from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import PoseDMP
-from comove.primitives.rotations import conjugate, quaternion_product
 from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations import Demonstration
-from comove.demonstrations.files import require_room, telling
 from comove.errors import LibraryError, OptionError, near_name
+from comove.io.files import require_room, telling
 from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
 from comove.primitives.poses import PoseDMP

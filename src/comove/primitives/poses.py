@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives import rotations
+from comove.geometry import rotations
 from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.dmp import DMP
 from comove.primitives.forcing import N_INTERVALS

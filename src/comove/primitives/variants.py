@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, near_name
+from comove.geometry.rotations import similarity
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.forcing import mollifiers
 from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, rhythmic_basis
-from comove.primitives.rotations import similarity
 
 Array = NDArray[np.float64]
 

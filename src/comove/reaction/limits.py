@@ -10,7 +10,7 @@ from math import sqrt
 import numba
 import numpy as np
 
-from comove.reaction.desk import LIMIT
+from comove.reaction.qp_workspace import LIMIT
 
 INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
 ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside

@@ -1,4 +1,4 @@
-"""Result folders, which are written as a whole and can be verified anew; and the store of runs."""
+"""Result folders, which are written as a whole and can be verified anew."""
 
 from comove.results.folder import (
     Contents,
@@ -10,14 +10,11 @@ from comove.results.folder import (
     whole_folder,
     write_solution,
 )
-from comove.results.runs import RunStore, export_parquet
 
 __all__ = [
     "Contents",
-    "RunStore",
     "StoredResult",
     "check_target",
-    "export_parquet",
     "filled_in",
     "read_result",
     "verify_result",

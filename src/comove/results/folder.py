@@ -1,6 +1,6 @@
 """Result folder with `solution.npz`, `solution.json` and pictures.
 
-A folder is written as a draft beside its place (see `comove.demonstrations.drafts`), so it appears as a whole or not
+A folder is written as a draft beside its place (see `comove.io.drafts`), so it appears as a whole or not
 at all.
 """
 
@@ -23,17 +23,10 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations import drafts
-from comove.demonstrations.files import refusal, require_room, telling
-from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
-from comove.planning.objective import Objective
-from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
-from comove.planning.objectives.own import name_of
-from comove.planning.solution import Solution
-from comove.primitives.basis import Metric, MotionBasis, motion_basis
-from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
-from comove.results.entries import (
+from comove.io import drafts
+from comove.io.arrays import read_arrays
+from comove.io.entries import (
     COUNT,
     MAPPING,
     NUMBER,
@@ -45,6 +38,13 @@ from comove.results.entries import (
     require_types,
     require_unedited,
 )
+from comove.io.files import refusal, require_room, telling
+from comove.planning.objective import Objective
+from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
+from comove.planning.objectives.own import name_of
+from comove.planning.solution import Solution
+from comove.primitives.basis import Metric, MotionBasis, motion_basis
+from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory

@@ -14,10 +14,10 @@ from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
 from comove.robots.check import RobotCheck
-from comove.robots.judge.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying, robot_method
+from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 

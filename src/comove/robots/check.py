@@ -9,10 +9,10 @@ import numpy as np
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import configuration_space
-from comove.robots.judge.verify import JointReport, JointVerdict, verify_joints
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying
 from comove.robots.search.tracking import Miss, track
+from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations.drafts import steadily
-from comove.demonstrations.npz import read_arrays
 from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError, RobotError, shortened
-from comove.results.entries import NUMBER, TEXT, TEXTS, TRUTH, agrees, require_types, require_unedited
+from comove.io.arrays import read_arrays
+from comove.io.drafts import steadily
+from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, agrees, require_types, require_unedited
 from comove.results.folder import (
     StoredResult,
     checksum,
@@ -36,10 +36,10 @@ from comove.results.folder import (
     verify_result,
 )
 from comove.robots.description import Uncertainty, bundled_robots
-from comove.robots.judge.findings import unfit_joints
-from comove.robots.judge.verify import JointReport, JointVerdict, verify_joints
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.verification.findings import unfit_joints
+from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.robots.judge.bodies import Bodies
+from comove.robots.verification.bodies import Bodies
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, RobotError, near_name
-from comove.primitives.rotations import matrices
+from comove.geometry.rotations import matrices
 from comove.robots.description import (
     ArmDescription,
     Placement,

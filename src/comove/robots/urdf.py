@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ComoveWarning, RobotError
+from comove.geometry.triangles import FORMATS, MeshError, as_stl, elements_of, triangles_of
+from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement
 from comove.robots.soundness import doubts, number, require_sound, short
-from comove.scenes.triangles import FORMATS, MeshError, as_stl, elements_of, triangles_of
-from comove.scenes.triangles import MAX_BYTES as MAX_MESH_BYTES
 
 LIMITS = ("lower", "upper", "velocity", "effort")
 MAX_BYTES = 20_000_000

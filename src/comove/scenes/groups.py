@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.primitives.rotations import matrices, similarity
+from comove.geometry.rotations import matrices, similarity
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

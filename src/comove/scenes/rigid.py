@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import SceneError
-from comove.primitives.rotations import similarity
+from comove.geometry.convex_decomposition import Cover
+from comove.geometry.rotations import similarity
+from comove.geometry.solids import N_CORNERS
 from comove.scenes.constraints import (
     ROUNDING,
     Constraint,
@@ -20,7 +22,6 @@ from comove.scenes.constraints import (
     UprightConstraint,
     distance_tolerance,
 )
-from comove.scenes.cover import Cover
 from comove.scenes.groups import (
     GroupPose,
     RigidGroup,
@@ -32,7 +33,6 @@ from comove.scenes.groups import (
     tilt_between,
 )
 from comove.scenes.model import SceneFile
-from comove.scenes.solids import N_CORNERS
 
 Array = NDArray[np.float64]
 

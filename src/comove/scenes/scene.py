@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, SceneError
+from comove.geometry import distances as sd
+from comove.geometry.convex_decomposition import Cover
+from comove.geometry.meshes import Mesh, read_mesh
+from comove.geometry.polytopes import rows_of
+from comove.geometry.rotations import matrices
+from comove.geometry.solids import N_CORNERS, solids_clearance
+from comove.geometry.surfaces import Placed, Surfaces, signed_distance, surfaces_of
 from comove.primitives import DMP, PoseDMP
-from comove.primitives.rotations import matrices
-from comove.scenes import distances as sd
 from comove.scenes.constraints import (
     ROUNDING,
     UPRIGHT_TOLERANCE_DEG,
@@ -30,17 +35,12 @@ from comove.scenes.constraints import (
     UprightConstraint,
     distance_tolerance,
 )
-from comove.scenes.cover import Cover
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, rotation_in_plane
-from comove.scenes.meshes import Mesh, read_mesh
 from comove.scenes.model import SceneFile, canonical
 from comove.scenes.moving import Motion
-from comove.scenes.polytopes import rows_of
 from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
-from comove.scenes.solids import N_CORNERS, solids_clearance
-from comove.scenes.surfaces import Placed, Surfaces, signed_distance, surfaces_of
 from comove.scenes.taught import read_demonstration, read_hands, read_movement
 from comove.ties import first_largest
 
@@ -80,7 +80,7 @@ class Body:
     radii : array, shape (n_edges,), radii of the segments [m]
     n_nodes : int
     filled : bool, whether the edges are the border of a filled polygon
-    solids : array of int, shape (n_solids, 8), nodes at the corners of boxes, numbered as in `comove.scenes.solids`;
+    solids : array of int, shape (n_solids, 8), corners of boxes, numbered as in `comove.geometry.solids`;
         or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated
     """
 
@@ -700,7 +700,7 @@ def _hulls(cover: Cover, first: int) -> list[list[int]]:
 def _obstacle_table(
     file: SceneFile, n_dims: int, covers: dict[int | str, Cover]
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return the table of the obstacles, as `comove.scenes.distances` describes it, and the obstacle of each row."""
+    """Return the table of obstacles, as `comove.geometry.distances` describes it, and the obstacle of each row."""
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):
         if i in covers:

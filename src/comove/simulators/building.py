@@ -13,12 +13,12 @@ from comove.errors import RobotError
 from comove.robots.model import Arm, Robot
 from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
+from comove.simulators.bodies import ROBOT, THE_LOAD, add_load, add_obstacles
 from comove.simulators.engine import engine, hangs_on
 from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load
 from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.servos import add_servos
-from comove.simulators.things import ROBOT, THE_LOAD, add_load, add_obstacles
 from comove.simulators.urdf import for_mujoco
 from comove.simulators.world import World
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
-from comove.demonstrations.files import telling, whole_file
-from comove.demonstrations.npz import read_arrays
 from comove.errors import DemonstrationError, ResultError
-from comove.results.entries import require_unedited
+from comove.io.arrays import read_arrays
+from comove.io.entries import require_unedited
+from comove.io.files import telling, whole_file
 from comove.results.folder import checksum
 from comove.simulators.execution import Execution
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from comove.demonstrations.files import whole_path
 from comove.errors import ResultError
+from comove.io.files import whole_path
 
 GIF_RATE = 12.5  # pictures a second of a GIF at most
 

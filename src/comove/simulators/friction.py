@@ -10,11 +10,11 @@ import numpy as np
 
 from comove.errors import OptionError, RobotError
 from comove.robots.model import Arm
+from comove.simulators.bodies import STIFF, THE_LOAD
 from comove.simulators.engine import engine, hangs_on
 from comove.simulators.grasps import HARD
 from comove.simulators.loads import THINNEST
 from comove.simulators.servos import add_servo
-from comove.simulators.things import STIFF, THE_LOAD
 from comove.simulators.world import World
 
 CLOSING = 0.5  # s, in which fingers close, and in which they then grip

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from comove.robots.model import Arm
+from comove.simulators.bodies import STIFF
 from comove.simulators.engine import engine
-from comove.simulators.things import STIFF
 from comove.simulators.world import World
 
 HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % soft at most

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ExtraError, RobotError
-from comove.scenes.triangles import MAX_BYTES, MeshError, triangles_of
+from comove.geometry.triangles import MAX_BYTES, MeshError, triangles_of
 
 VERSION = b"4"  # of the conversion
 SEAL = b"# sha256 "

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from comove.demonstrations.files import whole_file
 from comove.errors import OptionError, ResultError
-from comove.primitives.rotations import matrices
+from comove.geometry.rotations import matrices
+from comove.io.files import whole_file
 from comove.scenes.groups import quaternion_of_rotation
+from comove.simulators.bodies import lower_floor
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
 from comove.simulators.execution import Execution
 from comove.simulators.film import encoder, write_film
-from comove.simulators.studio import FRONT, LARGEST, View, camera_for, furnish
-from comove.simulators.things import lower_floor
+from comove.simulators.lighting import FRONT, LARGEST, View, camera_for, furnish
 from comove.simulators.world import World
 
 Array = NDArray[np.float64]

@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.primitives.rotations import matrices
-from comove.robots.judge.bodies import OBSTACLE_SHAPES
+from comove.geometry.rotations import matrices
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.verification.bodies import OBSTACLE_SHAPES
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld

@@ -12,6 +12,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
+from comove.simulators.bodies import lower_floor
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
@@ -21,7 +22,6 @@ from comove.simulators.log import Log
 from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.servos import limit_servos
 from comove.simulators.settings import Settings
-from comove.simulators.things import lower_floor
 from comove.simulators.world import World
 
 Array = NDArray[np.float64]

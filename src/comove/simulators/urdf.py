@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, RobotError
-from comove.primitives.rotations import exponential, matrices
+from comove.geometry.rotations import exponential, matrices
 from comove.robots.description import Placement
 from comove.robots.urdf import Source, resolve
 from comove.simulators.meshes import as_obj, coloured_parts

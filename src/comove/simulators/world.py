@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.robots.model import Robot
+from comove.simulators.bodies import ROBOT
 from comove.simulators.loads import Load
-from comove.simulators.things import ROBOT
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,12 +17,12 @@ strays from the chord of its own path between two knots by a known *sag*, which 
 
 A solid box between two knots stays within the largest bulge of its corners of the box of their chords, whose centre b
 and half edges e_k are linear in time. The gap along a fixed direction n between this box and an obstacle,
-``n (c - b) - sum_k |n e_k|`` less a constant (`comove.scenes.solids`), is then concave in time: over [t0, t1] it is
+``n (c - b) - sum_k |n e_k|`` less a constant (`comove.geometry.solids`), is then concave in time: over [t0, t1] it is
 least at an end. The direction is that of the interval before, or the best at mid-time; intervals that are not
 clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in time, and
 so convex in time.
 
-An obstacle that is a mesh is represented by its triangles (`comove.scenes.surfaces`). Every part of the body is a
+An obstacle that is a mesh is represented by its triangles (`comove.geometry.surfaces`). Every part of the body is a
 convex hull of nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes skips
 those far away. A body that is outside at the start and never meets a triangle stays outside, so only the start is
 checked for being inside.
@@ -38,11 +38,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.geometry.distances import point_distance
+from comove.geometry.solids import empty_solid, gap, move_solid, solid_at, solid_distance
+from comove.geometry.surfaces import DEPTH, box_distance, box_gap, nearest, surface_distance, triangle_gap
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
-from comove.scenes.distances import point_distance
 from comove.scenes.scene import Scene
-from comove.scenes.solids import empty_solid, gap, move_solid, solid_at, solid_distance
-from comove.scenes.surfaces import DEPTH, box_distance, box_gap, nearest, surface_distance, triangle_gap
 from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
@@ -378,7 +378,7 @@ def certified_surface(nodes, bulge, hulls, radii, offset, sag, surfaces, mesh, n
     hulls : array of int, shape (n_hulls, n), nodes of every convex part of the body
     radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
     offset, sag : arrays, shapes (n_knots, 3) and (n_knots - 1,), motion of the mesh, as in `Paths` [m]
-    surfaces, mesh : `comove.scenes.surfaces.Surfaces`, and the number of the mesh in it
+    surfaces, mesh : `comove.geometry.surfaces.Surfaces`, and the number of the mesh in it
     """
     n_intervals, n_points = bulge.shape[0], hulls.shape[1]
     begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))

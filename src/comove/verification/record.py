@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.rotations import matrices, quaternion_product
+from comove.geometry.rotations import matrices, quaternion_product
 from comove.scenes.constraints import (
     DistanceConstraint,
     RelativePoseConstraint,

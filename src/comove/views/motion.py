@@ -14,8 +14,8 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.scenes import distances as sd
-from comove.scenes.polytopes import vertices_in
+from comove.geometry import distances as sd
+from comove.geometry.polytopes import vertices_in
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

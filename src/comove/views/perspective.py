@@ -8,8 +8,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.scenes import distances as sd
-from comove.scenes.polytopes import vertices_in
+from comove.geometry import distances as sd
+from comove.geometry.polytopes import vertices_in
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

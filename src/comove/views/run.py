@@ -11,9 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.scenes.distances import CENTER
+from comove.geometry.distances import CENTER
+from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
-from comove.scenes.solids import N_CORNERS
 from comove.verification.record import Record
 from comove.views.motion import (
     COLOURS,

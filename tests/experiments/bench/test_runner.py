@@ -12,8 +12,8 @@ import pytest
 from comove.errors import OptionError
 from comove.experiments.bench.runner import jobs_of, run_all
 from comove.experiments.bench.sets import scenes_of
+from comove.experiments.bench.store import RunStore
 from comove.experiments.systems import SystemProblem, measured
-from comove.results.runs import RunStore
 from tests.experiments.bench.driver import Witnessed
 
 DRIVER = Path(__file__).with_name("driver.py")

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.execution.comparison import METHODS
+from comove.experiments.modulation.comparison import METHODS
 from comove.experiments.paper.baxter import METHODS as WAYS
 from comove.experiments.paper.baxter import PASSAGES, Passage, Transport
 from comove.experiments.paper.jobs import Job, Outcome, scene_of

@@ -23,12 +23,12 @@ def ablation(
     workers: Annotated[int, typer.Option(metavar="N", help="Runs at a time.")] = 1,
 ) -> int:
     """Leave out each repair of the paper's method by itself, and say what it is worth."""
-    from comove.demonstrations.files import whole_file
     from comove.errors import ResultError
     from comove.experiments.bench.runner import jobs_of, run_all
+    from comove.experiments.bench.store import RunStore
     from comove.experiments.paper.ablation import page, systems
     from comove.experiments.paper.ablation import scenes as scenes_of
-    from comove.results import RunStore
+    from comove.io.files import whole_file
 
     jobs, store = jobs_of(scenes_of(scenes), systems(), seeds, budget), out / "runs.sqlite"
     out.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ def export(
     store: Store, out: Annotated[Path, typer.Option(help="File for the table (Parquet); it is replaced.")]
 ) -> int:
     """Write the runs of STORE as a Parquet file, a row each."""
-    from comove.results import RunStore, export_parquet
+    from comove.experiments.bench.store import RunStore, export_parquet
 
     count = export_parquet(RunStore.open(store), out)
     print(f"{out} holds {count} run{'' if count == 1 else 's'}")

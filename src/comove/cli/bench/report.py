@@ -17,7 +17,8 @@ def report(
 ) -> int:
     """Say what the runs of STORE show: success, times, costs, and what is missing."""
     from comove.experiments.bench.report import CONTENTS, REPORT, write_report
-    from comove.results import RunStore, check_target
+    from comove.experiments.bench.store import RunStore
+    from comove.results import check_target
 
     check_target(out, CONTENTS)
     write_report(RunStore.open(store), out)

@@ -32,8 +32,8 @@ def simulate(
     import numpy as np
 
     from comove.cli.robot.report import simulation_text, stored_motion
-    from comove.demonstrations.files import require_target
     from comove.errors import ComoveError, OptionError, ResultError, near_name
+    from comove.io.files import require_target
     from comove.simulators import (
         Connect,
         Friction,

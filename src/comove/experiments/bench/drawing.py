@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from comove.errors import SceneError
 from comove.experiments.bench.witness import Witness, poses
-from comove.primitives.rotations import exponential, matrices, quaternion_product
+from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

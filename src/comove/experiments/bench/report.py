@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ResultError
+from comove.experiments.bench.pictures import draw_cost_ratios, draw_shares
+from comove.experiments.bench.store import Run, RunStore
 from comove.experiments.markdown import table
 from comove.experiments.statistics import (
     NOTHING,
@@ -21,8 +23,6 @@ from comove.experiments.statistics import (
     wilson,
 )
 from comove.results.folder import Contents, whole_folder
-from comove.results.runs import Run, RunStore
-from comove.views.benchmark import draw_cost_ratios, draw_shares
 from comove.views.motion import save
 
 Array = NDArray[np.float64]

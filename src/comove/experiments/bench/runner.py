@@ -27,9 +27,9 @@ from typing import Any
 from comove._version import __version__
 from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.experiments.bench.sets import BenchScene
+from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.experiments.workers import ONE_THREAD
-from comove.results.runs import Configuration, Figures, Machine, Run, RunStore
 from comove.scenes.scene import Scene
 
 KILLS = 3  # of workers, before a run is given up

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
+from comove.experiments.bench.pictures import Growth, draw_growth
 from comove.experiments.bench.runner import machine
 from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, slope_interval
@@ -31,7 +32,6 @@ from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
 from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
-from comove.views.benchmark import Growth, draw_growth
 from comove.views.motion import save
 
 Array = NDArray[np.float64]

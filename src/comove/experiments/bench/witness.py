@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.primitives.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
+from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.scenes.scene import Scene
 from comove.verification.record import RecordReport, RecordSamples, judge
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from comove.experiments.bench.sets import BenchScene, scenes_of
+from comove.experiments.bench.store import Run
 from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, wilson
 from comove.experiments.systems import OwnSystem
@@ -18,7 +19,6 @@ from comove.planning.objective import N_STEPS
 from comove.planning.paper import OPTIMISER, Paper
 from comove.planning.printed import Printed
 from comove.primitives.phase import ExponentialPhase
-from comove.results.runs import Run
 
 EXAMPLES = ("wide", "narrow", "complex")
 SET = "easy"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from comove.experiments.modulation.pictures import draw_comparison
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import Measures
@@ -13,7 +14,6 @@ from comove.experiments.paper.runs import GAIT, INITIAL, ROLES, SCENES, Runs
 from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
 from comove.views import (
     Panel,
-    draw_comparison,
     draw_measures,
     draw_pipeline,
     draw_progress_side_by_side,

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
 from comove.planning import Comove, Paper, PaperCost, Printed, Projection, load_kernels, solve
-from comove.planning.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.planning.method import Method
 from comove.primitives import DMP
 from comove.scenes import Scene

@@ -11,15 +11,15 @@ import numpy as np
 from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.demonstrations import Demonstration, lasa_names
-from comove.execution import Executor, compare
-from comove.execution.comparison import Compared
+from comove.execution import Executor
+from comove.experiments.compared.single import alone
 from comove.experiments.examples import example
+from comove.experiments.modulation.comparison import Compared, compare
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
 from comove.experiments.paper.measures import Measures, measure_motion
 from comove.experiments.workers import run_all
 from comove.planning import load_kernels
-from comove.planning.compared.single import alone
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
 
@@ -84,7 +84,7 @@ class Encounter:
 
     Attributes
     ----------
-    method : as in `comove.execution.comparison`
+    method : as in `comove.experiments.modulation.comparison`
     distance_error, clearance : bounds over all instants [m]
     tolerance : tolerance of the distance [m]
     arrived : whether it reached its goal

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.experiments.systems import Offers, SystemProblem, cost_of
+from comove.geometry.distances import configuration_distance
 from comove.primitives.basis import motion_basis
 from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
-from comove.scenes.distances import configuration_distance
 from comove.scenes.scene import Scene
 from comove.verification.record import END_SPEED
 

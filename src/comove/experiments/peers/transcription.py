@@ -25,7 +25,7 @@ from comove.experiments.peers.common import (
 )
 from comove.experiments.peers.needed import needed
 from comove.experiments.systems import WEIGHTS, Offers, System, SystemProblem
-from comove.scenes import distances as sd
+from comove.geometry import distances as sd
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

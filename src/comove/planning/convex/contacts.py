@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
-from comove.scenes.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
-from comove.scenes.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
+from comove.geometry.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
+from comove.geometry.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
+from comove.geometry.surfaces import Surfaces, near_on_surface
 from comove.scenes.scene import Scene
-from comove.scenes.surfaces import Surfaces, near_on_surface
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -14,9 +14,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.chains import Chains, chains_of, place_arm
-from comove.scenes.distances import REACH, point_distance, segment_distance
 
 Array = NDArray[np.float64]
 

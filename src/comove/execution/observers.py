@@ -1,0 +1,223 @@
+"""The knowledge that an execution has of its obstacles: known motions, functions of time, or measurements.
+
+A sight tells where obstacles are now (`seen`), and which motions it expects of them from now on (`ahead`). It may be
+wrong: an estimate of its largest error is the margin that is kept on top of the clearance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import OptionError
+from comove.geometry.distances import CENTER
+from comove.reaction.twist_qp import Sighting
+from comove.scenes.moving import Motion
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+Position = Callable[[float], ArrayLike]
+
+STILL = 1e-6  # m/s, below which an obstacle is taken to stand
+INSTANT = 1e-4  # s, over which the velocity of a function is taken
+TURN = 0.02  # s, over which its turning is
+SHARPEST = 10.0  # rad/s, of a turn that is expected to go on
+
+
+class Sight(Protocol):
+    """The interface that every sight offers.
+
+    Attributes
+    ----------
+    certain : whether the motions that it expects are exact
+    """
+
+    certain: bool
+
+    def seen(self, time: float) -> Sighting:
+        """Return the obstacles as estimated at an instant [s], which must not lie in the past."""
+
+    def ahead(self, time: float) -> Scene:
+        """Return the scene as it is expected to be: its motions hold from that instant [s] on."""
+
+    def true(self, time: Array) -> Array:
+        """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m].
+
+        It is NaN where they are not known.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A sight that knows the motions in the scene's file exactly.
+
+    Parameters
+    ----------
+    scene : the scene whose obstacles move
+    """
+
+    scene: Scene
+    certain: ClassVar[bool] = True
+
+    def seen(self, time: float) -> Sighting:
+        """Return the obstacles at their exact positions."""
+        return sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), self._exact)
+
+    def ahead(self, time: float) -> Scene:
+        """Return the scene itself."""
+        return self.scene
+
+    def true(self, time: Array) -> Array:
+        """Return the positions of the obstacles' centres by the file; array, shape (n_times, n_obstacles, 3) [m]."""
+        return self.scene.centers + self.scene.offsets(time)
+
+    @property
+    def _exact(self) -> Array:
+        return np.zeros(len(self.scene.motions))
+
+    def _velocity(self, time: float) -> Array:
+        return self.scene.obstacle_velocities(np.array([time]))[0]
+
+
+class Functions:
+    """A sight of obstacles whose centres are functions of time; their future motion is not known.
+
+    Parameters
+    ----------
+    scene : the scene to which the obstacles belong
+    positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it stands still
+
+    Raises
+    ------
+    OptionError
+        If there are not as many functions as obstacles.
+    """
+
+    certain = False
+
+    def __init__(self, scene: Scene, positions: Sequence[Position | None]):
+        if len(positions) != len(scene.motions):
+            raise OptionError(
+                f"{len(positions)} functions for {len(scene.motions)} obstacles",
+                key="positions",
+                way_out="give one for each obstacle, None where it stands",
+            )
+        self.scene, self._positions = scene, tuple(positions)
+
+    @classmethod
+    def of_motions(cls, scene: Scene) -> Functions:
+        """Return a sight of the scene's own motions, whose continuation is not known."""
+        return cls(
+            scene,
+            [
+                None if motion is None else partial(_place, motion, center, scene.n_dims)
+                for motion, center in zip(scene.motions, scene.centers, strict=True)
+            ],
+        )
+
+    def true(self, time: Array) -> Array:
+        """Return the values of the functions; array, shape (n_times, n_obstacles, 3) [m]."""
+        centers = np.repeat(self.scene.centers[None], len(time), axis=0)
+        for j, position in enumerate(self._positions):
+            if position is not None:
+                told = np.array([np.asarray(position(float(t)), dtype=float) for t in time])
+                if told.shape != (len(time), self.scene.n_dims) or not np.isfinite(told).all():
+                    raise OptionError(
+                        f"the function of obstacles[{j}] gives {np.asarray(position(float(time[0]))).tolist()}",
+                        way_out=f"give {self.scene.n_dims} finite numbers",
+                    )
+                centers[:, j, : self.scene.n_dims] = told
+        return centers
+
+    def seen(self, time: float) -> Sighting:
+        """Return the obstacles at their present positions, with velocities from the last instant."""
+        before, now = self.true(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
+        return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
+
+    def ahead(self, time: float) -> Scene:
+        """Return the scene with obstacles that continue their present motions, turns included."""
+        earlier, seen = self.seen(max(0.0, time - TURN)), self.seen(time)
+        before, now = earlier.velocity, seen.velocity
+        across, along = np.cross(before, now), (before * now).sum(axis=1)
+        sine = np.linalg.norm(across, axis=1)
+        angle = np.where(time > TURN, np.arctan2(sine, along), 0.0)
+        rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # faster turns are jumps
+        return going_on(self.scene, seen, across * (rate / np.maximum(sine, 1e-300))[:, None], time)
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
+
+    It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
+    requires of a `comove.scenes.moving.Motion`; offsets are relative to the centre's position at `since`.
+
+    Attributes
+    ----------
+    velocity : array, shape (3,), velocity at `since` [m/s]
+    spin : array, shape (3,), angular velocity of the direction, perpendicular to the velocity [rad/s]
+    since : reference time [s]
+    """
+
+    velocity: Array
+    spin: Array
+    since: float
+    kinks: ClassVar[tuple[float, ...]] = ()
+
+    def offsets(self, time: ArrayLike) -> Array:
+        """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
+        along, across = np.sinc(rate * time / np.pi), np.sinc(0.5 * rate * time / np.pi) ** 2
+        return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.spin, self.velocity)
+
+    def velocities(self, time: ArrayLike) -> Array:
+        """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
+        turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
+        return np.cos(rate * time) * self.velocity + turned
+
+    def sags(self, time: ArrayLike) -> Array:
+        """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
+        [m].
+        """
+        bend = np.linalg.norm(self.velocity) * np.linalg.norm(self.spin)
+        return bend * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
+
+
+def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
+    """Return the scene with obstacles that continue their motions as seen at an instant [s].
+
+    Seen obstacles beyond those of the scene are appended.
+
+    Parameters
+    ----------
+    turn : array, shape (n_rows, 3), angular velocities of the velocities' directions [rad/s]
+    """
+    n_more = len(seen.table) - len(scene.owners)
+    owners = np.append(scene.owners, len(scene.motions) + np.arange(n_more))
+    first = np.unique(owners, return_index=True)[1]
+    moves = np.linalg.norm(seen.velocity, axis=1) > STILL
+    motions = tuple(Turning(seen.velocity[i], turn[i], time) if moves[i] else None for i in first)
+    return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
+
+
+def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
+    return (center + motion.offsets(np.array([time]))[0])[:n_dims]
+
+
+def sighting(scene: Scene, center: Array, velocity: Array, margin: Array) -> Sighting:
+    """Return the sighting, by row of the table, from positions, velocities and margins by obstacle.
+
+    Parameters
+    ----------
+    center, velocity : arrays, shape (n_obstacles, 3) [m], [m/s]
+    margin : array, shape (n_obstacles,) [m]
+    """
+    table, owners = scene.obstacles.copy(), scene.owners
+    table[:, CENTER : CENTER + 3] = center[owners]
+    return Sighting(table, velocity[owners], np.zeros((len(table), 3)), margin[owners])

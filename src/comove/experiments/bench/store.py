@@ -1,0 +1,440 @@
+"""Store of runs: one SQLite file with one row for each run, written as the run ends and never changed.
+
+Several processes may write at once. The key of a row is the hash of its configuration, so nothing is run twice, and a
+killed process loses no row that was written. Reading checks the store: one of another version, or with rows that were
+edited, is reported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+from comove.errors import ExtraError, ResultError
+from comove.io.files import telling, whole_path
+
+APPLICATION = 0x636F6D76  # "comv", in the header of the file
+WAIT = 60.0  # s, for others that write
+STATUSES = ("verified", "not verified", "nothing", "refused", "error", "killed", "late")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Configuration of a run.
+
+    Attributes
+    ----------
+    set, scene : names of the set and of the scene
+    scene_sha256 : checksum of the scene
+    system : name of the system that is run
+    seed : seed of all random numbers
+    budget : time that the system may use [s]
+    version : version of comove
+    tool : version of the tool behind the system; empty where it is comove itself
+    """
+
+    set: str
+    scene: str
+    scene_sha256: str
+    system: str
+    seed: int
+    budget: float
+    version: str
+    tool: str = ""
+
+    @property
+    def key(self) -> str:
+        """Compute the SHA-256 of all entries."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Machine on which a run takes place: model of the processor, number of its cores, version of Python."""
+
+    cpu: str
+    cores: int
+    python: str
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Measures of a run, as in `comove.experiments.systems.Outcome`; None where there is nothing to measure."""
+
+    seconds: float | None = None
+    first_verified: float | None = None
+    cost: float | None = None
+    path_length: float | None = None
+    acceleration_max: float | None = None
+    jerk_max: float | None = None
+    jerk_ratio: float | None = None
+    duration: float | None = None
+    distance_error_max: float | None = None
+    clearance_min: float | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that has ended, with its outcome.
+
+    Attributes
+    ----------
+    configuration : configuration of the run
+    status : one of `STATUSES`
+    message : reason for the status, in one line, if it is not "verified"
+    started : time at which it started, in UTC (ISO 8601)
+    machine : machine on which it took place
+    figures : measures of the run
+    history : (seconds, cost) of every verified offer that was better than those before
+    """
+
+    configuration: Configuration
+    status: str
+    message: str
+    started: str
+    machine: Machine
+    figures: Figures = Figures()
+    history: tuple[tuple[float, float], ...] = ()
+
+
+_WHAT, _WHERE, _MEASURED = ([f.name for f in fields(c)] for c in (Configuration, Machine, Figures))
+COLUMNS = ("key", *_WHAT, "status", "message", "started", *_WHERE, *_MEASURED, "history")
+_REALS = {"budget", *_MEASURED}
+_WHOLE = {"seed", "cores"}
+_KINDS = dict.fromkeys(_REALS, float) | dict.fromkeys(_WHOLE, int)
+
+
+def _declared(columns: Iterable[str]) -> str:
+    kinds = {"key": "TEXT PRIMARY KEY"} | {c: "REAL" for c in _REALS} | {c: "INTEGER" for c in _WHOLE}
+    return ", ".join(f'"{column}" {kinds.get(column, "TEXT")}' for column in columns)
+
+
+_TABLES = {
+    "runs": _declared(COLUMNS),
+    "planned": _declared(("key", *_WHAT)),
+    "begun": "key TEXT, driver TEXT, pid INTEGER, since REAL, PRIMARY KEY (key, driver)",
+    "kills": "key TEXT PRIMARY KEY, times INTEGER",
+}
+
+
+def _columns(declared: str) -> list[str]:
+    """Return the names of the columns in a declaration of a table."""
+    return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER)', declared)
+
+
+_READ_ONLY = ("unable to open database file", "attempt to write a readonly database")
+_AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
+
+
+@dataclass(frozen=True)
+class RunStore:
+    """A store of runs, made by `open` or `create`.
+
+    Attributes
+    ----------
+    path : path of the file
+    """
+
+    path: Path
+
+    @classmethod
+    def open(cls, path: str | Path) -> RunStore:
+        """Open an existing store.
+
+        Raises
+        ------
+        ResultError
+            If there is no such file, or it is not a store.
+        """
+        store = cls(Path(path))
+        with telling(store.path, error=ResultError):
+            if not store.path.is_file():
+                what = "it is a folder" if store.path.is_dir() else "there is no such file"
+                raise ResultError(what, file=path, way_out="make it by: comove bench run --out STORE.sqlite")
+        store._check()
+        return store
+
+    @classmethod
+    def create(cls, path: str | Path) -> RunStore:
+        """Open an existing store, or create a new one.
+
+        Raises
+        ------
+        ResultError
+            If the path is taken by something else, or it cannot be written.
+        """
+        store = cls(Path(path))
+        with telling(store.path, "written", ResultError):
+            if store.path.exists() and not store.path.is_file():
+                what = "a folder" if store.path.is_dir() else "no regular file"
+                raise ResultError(f"it is {what}", file=path, way_out="name a file")
+            if store.path.exists() and store.path.stat().st_size:
+                store._check(whole=False)
+            elif not store.path.parent.is_dir():
+                raise ResultError("its folder is not there", file=path, way_out="make the folder first")
+        with store.connected() as connection:
+            connection.execute("BEGIN IMMEDIATE")  # all of it or nothing, and one after the other
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            for name, declared in _TABLES.items():
+                connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({declared})")
+            connection.execute("COMMIT")
+            connection.execute("PRAGMA journal_mode = WAL")
+        return store
+
+    def _check(self, *, whole: bool = True) -> None:
+        """Refuse a file that is not a store, or one of another version; with `whole`, also one that was not
+        finished.
+        """
+        with self.connected(reading=True) as connection:
+            (application,) = connection.execute("PRAGMA application_id").fetchone()
+            columns = {
+                name: [row[1] for row in connection.execute(f"PRAGMA table_info({name})")] for name in _TABLES
+            }
+        if application != APPLICATION:
+            raise ResultError(
+                "it is an SQLite file, but no store of runs", file=self.path, way_out="name another file"
+            )
+        for name, found in columns.items():
+            if found and found != _columns(_TABLES[name]):
+                raise ResultError(
+                    f"it is a store of another version of comove: its table '{name}' has other columns",
+                    file=self.path,
+                    way_out="name another file, or read it with the version that wrote it",
+                )
+            if not found and whole:
+                raise ResultError(
+                    f"it has no table '{name}': it was not finished",
+                    file=self.path,
+                    way_out="go on with it: comove bench run --out STORE.sqlite",
+                )
+
+    @contextmanager
+    def connected(self, *, reading: bool = False) -> Iterator[sqlite3.Connection]:
+        """Lend a connection whose changes are written as a whole, or not at all.
+
+        Parameters
+        ----------
+        reading : whether the connection only reads; the file may then be on a read-only medium
+
+        Raises
+        ------
+        ResultError
+            If the file is no SQLite file, or cannot be read or written.
+        """
+        connection = None
+        try:
+            with telling(self.path, "used", ResultError):
+                connection = self._readable() if reading else sqlite3.connect(self.path, timeout=WAIT)
+            with connection:
+                yield connection
+        except sqlite3.DatabaseError as error:
+            if "not a database" in str(error):
+                raise ResultError(
+                    "it is no SQLite file", file=self.path, way_out="name another file"
+                ) from error
+            damaged = "malformed" in str(error)
+            raise ResultError(
+                f"the store cannot be used: {error}",
+                file=self.path,
+                way_out=_AS_IT_WAS if damaged else "make room, or name a file that you may write",
+            ) from error
+        finally:
+            if connection is not None:
+                connection.close()
+
+    def _readable(self) -> sqlite3.Connection:
+        """Return a connection for reading; on a read-only medium, SQLite has to be told that the file does not
+        change.
+        """
+        connection = None
+        try:
+            connection = sqlite3.connect(self.path, timeout=WAIT)
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            return connection
+        except sqlite3.OperationalError as error:
+            if connection is not None:
+                connection.close()
+            if str(error) not in _READ_ONLY:
+                raise
+            log = self.path.with_name(f"{self.path.name}-wal")
+            if log.exists() and log.stat().st_size:
+                raise ResultError(
+                    f"its last rows lie in {log.name}, and may not be moved into it here",
+                    file=self.path,
+                    way_out="copy both files to a folder that you may write",
+                ) from error
+        return sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+
+    def plan(self, configurations: Iterable[Configuration]) -> None:
+        """Store the configurations that are to be run, so that a report can list the missing ones."""
+        rows = [(c.key, *astuple(c)) for c in configurations]
+        with self.connected() as connection:
+            connection.executemany(
+                f"INSERT INTO planned VALUES ({', '.join('?' * (1 + len(_WHAT)))}) ON CONFLICT DO NOTHING",
+                rows,
+            )
+
+    def planned(self) -> list[Configuration]:
+        """Return the configurations that were to be run."""
+        with self.connected(reading=True) as connection:
+            rows = connection.execute("SELECT * FROM planned").fetchall()
+        return [Configuration(*row[1:]) for row in rows]
+
+    def keys(self) -> set[str]:
+        """Return the keys of the runs that have ended."""
+        with self.connected(reading=True) as connection:
+            return {key for (key,) in connection.execute("SELECT key FROM runs")}
+
+    def runs(self) -> list[Run]:
+        """Return the runs that have ended, in that order."""
+        return [self._run(row) for row in self._rows()]
+
+    def _rows(self) -> list[tuple]:
+        with self.connected(reading=True) as connection:
+            return connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
+
+    def _run(self, row: tuple) -> Run:
+        """Build a run from its row, and check it."""
+        values = dict(zip(COLUMNS, row, strict=True))
+        try:
+            for name, value in values.items():
+                kind = (float, NoneType) if name in _MEASURED else _KINDS.get(name, str)
+                if not isinstance(value, kind):
+                    raise ValueError(f"{name} is {value!r}")
+            run = _run(values)
+            if run.status not in STATUSES or run.configuration.key != values["key"]:
+                raise ValueError("it is not what was run")
+            return run
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ResultError(
+                f"the row '{str(values['key'])[:12]}' was changed: {str(error)[:80]}",
+                file=self.path,
+                way_out=_AS_IT_WAS,
+            ) from error
+
+    def has(self, key: str) -> bool:
+        """Return whether a run has ended."""
+        with self.connected(reading=True) as connection:
+            return connection.execute("SELECT 1 FROM runs WHERE key = ?", (key,)).fetchone() is not None
+
+    def claim(
+        self, key: str, driver: str, pid: int, since: float, is_gone: Callable[[int, float], bool]
+    ) -> bool:
+        """Note that a process is about to begin a run, unless a process of another driver works on it; returns
+        whether it was noted.
+
+        Parameters
+        ----------
+        since : time at which it is taken to begin (seconds of the epoch)
+        is_gone : function of process id and beginning that returns whether that process has ended
+        """
+        with self.connected() as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            others = connection.execute(
+                "SELECT pid, since FROM begun WHERE key = ? AND driver != ?", (key, driver)
+            ).fetchall()
+            if not all(is_gone(*other) for other in others):
+                return False
+            connection.execute("DELETE FROM begun WHERE key = ?", (key,))
+            connection.execute("INSERT INTO begun VALUES (?, ?, ?, ?)", (key, driver, pid, since))
+            return True
+
+    def begin(self, key: str, driver: str, pid: int, since: float) -> None:
+        """Note that a process works on a run, and since when (seconds of the epoch); the last call counts."""
+        with self.connected() as connection:
+            connection.execute(
+                "INSERT INTO begun VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE SET since = excluded.since, "
+                "pid = excluded.pid",
+                (key, driver, pid, since),
+            )
+
+    def begun(self, driver: str) -> list[tuple[str, int, float]]:
+        """Return key, process id and beginning (seconds of the epoch) of the runs on which a driver's processes
+        work.
+        """
+        with self.connected() as connection:
+            return connection.execute(
+                "SELECT key, pid, since FROM begun WHERE driver = ?", (driver,)
+            ).fetchall()
+
+    def leave(self, driver: str) -> None:
+        """Delete the notes of the runs on which a driver's processes work."""
+        with self.connected() as connection:
+            connection.execute("DELETE FROM begun WHERE driver = ?", (driver,))
+
+    def add(self, run: Run) -> None:
+        """Write a run that has ended; an existing run with the same key stays unchanged."""
+        c = run.configuration
+        row = (
+            c.key,
+            *astuple(c),
+            run.status,
+            run.message,
+            run.started,
+            *astuple(run.machine),
+            *astuple(run.figures),
+            json.dumps(run.history),
+        )
+        with self.connected() as connection:
+            connection.execute(
+                f"INSERT INTO runs VALUES ({', '.join('?' * len(COLUMNS))}) ON CONFLICT DO NOTHING", row
+            )
+            connection.execute("DELETE FROM begun WHERE key = ?", (c.key,))
+
+    def note_kill(self, key: str) -> int:
+        """Note that a process was killed during a run; returns how often that has happened."""
+        with self.connected() as connection:
+            connection.execute(
+                "INSERT INTO kills VALUES (?, 1) ON CONFLICT DO UPDATE SET times = times + 1", (key,)
+            )
+            return connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+
+
+def _run(row: dict[str, Any]) -> Run:
+    def part(kind: type) -> Any:
+        return kind(**{field.name: row[field.name] for field in fields(kind)})
+
+    return Run(
+        part(Configuration),
+        row["status"],
+        row["message"],
+        row["started"],
+        part(Machine),
+        part(Figures),
+        tuple((seconds, cost) for seconds, cost in json.loads(row["history"])),
+    )
+
+
+def export_parquet(store: RunStore, path: str | Path) -> int:
+    """Write all runs to a Parquet file, with the columns of the SQLite file; returns the number of runs.
+
+    Raises
+    ------
+    ExtraError
+        If pyarrow is not installed.
+    ResultError
+        If the file cannot be written.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ExtraError("a Parquet file", "data") from error
+    store.runs()  # looks at all rows
+    rows = store._rows()
+    kinds = {c: pyarrow.float64() for c in _REALS} | {c: pyarrow.int64() for c in _WHOLE}
+    columns = {
+        name: pyarrow.array([row[i] for row in rows], type=kinds.get(name, pyarrow.string()))
+        for i, name in enumerate(COLUMNS)
+    }
+    with whole_path(path, ResultError) as draft:
+        pyarrow.parquet.write_table(pyarrow.table(columns), draft)
+    return len(rows)

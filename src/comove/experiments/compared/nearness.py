@@ -1,0 +1,143 @@
+"""Inequalities for the hands' velocities that keep hands and loads clear of obstacles, the border and each other.
+
+For a point p at a share f of the segment between hands a and b, at distance d from an obstacle with outward normal n,
+a control barrier function (Ames et al., 2017) asks of the hands' velocities
+
+    n . ((1 - f) v_a + f v_b - v_obstacle) >= -rate(d - need).
+
+Distances to convex obstacles are convex, so that their linearisation is on the safe side. There is one such row for
+the nearest point and for both ends of every segment.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.distances import nearest_on_segment, point_distance, tangent
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+PLACE = 1e-9  # m, tolerance of the least distance along a segment
+POINTS = 4  # points on every segment: both ends, and both ends of the bracket of the nearest point
+RETREAT = 0.25  # m/s, largest speed at which a lost clearance is restored
+
+
+class Approach(NamedTuple):
+    """Limits of the speed at which hands may approach anything.
+
+    Attributes
+    ----------
+    gain : ratio of the largest approach speed to the clearance left [1/s]
+    braking : deceleration that hands are assumed capable of [m/s^2], infinite without a limit
+    need : clearance that is kept [m]
+    """
+
+    gain: float
+    braking: float
+    need: float
+
+    def rate(self, left: Array) -> Array:
+        """Return the largest approach speed [m/s] for each clearance left [m]; arrays of the same shape."""
+        braked = np.sqrt(2.0 * self.braking * np.maximum(left, 0.0)) if self.braking < np.inf else np.inf
+        return np.where(
+            left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -RETREAT)
+        )
+
+
+def clearance_rows(
+    scene: Scene, hands: Array, table: Array, velocity: Array, approach: Approach, reach: float
+) -> tuple[Array, Array]:
+    """Return inequalities that keep hands and loads clear of obstacles, the border and hands that must stay apart.
+
+    Parameters
+    ----------
+    hands : array, shape (n_hands, n_dims), positions of the hands [m]
+    table, velocity : arrays, shapes (n_obstacles, N_COLUMNS) and (n_obstacles, 3), obstacles at this instant and
+        their velocities [m/s]
+    reach : clearance beyond the needed one from which on obstacles are left out [m]
+
+    Returns
+    -------
+    rows, low : arrays, shapes (n_rows, n_hands * n_dims) and (n_rows,), of ``rows v >= low`` for the velocities v
+    """
+    n_hands, n_dims = hands.shape
+    nodes = np.zeros((n_hands, 3))
+    nodes[:, :n_dims] = hands
+    found, count = _near(nodes, scene.body.edges, scene.body.radii, table, approach.need + reach)
+    edge, obstacle = found[:count, 0].astype(int), found[:count, 1].astype(int)
+    share, left, normal = found[:count, 2], found[:count, 3] - approach.need, found[:count, 4:]
+    rows = np.zeros((count, n_hands, n_dims))
+    ends = scene.body.edges[edge].reshape(-1, 2)
+    numbers = np.arange(count)
+    np.add.at(rows, (numbers, ends[:, 0]), (1.0 - share)[:, None] * normal[:, :n_dims])
+    np.add.at(rows, (numbers, ends[:, 1]), share[:, None] * normal[:, :n_dims])
+    low = (normal * velocity[obstacle]).sum(axis=1) - approach.rate(left)
+    sets = [
+        (rows.reshape(count, hands.size), low),
+        _border_rows(scene, hands, approach),
+        _apart_rows(scene, hands, approach),
+    ]
+    return np.concatenate([rows for rows, _ in sets]), np.concatenate([low for _, low in sets])
+
+
+def _border_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
+    """Return the inequalities of every hand and every side of the workspace."""
+    thick = np.zeros(len(hands))
+    for edge, radius in zip(scene.body.edges, scene.body.radii, strict=True):
+        thick[edge] = np.maximum(thick[edge], radius)
+    inside = np.stack([hands - scene.lower, scene.upper - hands]) - (thick + approach.need)[None, :, None]
+    rows = np.eye(hands.size)
+    return np.concatenate([rows, -rows]), -approach.rate(inside).ravel()
+
+
+def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, Array]:
+    """Return the inequalities of hands of different bodies that must stay apart."""
+    pairs, least = scene.kept_apart
+    away = hands[pairs[:, 0]] - hands[pairs[:, 1]]
+    length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
+    rows = np.zeros((len(pairs), *hands.shape))
+    numbers = np.arange(len(pairs))
+    rows[numbers, pairs[:, 0]] = away / length[:, None]
+    rows[numbers, pairs[:, 1]] = -away / length[:, None]
+    return rows.reshape(len(pairs), hands.size), -approach.rate(length - least - approach.need)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _near(nodes, edges, radii, table, cutoff):
+    """Find the points of the load that are nearer to an obstacle than `cutoff`.
+
+    Returns
+    -------
+    found : array, shape (n_most, 7), edge, obstacle, share along the edge, distance [m] and normal (3) of every point
+    count : number of rows of `found` that are used
+    """
+    found = np.empty((edges.shape[0] * table.shape[0] * POINTS, 7))
+    count, shares = 0, np.empty(POINTS)
+    for e in range(edges.shape[0]):
+        p, q = nodes[edges[e, 0]], nodes[edges[e, 1]]
+        for j in range(table.shape[0]):
+            distance, low, high, _, _ = nearest_on_segment(
+                table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radii[e], PLACE
+            )
+            if distance - radii[e] > cutoff:
+                continue
+            shares[0], shares[1], shares[2], shares[3] = low, high, 0.0, 1.0
+            for i in range(POINTS):
+                f = shares[i]
+                if i > 0 and (f == shares[0] or (i > 1 and edges[e, 0] == edges[e, 1])):
+                    continue
+                x, y, z = p[0] + f * (q[0] - p[0]), p[1] + f * (q[1] - p[1]), p[2] + f * (q[2] - p[2])
+                d = point_distance(table, j, x, y, z) - radii[e]
+                if d > cutoff:
+                    continue
+                found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e, j, f, d
+                found[count, 4] = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)[1]
+                found[count, 5] = tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1]
+                found[count, 6] = tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1]
+                count += 1
+    return found, count

@@ -1,0 +1,212 @@
+"""The method of reference [8]: speed-scaled primitives whose stiffness is learned in cycles with a human.
+
+The middle of the hands of a rigid group (the absolute motion) moves as robot and human agree; the positions of the
+hands relative to it (the relative motion) remain as taught, as in the source's bimanual task. The human is simulated:
+she wants another path and pace than was taught, and varies both from cycle to cycle, less in a part of the path.
+After the last cycle the robot executes the learned motion alone, in the scene's duration. For the laws see
+`cooperation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
+from comove.experiments.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
+from comove.experiments.compared.curve import count_execution, fit_curve
+from comove.experiments.compared.taught import N_BASIS, group_means, taught_primitives
+from comove.planning.method import Method
+from comove.planning.search import Search
+from comove.primitives.arguments import is_number, require_count, require_positive
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_SAMPLES = 401  # samples of the phase
+N_WAVES = 3  # sine waves of which the human's wishes are composed
+MAX_STEPS = 20_000  # steps in a duration
+N_TIMES = 2001  # times at which the last motion is sampled
+
+
+@dataclass(frozen=True)
+class Human:
+    """A simulated human, whose wishes fade to zero towards both ends of the movement.
+
+    Attributes
+    ----------
+    offset : size of the change of the path that she always wants [m]
+    spread : size of the variation of the path from cycle to cycle [m]
+    pace_offset, pace_spread : sizes of the constant change and of the variation of the pace, relative to the taught
+        pace
+    precise : first and last phase of the part in which she varies only a tenth as much
+    stiffness : k_h [N/m, with a unit mass]
+    """
+
+    offset: float = 0.03
+    spread: float = 0.02
+    pace_offset: float = 0.3
+    pace_spread: float = 0.1
+    precise: tuple[float, float] = (0.4, 0.6)
+    stiffness: float = 300.0
+
+    def __post_init__(self) -> None:
+        for name in ("offset", "spread", "pace_offset", "pace_spread", "stiffness"):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= value < np.inf:
+                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a number, 0 or more")
+        if not (len(self.precise) == 2 and 0.0 <= self.precise[0] <= self.precise[1] <= 1.0):
+            raise OptionError(
+                f"precise = {self.precise!r}", key="precise", way_out="give two phases in order, from 0 to 1"
+            )
+
+    def care(self, s: Array) -> Array:
+        """Return the factor of the variation at phases s; arrays, shape (n_samples,)."""
+        low, high = self.precise
+        inside = (
+            0.5 * (np.tanh((s - low) / 0.02) - np.tanh((s - high) / 0.02)) if high > low else np.zeros_like(s)
+        )
+        return 1.0 - 0.9 * inside
+
+
+HUMAN, LAWS = Human(), Laws()
+
+
+@dataclass(frozen=True)
+class SpeedScaled(Method):
+    """A method that learns the path, pace and stiffness of speed-scaled primitives.
+
+    Attributes
+    ----------
+    cycles : number of executions together with the human
+    human : the simulated human
+    laws : parameters of cooperation and learning
+    n_basis : shape weights a dimension of the path that is learned
+    period : time step [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more than
+        20 000
+    """
+
+    name: ClassVar[str] = "speed-scaled"
+    coordinates = staticmethod(arms_coordinates)
+    cycles: int = 20
+    human: Human = HUMAN
+    laws: Laws = LAWS
+    n_basis: int = N_BASIS
+    period: float = 0.002
+
+    def __post_init__(self) -> None:
+        require_count("cycles", self.cycles)
+        require_positive("period", self.period)
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Run the cycles and have the learned motion verified; no path is planned."""
+        scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
+        taught = taught_primitives(search).rollout()
+        cycles: list[Cycle] = []
+        stiffness = [self._first(scene, taught).stiffness(self.laws).mean(axis=(0, 1))]
+        for skill, cycle in self.cooperate(search):
+            cycles.append(cycle)
+            stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
+            times, hands = alone(scene, taught, skill, s)
+            count_execution(search, hands)
+            if search.over():
+                break
+        fit = fit_curve(scene, search.objective.coordinates, times, hands)
+        search.log |= {
+            "cycle_deviation_rms_m": [
+                float(np.sqrt(np.square(cycle.deviation).sum(axis=2).mean())) for cycle in cycles
+            ],
+            "cycle_human_force_rms_N": [cycle.effort for cycle in cycles],
+            "cycle_duration_s": [cycle.duration * scene.duration for cycle in cycles],
+            **{
+                f"stiffness_{name}_N_per_m": [float(k[i]) for k in stiffness]
+                for i, name in enumerate(("tangent", "normal", "binormal")[: scene.n_dims])
+            },
+            **fit.log(),
+        }
+        search.judge(fit.motion)
+
+    def cooperate(self, search: Search) -> Iterator[tuple[Skill, Cycle]]:
+        """Yield the skill after every cycle, and the measurements of that cycle."""
+        scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
+        period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
+        skill = self._first(scene, taught_primitives(search).rollout())
+        shape = motion_basis(self.n_basis, "velocity").at(s)[1]
+        follow = shape @ np.linalg.pinv(shape[0])  # a wish as the primitive can follow it, and 2 derivatives
+        intend = self._intentions(search, skill.path[0])
+        for number in range(self.cycles):
+            search.stage = f"cycle {number + 1} of {self.cycles}"
+            cycle = run_cycle(skill, intend(), self.laws, scene.duration, period)
+            skill = learned(skill, cycle, np.einsum("kst,tpd->kspd", follow, cycle.wish), self.laws)
+            yield skill, cycle
+
+    def _first(self, scene: Scene, taught: CoordinatedMotion) -> Skill:
+        """Return the skill before the first cycle."""
+        return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
+
+    def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:
+        """Return a function that draws what the human wants in the next cycle."""
+        rng, human, s = search.rng, self.human, np.linspace(0.0, 1.0, N_SAMPLES)
+        fade = 16.0 * s**2 * (1.0 - s) ** 2
+        care = human.care(s)
+
+        def wish(shape: tuple[int, ...]) -> Array:
+            """Draw smooth random functions of unit size; array, shape (N_SAMPLES, *shape)."""
+            waves = np.sin(np.pi * s[:, None] * np.arange(1, N_WAVES + 1))
+            return np.tensordot(waves, rng.standard_normal((N_WAVES, *shape)) / np.sqrt(N_WAVES / 2), axes=1)
+
+        always = path + human.offset * fade[:, None, None] * wish(path.shape[1:])
+        pace = human.pace_offset * fade * np.tanh(wish(()))
+
+        def intend() -> Intention:
+            varied = human.spread * (fade * care)[:, None, None] * wish(path.shape[1:])
+            mu = np.exp(pace + human.pace_spread * fade * care * np.tanh(wish(())))
+            return Intention(always + varied, mu, human.stiffness)
+
+        return intend
+
+
+def middles(scene: Scene, hands: Array) -> Array:
+    """Return the middle of the hands of every rigid group.
+
+    Parameters
+    ----------
+    hands : array, shape (..., n_manipulators, n_dims), positions of the hands [m]
+
+    Returns
+    -------
+    array, shape (..., n_groups, n_dims), [m]
+    """
+    return np.einsum("gm,...md->...gd", group_means(scene), hands)
+
+
+def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tuple[Array, Array]:
+    """Return the learned motion that the robot executes alone, in the scene's duration.
+
+    Parameters
+    ----------
+    s : array, shape (n_samples,), phases at which the skill is sampled
+
+    Returns
+    -------
+    times : array, shape (N_TIMES,), even normalised times
+    hands : array, shape (N_TIMES, n_manipulators, n_dims), positions of the hands [m]
+    """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    steps = 0.5 * (skill.slowness[1:] + skill.slowness[:-1]) * np.diff(s)
+    clock = np.concatenate([[0.0], np.cumsum(steps)])
+    times = np.linspace(0.0, 1.0, N_TIMES)
+    phase = np.clip(PchipInterpolator(clock / clock[-1], s)(times), 0.0, 1.0)
+    moved = CubicSpline(s, skill.path[0] - middles(scene, taught.hands(s)[0]))(phase)
+    hands = taught.hands(phase)[0]
+    for g, group in enumerate(scene.groups):
+        hands[:, list(group.members)] += moved[:, g, None]
+    return times, hands

@@ -1,0 +1,266 @@
+"""The method of reference [5] (Stavridis et al.): task-priority quadratic programmes with prescribed performance.
+
+In every control step the hands' velocities v solve, in this order (see `hierarchy`),
+
+    L0   limits of speed and acceleration; clearances, the border and separations (see `nearness`)
+    L1   relative motion: every distance d_ij, and every difference of heights,   d_ij' = prescribed(d_ij - D_ij)
+    L2   absolute motion: the middle m_g of every rigid group,   m_g' = m_g,ref' + prescribed(m_g - m_g,ref)
+    L3   posture: the rest, such as the rotation of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
+
+where the reference is the jointly taught movement and `prescribed` is the velocity of `performance`. In the source, a
+dynamical system is the reference, and postures are those of joints. Here scenes have hands only, and the primitive is
+the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.errors import OptionError
+from comove.experiments.compared.curve import count_execution, fit_curve
+from comove.experiments.compared.hierarchy import PriorityTask, lexicographic
+from comove.experiments.compared.nearness import Approach, clearance_rows
+from comove.experiments.compared.performance import Performance
+from comove.experiments.compared.taught import group_means, taught_primitives
+from comove.planning.method import Method
+from comove.planning.search import Search
+from comove.primitives.arguments import is_number
+from comove.primitives.online import rate_for_lag
+from comove.scenes.constraints import SameHeightConstraint
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_LEAST, N_MOST = 200, 20_000  # steps
+ROUNDS = 12  # rounds of solving and adding tangents of the limits
+INSIDE = 0.99  # share of the limits that is used
+CATCHING_UP = 2.0  # largest pace, in terms of the taught pace
+REACH = 0.1  # m beyond the braking distance, from which on obstacles are left out
+RELATIVE = Performance(first=0.02, last=1e-3, decay=2.0, gain=100.0)
+ABSOLUTE = Performance(first=0.05, last=0.02, decay=2.0, gain=5.0)
+
+
+@dataclass(frozen=True)
+class TaskPriority(Method):
+    """A method that solves a task-priority quadratic programme in every control step.
+
+    Attributes
+    ----------
+    relative, absolute : prescribed performance of L1 and of L2
+    posture : gain k of L3 [1/s]
+    approach : ratio of the largest approach speed to the clearance left [1/s]
+    margin : margin kept on top of the scene's clearance [m]
+    acceleration : limit of the hands' acceleration if the scene has no lower one [m/s^2]; without any limit,
+        velocities
+        would jump, which no curve can represent
+    period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
+        than 20 000
+    """
+
+    name: ClassVar[str] = "task-priority"
+    coordinates = staticmethod(arms_coordinates)
+    relative: Performance = RELATIVE
+    absolute: Performance = ABSOLUTE
+    posture: float = 2.0
+    approach: float = 10.0
+    margin: float = 0.002
+    acceleration: float = 5.0
+    period: float = 0.004
+
+    def __post_init__(self) -> None:
+        for name in ("posture", "approach", "margin", "acceleration", "period"):
+            value = getattr(self, name)
+            if not is_number(value) or not (value > 0.0 or (name in ("posture", "margin") and value == 0.0)):
+                raise OptionError(f"{name} = {value!r}", key=name, way_out="give a positive number")
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Run the controller from start to end and have its motion verified; no path is planned."""
+        scene = search.scene
+        n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
+        s = np.linspace(0.0, 1.0, n_steps)
+        reference = taught_primitives(search).rollout().hands(s)[0]
+        hands = np.broadcast_to(scene.start, reference.shape).copy()
+        slacks, controller = [0.0], Controller(self, scene, scene.duration / (n_steps - 1))
+        followed = reference.copy()
+        search.stage = "following by quadratic programmes"
+        for k, (velocity, slack, here) in enumerate(controller.velocities(hands, reference)):
+            hands[k + 1] = hands[k] + controller.period * velocity
+            followed[k] = here
+            slacks.append(slack)
+            if search.over():
+                break
+        hands[len(slacks) :] = hands[len(slacks) - 1]  # where time was up
+        count_execution(search, hands)
+        fit = fit_curve(scene, search.objective.coordinates, s, hands)
+        search.log |= {**self._measures(scene, s * scene.duration, hands, followed), **fit.log()}
+        search.log |= {
+            "slack_max_m_per_s": max(slacks),
+            "carried_out_share": (len(slacks) - 1) / (n_steps - 1),
+        }
+        search.judge(fit.motion)
+
+    def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
+        """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
+        middles = group_means(scene)
+        absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
+        relative = np.zeros(len(time))
+        for c in scene.distances:
+            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+            relative = np.maximum(relative, np.abs(apart - c.distance))
+        return {
+            "relative_error_max_m": float(relative.max()),
+            "relative_beyond_bound": float((relative > self.relative.bound(time)).mean()),
+            "absolute_error_max_m": float(absolute.max()),
+            "absolute_beyond_bound": float((absolute > self.absolute.bound(time[:-1])).mean()),
+        }
+
+
+class Controller:
+    """The controller that moves the hands of a scene step by step.
+
+    Parameters
+    ----------
+    method : method that holds the controller's parameters
+    scene : scene with the hands, their constraints and limits
+    period : control period [s]
+    """
+
+    def __init__(self, method: TaskPriority, scene: Scene, period: float):
+        self.method, self.scene, self.period = method, scene, period
+        n_dims = scene.n_dims
+        self.middles = np.kron(group_means(scene), np.eye(n_dims))
+        self.levels = [(c.first, c.second) for c in scene.constraints if isinstance(c, SameHeightConstraint)]
+        self.acceleration = min(scene.acceleration_limit, method.acceleration)
+        self.approach = Approach(
+            min(method.approach, 0.5 / period), 0.5 * self.acceleration, scene.clearance + method.margin
+        )
+
+    def velocities(self, hands: Array, reference: Array) -> Iterator[tuple[Array, float, Array]]:
+        """Yield velocities of the hands, slack of the inequalities, and reference for every step.
+
+        Parameters
+        ----------
+        hands : array, shape (n_steps, n_manipulators, n_dims), positions [m], into which the caller writes the result
+            of each step before asking for the next
+        reference : array, shape (n_steps, n_manipulators, n_dims), reference positions [m]
+
+        Yields
+        ------
+        velocity : array, shape (n_manipulators, n_dims) [m/s]
+        slack : largest amount by which an inequality had to be relaxed [m/s]
+        here : array, shape (n_manipulators, n_dims), reference at the current phase [m]
+        """
+        scene, before, phase = self.scene, np.zeros(reference.shape[1:]), 0.0
+        reach = REACH + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
+        for k in range(len(reference) - 1):
+            time = k * self.period
+            speeds = scene.by_row(scene.obstacle_velocities(np.array([time])))[0]
+            around = scene.obstacles_at(time), speeds
+            rows, low = clearance_rows(scene, hands[k], *around, self.approach, reach)
+            here, next_phase = self._at(reference, phase), self._next_phase(hands[k], reference, phase, k)
+            slope = (self._at(reference, next_phase) - here) / self.period
+            before, slack = self._limited(self._tasks(hands[k], here, slope, before, time), rows, low, before)
+            yield before, slack, here
+            phase = next_phase
+
+    def _fastest(self, reference: Array) -> float:
+        """Return an upper bound of the speed at which hands and obstacles approach each other [m/s]."""
+        scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
+        time = np.linspace(0.0, scene.duration, len(reference))
+        coming = np.linalg.norm(scene.obstacle_velocities(time), axis=2).max(initial=0.0)
+        return min(CATCHING_UP * step / self.period, scene.speed_limit) + coming
+
+    @staticmethod
+    def _at(reference: Array, phase: float) -> Array:
+        """Return the reference at a phase, which counts in steps; array, shape (n_manipulators, n_dims), [m]."""
+        k = min(int(phase), len(reference) - 2)
+        return reference[k] + (phase - k) * (reference[k + 1] - reference[k])
+
+    def _next_phase(self, hands: Array, reference: Array, phase: float, k: int) -> float:
+        """Return the phase after step k; it slows down while middles lag behind, and catches up later."""
+        last = len(reference) - 1.0
+        off = self.middles @ (hands - self._at(reference, phase)).ravel()
+        lag = float(np.abs(off).max())
+        pace = min(CATCHING_UP, (last - phase) / (last - k))
+        return min(last, phase + pace * rate_for_lag(lag, self.method.absolute.last))
+
+    def _tasks(
+        self, hands: Array, wanted: Array, slope: Array, before: Array, time: float
+    ) -> list[PriorityTask]:
+        """Return the tasks L1 to L3 at one instant."""
+        method, size = self.method, hands.size
+        matrix, target = [np.zeros((0, size))], [np.zeros(0)]
+        for c in self.scene.distances:
+            away = hands[c.first] - hands[c.second]
+            length = float(np.linalg.norm(away))
+            direction = away / max(length, 1e-12)
+            matrix.append(self._difference(c.first, c.second, direction))
+            error = np.array([length - c.distance])
+            target.append(method.relative.wanted(error, time, self.period))
+        for first, second in self.levels:
+            up = np.eye(self.scene.n_dims)[-1]
+            matrix.append(self._difference(first, second, up))
+            error = np.array([(hands[first] - hands[second]) @ up])
+            target.append(method.relative.wanted(error, time, self.period))
+        off = self.middles @ (hands - wanted).ravel()
+        absolute = self.middles @ slope.ravel() + method.absolute.wanted(off, time, self.period)
+        posture = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
+        return [
+            PriorityTask(np.concatenate(matrix), np.concatenate(target)),
+            PriorityTask(self.middles, self._reachable(absolute, self.middles @ before.ravel())),
+            PriorityTask(np.eye(size), posture.ravel()),
+        ]
+
+    def _reachable(self, wanted: Array, before: Array) -> Array:
+        """Shorten the wanted velocities of the middles to what the limits allow; arrays, shape (n,), [m/s].
+
+        Speeds are shortened without a change of direction, then the changes from the velocities `before` likewise.
+        Otherwise, wanted velocities far beyond the limits would leave the direction to the limits.
+        """
+        wanted, before = (v.reshape(-1, self.scene.n_dims) for v in (wanted, before))
+        wanted = _shortened(wanted, INSIDE * self.scene.speed_limit)
+        return (before + _shortened(wanted - before, INSIDE * self.acceleration * self.period)).ravel()
+
+    def _difference(self, first: int, second: int, direction: Array) -> Array:
+        """Return the row of the velocity of one hand relative to another along a direction, shape (1, n)."""
+        row = np.zeros((len(self.scene.manipulators), self.scene.n_dims))
+        row[first], row[second] = direction, -direction
+        return row.reshape(1, -1)
+
+    def _limited(
+        self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
+    ) -> tuple[Array, float]:
+        """Solve the tasks within the limits of speed and acceleration; return velocities and slack [m/s].
+
+        Limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again.
+        """
+        speed, change = self.scene.speed_limit, self.acceleration * self.period
+        velocity, slack = before, 0.0
+        for _ in range(ROUNDS):
+            x, slack = lexicographic(tasks, rows, low)
+            velocity = x.reshape(before.shape)
+            tangents, bounds = [], []
+            for middle, radius in ((np.zeros_like(before), speed), (before, change)):
+                away = velocity - middle
+                length = np.linalg.norm(away, axis=1)
+                for hand in np.flatnonzero(length > INSIDE * radius * (1.0 + 1e-9)):
+                    row = np.zeros_like(before)
+                    row[hand] = -away[hand] / length[hand]
+                    tangents.append(row.ravel())
+                    bounds.append(row[hand] @ middle[hand] - INSIDE * radius * (1.0 - 1e-3))
+            if not tangents:
+                break
+            rows, low = np.vstack([rows, *tangents]), np.append(low, bounds)
+        return velocity, slack
+
+
+def _shortened(vectors: Array, most: float) -> Array:
+    """Return vectors, (n, n_dims), shortened to at most the length `most`."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors * np.minimum(1.0, most / np.maximum(lengths, 1e-12))

@@ -1,0 +1,76 @@
+"""The method of reference [22]: jointly taught primitives, optimised on the cost (4) without the constraint (7b).
+
+    minimise over all w   J(y_1(0..T), .., y_M(0..T))
+
+Each hand has its own weights, and all share one phase. Obstacles count where a hand touches them, as (4) is printed:
+neither the load between the hands nor any constraint on their distance enters. The search is that of the other
+methods, separable CMA-ES on orthonormalised weights.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from comove.coordination.coordinates import arms_coordinates
+from comove.experiments.compared.taught import N_BASIS, taught_primitives
+from comove.planning.method import Method
+from comove.planning.methods import threaded
+from comove.planning.objective import Objective
+from comove.planning.search import OutOfTime, Schedule, Search, improve
+from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Body, Scene
+
+OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
+
+
+@dataclass(frozen=True)
+class Unconstrained(Method):
+    """A method that optimises jointly taught primitives without coordination.
+
+    Attributes
+    ----------
+    n_basis : shape weights a dimension
+    schedule : schedule of one run of the optimiser
+    restarts : largest number of runs: the first from the taught primitives, the others from these with random bumps
+        that avoid the obstacles; no run follows one in which no hand touches anything
+    """
+
+    name: ClassVar[str] = "unconstrained"
+    coordinates = staticmethod(arms_coordinates)
+    n_basis: int = N_BASIS
+    schedule: Schedule = OPTIMISING
+    restarts: int = 20
+
+    def run(self, search: Search, *, planner: bool) -> None:
+        """Optimise until no hand touches anything, and have the best motion verified; no path is planned."""
+        basis = motion_basis(self.n_basis, "velocity")
+        best = start = taught = taught_primitives(search, basis)
+        objective, least = hands_alone(search.objective), np.inf
+        with suppress(OutOfTime):
+            for restart in range(self.restarts):
+                search.stage = f"optimising without coordination, run {restart + 1}"
+                found = improve(search, objective, start, self.schedule)
+                value = search.evaluate(objective, found, found.weights[None])
+                if objective.search_value(value)[0] < least:
+                    best, least = found, float(objective.search_value(value)[0])
+                if objective.feasible(value)[0] or not search.hard:
+                    break
+                start = threaded(search, objective, taught) or start
+        search.judge(best.rollout())
+
+
+def hands_alone(objective: Objective) -> Objective:
+    """Return the objective for the hands alone: points without a load and without constraints between them."""
+    alone = replace(objective.coordinates, together=())
+    return replace(objective, scene=without_load(objective.scene), coordinates=alone)
+
+
+def without_load(scene: Scene) -> Scene:
+    """Return the scene with the same hands and obstacles, but without load and constraints."""
+    n = len(scene.manipulators)
+    points = np.repeat(np.arange(n), 2).reshape(n, 2)
+    return replace(scene, body=Body(points, np.zeros(n), n), constraints=())

@@ -1,0 +1,34 @@
+"""Modulation of velocities by moving obstacles, as in the paper (III-B), which is compared with comove's reaction."""
+
+from comove.experiments.modulation.matrices import Directions, Field, Modulation, Sharing, field, modulated
+from comove.experiments.modulation.obstacles import MovingObstacle, level, level_obstacle
+from comove.experiments.modulation.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    Shape,
+    Sphere,
+    Superquadric,
+)
+from comove.experiments.modulation.unions import united
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Directions",
+    "Ellipsoid",
+    "Field",
+    "Modulation",
+    "MovingObstacle",
+    "Shape",
+    "Sharing",
+    "Sphere",
+    "Superquadric",
+    "field",
+    "level",
+    "level_obstacle",
+    "modulated",
+    "united",
+]

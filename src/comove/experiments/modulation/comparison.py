@@ -1,0 +1,213 @@
+"""Comparison of all methods for moving obstacles on one scene, with one judge (as in the paper's Figure 2).
+
+All have the same start, goal and obstacles, and `comove.verification.record.judge` judges their executions. Hands
+that move independently are judged at their own positions, straight from step to step; the load is the line between
+them, and its corners are placed by the pose that fits the hands best.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove._version import __version__
+from comove.execution.executor import Executor, Pace
+from comove.execution.observers import Functions, Known
+from comove.experiments.modulation.execution import run_modulated
+from comove.experiments.modulation.matrices import Sharing
+from comove.planning.search import Interruption
+from comove.reaction.twists import poses_of
+from comove.scenes.scene import Scene
+from comove.verification.record import PairConstraint, Record, RecordReport, judge
+
+Array = NDArray[np.float64]
+
+MODULATED = {
+    "no modulation": (Sharing.NONE, True),
+    "own matrix each": (Sharing.OWN, True),
+    "nearest hand's matrix": (Sharing.SAME, False),
+    "same matrix on all": (Sharing.SAME, True),
+}
+SEEN, KNOWN = "obstacles seen only", "motions known"
+METHODS = (*MODULATED, SEEN, KNOWN)
+"""What is compared: the primitive as it is; modulations, by a matrix each, by that of the hand that is nearest to an
+obstacle (the paper's rule), by that of the nearest point of hands and load; and the executor twice."""
+
+
+@dataclass(frozen=True, eq=False)
+class LooseRecord(Record):
+    """The record of an execution whose hands move independently.
+
+    Attributes
+    ----------
+    hands : array, shape (n_steps, n_manipulators, 3), positions of the hands [m]
+    """
+
+    hands: Array
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Return the hands at their own positions, and the load's corners at those of the best-fitting pose."""
+        nodes = super().nodes.copy()
+        nodes[:, : self.hands.shape[1]] = self.hands
+        return nodes
+
+    def holds(self, c: PairConstraint) -> bool:
+        """Return False, as no rigid body holds the hands together."""
+        return False
+
+    @cached_property
+    def spins(self) -> Array:
+        """Return zeros, as hands go straight and nothing turns between two steps."""
+        return np.zeros((len(self.time) - 1, len(self.scene.groups), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The result of one method on a scene.
+
+    Attributes
+    ----------
+    method : its name, one of `METHODS`
+    record : the record of its execution
+    report : the judgement on the record
+    """
+
+    method: str
+    record: Record
+    report: RecordReport
+
+    @property
+    def ours(self) -> bool:
+        """Return whether the method is this package's executor."""
+        return self.method not in MODULATED
+
+    @property
+    def arrived(self) -> bool:
+        """Return whether the hands reached their goal."""
+        return not any("goal is missed" in reason for reason in self.report.reasons)
+
+    @cached_property
+    def distance_errors(self) -> Array:
+        """Return the largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where no distance is fixed."""
+        errors, nodes = np.zeros(len(self.record.time)), self.record.nodes
+        for c in self.record.scene.distances:
+            apart = np.linalg.norm(nodes[:, c.first] - nodes[:, c.second], axis=1)
+            errors = np.maximum(errors, np.abs(apart - c.distance))
+        return errors
+
+    @cached_property
+    def clearances(self) -> Array:
+        """Return the clearance of load and hands at every step; array, shape (n_steps,) [m]."""
+        record = self.record
+        steps = zip(np.ascontiguousarray(record.nodes), record.time, strict=True)
+        return np.array([record.scene.clearance_at(nodes, float(time))[0] for nodes, time in steps])
+
+    @property
+    def off(self) -> NDArray[np.bool_]:
+        """Return at which steps the distance error exceeds the largest tolerance; array of bool, shape (n_steps,)."""
+        return self.distance_errors > max((c.tolerance for c in self.record.scene.distances), default=np.inf)
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Return at which steps the load or a hand is inside an obstacle; array of bool, shape (n_steps,)."""
+        return self.clearances < 0.0
+
+
+def compare(
+    record: Record, budget: float, *, seed: int = 0, pace: Pace | None = None
+) -> tuple[list[Compared], bool]:
+    """Run every other method on the scene of an executor with known motions, and judge all in the same way.
+
+    Parameters
+    ----------
+    record : the record of that executor
+    budget : simulated time that each of the others may take [s]
+    seed, pace : seed and pace of the executors
+
+    Returns
+    -------
+    compared : in the order of `METHODS`
+    interrupted : whether Ctrl-C has ended it early; then some are missing
+    """
+    scene, pace, interruption = record.scene, pace or Pace(), Interruption()
+    runs: dict[str, Callable[[], Record]] = {
+        name: lambda how=how: loose_run(scene, how[0], budget, pace.period, load=how[1])
+        for name, how in MODULATED.items()
+    }
+    runs[SEEN] = lambda: Executor(scene, Functions.of_motions(scene), seed=seed, pace=pace).run(budget)
+    runs[KNOWN] = lambda: record
+    compared: list[Compared] = []
+    with interruption.noticed():
+        for method, run in runs.items():
+            if not interruption.wished:
+                made = _among_known(run())
+                compared.append(Compared(method, made, judge(made)))
+    return compared, interruption.wished
+
+
+def write_comparison(folder: Path, compared: list[Compared], *, seed: int) -> dict[str, Any]:
+    """Write `comparison.json` into an existing folder, and return its contents."""
+    scene = compared[0].record.scene
+    summary = {
+        "scene": scene.name,
+        "scene_sha256": scene.sha256,
+        "version": __version__,
+        "seed": seed,
+        "clearance_wanted": scene.clearance,
+        "methods": [_row(c) for c in compared],
+    }
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+    return summary
+
+
+def _row(compared: Compared) -> dict[str, Any]:
+    r, scene = compared.report, compared.record.scene
+    return {
+        "method": compared.method,
+        "verified": not r.reasons,
+        "arrived": compared.arrived,
+        "contact": r.clearance_min < 0.0,
+        "distance_error_max": r.distance_error_max,
+        "clearance_min": r.clearance_min if math.isfinite(r.clearance_min) else None,
+        "end_error": r.end_error,
+        "duration_s": float(compared.record.time[-1]),
+        "speed_share_max": r.speed_max / scene.speed_limit,
+        "acceleration_share_max": r.acceleration_max / scene.acceleration_limit,
+        "reasons": list(r.reasons),
+    }
+
+
+def loose_run(
+    scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
+) -> LooseRecord:
+    """Follow the primitive with modulated velocities, and return the record (see `run_modulated`).
+
+    Obstacles move as the scene's file says.
+    """
+    time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
+    poses = [poses_of(scene, h) for h in hands]
+    return LooseRecord(
+        scene,
+        time,
+        np.array([p.center for p in poses]),
+        np.array([p.quaternion for p in poses]),
+        Known(scene).true(time),
+        scene.obstacle_sags(time),
+        np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - scene.n_dims))], axis=2),
+    )
+
+
+def _among_known(record: Record) -> Record:
+    """Return the record with its obstacles moving as in the scene's file, so that all methods have the same truth."""
+    sag = record.scene.obstacle_sags(record.time)
+    return replace(record, obstacles=Known(record.scene).true(record.time), sag=sag)

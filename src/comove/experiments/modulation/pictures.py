@@ -1,0 +1,273 @@
+"""Comparison of all methods on one scene: a picture and an animation (the counterpart of the paper's Figure 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from PIL import Image
+
+from comove.experiments.modulation.comparison import Compared
+from comove.geometry.distances import CENTER
+from comove.scenes.scene import Scene
+from comove.views.motion import (
+    COLOURS,
+    FINE,
+    MOVING,
+    OFF,
+    TOUCHES,
+    draw_frame,
+    new_figure,
+    outline,
+    views_of,
+)
+from comove.views.run import load_lines
+
+Array = NDArray[np.float64]
+
+TITLES = {
+    "no modulation": "no modulation",
+    "own matrix each": "own matrix each",
+    "nearest hand's matrix": "the nearest hand's matrix on all (the paper)",
+    "same matrix on all": "the matrix of the nearest point",
+    "obstacles seen only": "comove, obstacles seen only",
+    "motions known": "comove, motions known",
+}
+N_STATES = 11
+FRAME_RATE, MAX_FRAMES, N_TONES = 8, 64, 64  # of the animation: frames a second, frames, colours
+TRAIL = 1.5  # s, of the way that an animation shows behind the hands
+PAUSE = 1.0  # s, on the last frame
+DPI = 88  # of the animation
+MILLI = 1e3
+
+
+def draw_comparison(compared: Sequence[Compared]) -> Figure:
+    """Draw, by method, hands' paths, load and obstacles at equal, numbered steps; distance error and clearance
+    below.
+    """
+    figure, panels = _layout(compared, 3.1)
+    for one, column in zip(compared, panels, strict=True):
+        record, scene = one.record, one.record.scene
+        steps = np.linspace(0, len(record.time) - 1, N_STATES).astype(int)
+        for axes, view in zip(column, views_of(scene), strict=False):
+            _draw_standing(axes, scene, view)
+            for k, step in enumerate(steps):
+                share = (k + 1) / N_STATES
+                for i in np.flatnonzero(scene.moving[scene.owners]):
+                    j = scene.owners[i]
+                    row = _moved(scene.obstacles[i], record.obstacles[step, j])
+                    alpha = (1.0 if scene.n_dims == 2 else 0.35) * (0.08 + 0.4 * share)
+                    axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, alpha=alpha)
+                    if scene.n_dims == 2:  # where a row is an obstacle
+                        _number(axes, k, record.obstacles[step, j][list(view)])
+                lines = load_lines(scene, record.nodes[step][:, list(view)])
+                axes.add_collection(
+                    LineCollection(lines, colors=_tone(one, step), linewidths=1.3, alpha=0.35 + 0.6 * share)
+                )
+                if scene.n_dims == 2:
+                    middle = record.nodes[step, : len(scene.manipulators)].mean(axis=0)
+                    _number(axes, k, middle[list(view)], _tone(one, step))
+            for hand in range(len(scene.manipulators)):
+                path = record.nodes[:, hand][:, list(view)]
+                axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.4, zorder=1.5)
+        errors, clearances = column[-2:]
+        errors.plot(record.time, MILLI * one.distance_errors, color=OFF, linewidth=1.4)
+        clearances.plot(record.time, MILLI * one.clearances, color=COLOURS[1], linewidth=1.4)
+    return figure
+
+
+def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
+    """Write the comparison as an animated GIF, in real time or faster where it is long."""
+    figure, panels = _layout(compared, 2.0)
+    last = _shown(compared)
+    draws: list[Callable[[float], list[Artist]]] = []
+    for one, column in zip(compared, panels, strict=True):
+        for axes, view in zip(column, views_of(one.record.scene), strict=False):
+            _draw_standing(axes, one.record.scene, view)
+            draws.append(_animated_scene(axes, one, view))
+        for axes, values, colour in (
+            (column[-2], one.distance_errors, OFF),
+            (column[-1], one.clearances, COLOURS[1]),
+        ):
+            draws.append(_animated_line(axes, one.record.time, MILLI * values, colour))
+    n_frames = int(np.clip(last * FRAME_RATE, 2, MAX_FRAMES))
+    canvas = figure.canvas
+    figure.set_dpi(DPI)
+    canvas.draw()
+    background, images = canvas.copy_from_bbox(figure.bbox), []
+    for time in np.linspace(0.0, last, n_frames):
+        canvas.restore_region(background)
+        for draw in draws:
+            for artist in draw(float(time)):
+                artist.axes.draw_artist(artist)
+        images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
+    # One palette for all frames: what does not change costs nothing.
+    tones = images[n_frames // 2].quantize(N_TONES, dither=Image.Dither.NONE)
+    frames = [image.quantize(palette=tones, dither=Image.Dither.NONE) for image in images]
+    each = round(1000 * max(last, 1.0) / n_frames) if n_frames < MAX_FRAMES else round(1000 / FRAME_RATE)
+    durations = [each] * (n_frames - 1) + [each + round(1000 * PAUSE)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True)
+
+
+def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[list[Axes]]]:
+    """Build a column of panels for each method, `width` inches wide: views of the scene, then distance error and
+    clearance.
+    """
+    scene = compared[0].record.scene
+    views, n = views_of(scene), len(compared)
+    size = scene.upper - scene.lower
+    heights = [*(size[up] / size[along] for along, up in views), 0.36, 0.36]
+    figure = new_figure(width * n + 0.5, width * (sum(heights) + 0.42) + 0.5)
+    grid = figure.subplots(len(heights), n, squeeze=False, height_ratios=heights)
+    for k, one in enumerate(compared):
+        verdict, fine = _verdict(one)
+        grid[0, k].set_title(
+            f"{TITLES[one.method]}\n{verdict}", fontsize=3 * width, color=FINE if fine else TOUCHES
+        )
+        for i, view in enumerate(views):
+            axes = grid[i, k]
+            draw_frame(axes, scene, view)
+            for hand in range(len(scene.manipulators)):
+                axes.plot(*scene.start[hand][list(view)], "o", color="#2ca02c", markersize=5, zorder=5)
+                axes.plot(*scene.goal[hand][list(view)], "s", color="#d62728", markersize=5, zorder=5)
+            if k:
+                axes.set_ylabel("")
+                axes.set_yticklabels([])
+        _frame_of_values(
+            grid[-2, k], compared, [c.distance_errors for c in compared], "distance error [mm]", k
+        )
+        _frame_of_values(grid[-1, k], compared, [c.clearances for c in compared], "clearance [mm]", k)
+        grid[-2, k].set_xticklabels([])
+        grid[-1, k].set_xlabel("time [s]")
+    for axes in grid.flat:
+        axes.tick_params(labelsize=2.4 * width)
+        for label in (axes.xaxis.label, axes.yaxis.label):
+            label.set_fontsize(2.6 * width)
+    names = [
+        Line2D([], [], color=COLOURS[i % len(COLOURS)], label=name)
+        for i, name in enumerate(scene.manipulators)
+    ]
+    loads = [
+        Line2D([], [], color=colour, linewidth=2, label=f"load{what}")
+        for colour, what in ((FINE, ""), (OFF, ", a distance off"), (TOUCHES, ", touching"))
+    ]
+    moving = [Patch(color=MOVING, alpha=0.5, label="moving obstacle")] if scene.moving.any() else []
+    handles = [*names, *loads, *moving]
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=2.8 * width
+    )
+    return figure, [list(column) for column in grid.T]
+
+
+def _frame_of_values(
+    axes: Axes, compared: Sequence[Compared], values: Sequence[Array], label: str, column: int
+) -> None:
+    """Set limits that all columns share, and mark values below 0 in red."""
+    least = MILLI * min(float(v.min()) for v in values)
+    most = MILLI * max(float(v.max()) for v in values)
+    pad = 0.08 * max(most - least, 1e-3)
+    axes.set(xlim=(0.0, _shown(compared)), ylim=(least - pad, most + pad))
+    axes.grid(alpha=0.25)
+    if least < 0:
+        axes.axhspan(least - pad, 0.0, color=TOUCHES, alpha=0.12, linewidth=0)
+    if column:
+        axes.set_yticklabels([])
+    else:
+        axes.set_ylabel(label)
+
+
+def _verdict(one: Compared) -> tuple[str, bool]:
+    """Describe what is wrong, or the result, in a few words; returns also whether all is well."""
+    r, wrong = one.report, []
+    if r.clearance_min < 0:
+        wrong.append(f"{-MILLI * r.clearance_min:.0f} mm into something")
+    if one.off.any():
+        wrong.append(f"{MILLI * r.distance_error_max:.1f} mm off")
+    if not one.arrived:
+        wrong.append("does not arrive")
+    if wrong:
+        return ", ".join(wrong), False
+    clear = f", clear by {MILLI * r.clearance_min:.0f} mm" if np.isfinite(r.clearance_min) else ""
+    return f"there after {one.record.time[-1]:.1f} s{clear}", True
+
+
+def _shown(compared: Sequence[Compared]) -> float:
+    """Return the time up to which is drawn [s]: when the last method that arrives has arrived, but at least the
+    scene's duration.
+    """
+    ends = [c.record.time[-1] for c in compared if c.arrived]
+    return float(max([*ends, compared[0].record.scene.duration]))
+
+
+def _tone(one: Compared, step: int) -> str:
+    return TOUCHES if one.touching[step] else OFF if one.off[step] else FINE
+
+
+def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
+    """Write the numbers of every other step, to show what was where at the same time."""
+    if step % 2 == 0:
+        ground = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+        axes.text(
+            *place, str(step), fontsize=6.5, color=colour, ha="center", va="center", bbox=ground, zorder=6
+        )
+
+
+def _moved(row: Array, center: Array) -> Array:
+    row = row.copy()
+    row[CENTER : CENTER + 3] = center
+    return row
+
+
+def _draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    alpha = 1.0 if scene.n_dims == 2 else 0.35
+    for row in scene.obstacles[~scene.moving[scene.owners]]:
+        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=alpha)
+
+
+def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callable[[float], list[Artist]]:
+    """Return the function that draws obstacles, load and the last part of the hands' paths at an instant [s]."""
+    record, scene = one.record, one.record.scene
+    step_of = len(record.time) - 1, record.time[1]
+    moving = scene.moving[scene.owners]
+    rows, owners = scene.obstacles[moving], scene.owners[moving]
+    around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
+    fills = [axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", alpha=0.6)[0] for _ in rows]
+    ways = [axes.plot([], [], color=COLOURS[i % len(COLOURS)])[0] for i in range(len(scene.manipulators))]
+    load = axes.add_collection(LineCollection([], linewidths=2.0, zorder=3))
+    artists: list[Artist] = [*fills, *ways, load]
+    for artist in artists:
+        artist.set_animated(True)
+
+    def draw(time: float) -> list[Artist]:
+        step = min(step_of[0], round(time / step_of[1]))
+        centers = rows[:, CENTER : CENTER + 3] + scene.offsets(np.array([time]))[0, owners]
+        for fill, border, center in zip(fills, around, centers, strict=True):
+            fill.set_xy(border + center[list(view)])
+        first = max(0, step - round(TRAIL / step_of[1]))
+        for hand, way in enumerate(ways):
+            way.set_data(*record.nodes[first : step + 1, hand][:, list(view)].T)
+        load.set_segments(load_lines(scene, record.nodes[step][:, list(view)]))
+        load.set_color(_tone(one, step))
+        return artists
+
+    return draw
+
+
+def _animated_line(axes: Axes, time: Array, values: Array, colour: str) -> Callable[[float], list[Artist]]:
+    """Return the function that draws a curve up to an instant [s]."""
+    (line,) = axes.plot([], [], color=colour, linewidth=1.4, animated=True)
+
+    def draw(until: float) -> list[Artist]:
+        n = int(np.searchsorted(time, until + 1e-9))
+        line.set_data(time[:n], values[:n])
+        return [line]
+
+    return draw

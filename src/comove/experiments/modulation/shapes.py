@@ -1,0 +1,186 @@
+"""Shapes of obstacles, and the columns that the kernels of `levels` need of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from comove.errors import OptionError
+from comove.experiments.modulation.levels import SUPERQUADRIC
+from comove.geometry import distances as sd
+from comove.primitives.arguments import numbers, require_positive
+
+
+@dataclass(frozen=True)
+class TableShape:
+    """A shape as kernels take it: columns KIND, SIZE, LEVEL, EXPONENT and REACH of the table, lengths in metres."""
+
+    kind: int
+    size: tuple[float, ...]
+    level: tuple[float, ...]
+    reach: float
+    exponent: tuple[float, ...] = ()
+
+
+class Shape(Protocol):
+    """A geometric shape of an obstacle, which is given about its centre and along its own axes; lengths in metres."""
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m]; raise `OptionError` if it is not one of `n_dims` dimensions."""
+        ...
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A circle in the plane, a sphere in space, of `radius` [m]."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        require_positive("radius", self.radius)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        return TableShape(
+            sd.SPHERE, (self.radius,), (self.radius, self.radius + margin), self.radius + margin
+        )
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipse in the plane, an ellipsoid in space.
+
+    With a margin it becomes the ellipsoid of least trace in a family of ellipsoids that contain the sum of the
+    ellipsoid and a ball (Kurzhanski & Valyi, 1997): the margin is kept everywhere, and exceeded at some places.
+
+    Attributes
+    ----------
+    radii : semi-axes, n_dims numbers [m]
+    """
+
+    radii: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", _lengths("radii", self.radii))
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        radii = np.array(_counted("radii", self.radii, n_dims))
+        share = margin * np.sqrt(n_dims / (radii @ radii))
+        axes = np.sqrt((1 + share) * radii**2 + (margin**2 + margin**2 / share if share else 0.0))
+        return TableShape(sd.ELLIPSOID, tuple(radii), tuple(axes), float(axes.max()))
+
+
+@dataclass(frozen=True)
+class Superquadric:
+    """A body that contains the points with sum |u_i / radii_i|^(2 exponents_i) <= 1: an ellipsoid for exponents of 1.
+
+    Greater exponents bring it nearer to a box. With a margin all semi-axes grow by one factor, 1 + margin / least
+    semi-axis, so that the margin is kept everywhere; at the ends of long semi-axes it is exceeded.
+
+    Attributes
+    ----------
+    radii : semi-axes, n_dims numbers [m]
+    exponents : n_dims numbers, at least 1
+    """
+
+    radii: tuple[float, ...]
+    exponents: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", _lengths("radii", self.radii))
+        object.__setattr__(self, "exponents", _lengths("exponents", self.exponents))
+        if min(self.exponents) < 1.0:
+            raise OptionError(
+                f"exponents {self.exponents} below 1",
+                key="exponents",
+                way_out="give numbers from 1 on: below it the surface has a kink",
+            )
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        radii = np.array(_counted("radii", self.radii, n_dims))
+        exponents = _counted("exponents", self.exponents, n_dims)
+        axes = radii * (1 + margin / radii.min())
+        return TableShape(SUPERQUADRIC, tuple(radii), tuple(axes), float(np.linalg.norm(axes)), exponents)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in the plane, a box in space; a margin rounds its edges.
+
+    Attributes
+    ----------
+    size : full edge lengths, n_dims numbers [m]
+    """
+
+    size: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", _lengths("size", self.size))
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        half = tuple(edge / 2 for edge in _counted("size", self.size, n_dims))
+        return TableShape(sd.BOX, half, (min(half), min(half) + margin), float(np.linalg.norm(half)) + margin)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A segment of `length` that is thickened by `radius` [m]; along its own x in the plane, its own z in space."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        require_positive("radius", self.radius)
+        require_positive("length", self.length)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        half, width = self.length / 2, self.radius + margin
+        return TableShape(sd.CAPSULE, (self.radius, half), (self.radius, width), half + width)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder of `radius` and `height` [m] that lies along its own z, in space only; a margin rounds its edges."""
+
+    radius: float
+    height: float
+
+    def __post_init__(self) -> None:
+        require_positive("radius", self.radius)
+        require_positive("height", self.height)
+
+    def in_table(self, n_dims: int, margin: float) -> TableShape:
+        """Return the shape with a safety margin [m], see `Shape`."""
+        if n_dims != 3:
+            raise OptionError(
+                "a cylinder in the plane", key="shape", way_out="give a Sphere (its slice) or a Box"
+            )
+        half = self.height / 2
+        least = min(self.radius, half)
+        return TableShape(
+            sd.CYLINDER,
+            (self.radius, half),
+            (least, least + margin),
+            float(np.hypot(self.radius, half)) + margin,
+        )
+
+
+def _lengths(name: str, values: object) -> tuple[float, ...]:
+    array = numbers(values)
+    if array.shape not in ((2,), (3,)) or not (np.isfinite(array) & (array > 0)).all():
+        raise OptionError(f"{name} = {values!r}", key=name, way_out="give 2 or 3 positive numbers")
+    return tuple(array.tolist())
+
+
+def _counted(name: str, values: tuple[float, ...], n_dims: int) -> tuple[float, ...]:
+    if len(values) != n_dims:
+        raise OptionError(
+            f"{len(values)} {name} in {n_dims} dimensions", key=name, way_out=f"give {n_dims} numbers"
+        )
+    return values

@@ -1,0 +1,1 @@
+"""Geometry that knows no scene: rotations, shapes, meshes, and the distances between them."""

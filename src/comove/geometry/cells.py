@@ -1,0 +1,363 @@
+"""A solid bounded by triangles, cut into small convex pieces, in numba kernels.
+
+Boxes are halved until the part of the solid in each of them is nearly convex. A piece is described by its extreme
+points: the vertices of the triangles' parts inside the box, and the corners of the box that are inside the solid. So
+a convex set that contains these points contains the piece, and a set that contains all pieces contains the solid.
+
+Whether a point is inside is decided by a ray in a direction to which hardly any edge of a mesh is parallel: each
+triangle that the ray crosses counts +1 or -1, by the side on which it is crossed. Triangles must be closed and turned
+outwards (`comove.geometry.meshes`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+N_BINS = 64  # of the rays' plane, along each axis
+INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
+FLAT = 1e-9  # of the solid's size, below which a piece has no inside
+MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
+RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
+
+
+def _axes() -> Array:
+    z = RAY / np.linalg.norm(RAY)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+AXES = _axes()  # two across the ray and one along it, as rows
+
+
+class Solid(NamedTuple):
+    """A solid bounded by triangles, prepared for point-in-solid tests.
+
+    Attributes
+    ----------
+    corners : array, shape (n_triangles, 3, 3), corners of the triangles [m]
+    seen : array, shape (n_triangles, 3, 3), the corners' coordinates along the axes of the ray's frame [m]
+    axes : array, shape (3, 3), the axes of the ray's frame as rows: two across the ray, the third along it
+    low, width : array, shape (2,), and number: lower corner of the grid of bins across the ray, and width of a bin
+        [m]
+    first, member : arrays of int, shapes (N_BINS^2 + 1,) and (n,): the triangles of bin i are
+        ``member[first[i] : first[i + 1]]``
+    """
+
+    corners: Array
+    seen: Array
+    axes: Array
+    low: Array
+    width: float
+    first: NDArray[np.int64]
+    member: NDArray[np.int64]
+
+
+def solid_of(corners: Array) -> Solid:
+    """Return the solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
+    axes = AXES
+    seen = np.ascontiguousarray(corners @ axes.T)
+    low, high = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
+    width = float((high - low).max()) / N_BINS * (1 + 1e-9)
+    first, member = _binned(seen, low, width)
+    return Solid(np.ascontiguousarray(corners), seen, axes, low, width, first, member)
+
+
+def no_solid(corners: Array) -> Solid:
+    """Return a `Solid` without inside, of triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]."""
+    none = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _bins(triangle, low, width):
+    """Return the first and last bin, along both axes across the ray, that a triangle may overlap."""
+    u = min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
+    v = min(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
+    s = max(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
+    t = max(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
+    return (
+        max(0, int(u / width)),
+        min(N_BINS - 1, int(s / width)),
+        max(0, int(v / width)),
+        min(N_BINS - 1, int(t / width)),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _binned(seen, low, width):
+    first = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64)
+    for k in range(seen.shape[0]):
+        a, b, c, d = _bins(seen[k], low, width)
+        for i in range(a, b + 1):
+            for j in range(c, d + 1):
+                first[i * N_BINS + j + 1] += 1
+    for i in range(N_BINS * N_BINS):
+        first[i + 1] += first[i]
+    member, at = np.empty(first[-1], dtype=np.int64), first.copy()
+    for k in range(seen.shape[0]):
+        a, b, c, d = _bins(seen[k], low, width)
+        for i in range(a, b + 1):
+            for j in range(c, d + 1):
+                member[at[i * N_BINS + j]] = k
+                at[i * N_BINS + j] += 1
+    return first, member
+
+
+@numba.njit(cache=True, error_model="numpy")
+def is_inside(solid, x, y, z):
+    """Return whether a point is inside a solid; for a point on the surface the answer may be either."""
+    axes = solid.axes
+    u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+    v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+    w = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+    i, j = int(np.floor((u - solid.low[0]) / solid.width)), int(np.floor((v - solid.low[1]) / solid.width))
+    if i < 0 or j < 0 or i >= N_BINS or j >= N_BINS:
+        return False
+    turns = 0
+    for m in range(solid.first[i * N_BINS + j], solid.first[i * N_BINS + j + 1]):
+        triangle = solid.seen[solid.member[m]]
+        if triangle[0, 2] < w and triangle[1, 2] < w and triangle[2, 2] < w:
+            continue
+        e = side_of(triangle[0], triangle[1], u, v)
+        f = side_of(triangle[1], triangle[2], u, v)
+        g = side_of(triangle[2], triangle[0], u, v)
+        if (e > 0.0) == (f > 0.0) and (f > 0.0) == (g > 0.0):
+            total = e + f + g
+            if total != 0.0 and (f * triangle[0, 2] + g * triangle[1, 2] + e * triangle[2, 2]) / total > w:
+                turns += 1 if total > 0.0 else -1
+    return turns != 0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def side_of(p, q, u, v):
+    """Return on which side of the edge p-q a ray passes, as a signed number.
+
+    Both triangles that share the edge get the same number, to the last digit.
+    """
+    if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
+        return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
+    return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def are_inside(solid, points):
+    """Return which of the points, array of shape (n, 3), are inside a solid; array of bool, shape (n,)."""
+    inside = np.empty(points.shape[0], dtype=np.bool_)
+    for k in range(points.shape[0]):
+        inside[k] = is_inside(solid, points[k, 0], points[k, 1], points[k, 2])
+    return inside
+
+
+@numba.njit(cache=True, error_model="numpy")
+def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
+    """Cut a solid, or a sheet that bounds nothing, into nearly convex pieces.
+
+    Parameters
+    ----------
+    solid : in the frame of the planes
+    planes : array, positions of the planes at which it is cut in any case: along x, then y, then z, each in order [m]
+    first_plane : array of int, shape (4,), index of each axis's first plane in `planes`
+    low, high : arrays, shape (3,), corners of a box around the solid [m]
+    bend : largest deviation of a piece from convexity [m], unless its box is smaller than `smallest` [m]
+    most : number of pieces beyond which the cutting stops
+
+    Returns
+    -------
+    points : array, shape (n, 3), extreme points of the pieces [m]
+    first : array of int, shape (n_pieces + 1,), index of each piece's first point in `points`
+    """
+    n_triangles = solid.corners.shape[0]
+    flat = FLAT * (high - low).max()
+    pool = np.empty(8 * n_triangles + 1024, dtype=np.int64)
+    for k in range(n_triangles):
+        pool[k] = k
+    boxes, spans = np.empty((1024, 2, 3)), np.empty((1024, 2), dtype=np.int64)
+    boxes[0, 0], boxes[0, 1] = low, high
+    spans[0, 0], spans[0, 1] = 0, n_triangles
+    points, first = np.empty((4096, 3)), np.empty(1024, dtype=np.int64)
+    n_points, n_pieces, top = 0, 0, 1
+    first[0] = 0
+    polygon, other = np.empty((MAX_POLYGON, 3)), np.empty((MAX_POLYGON, 3))
+    own = np.empty((4096, 3))
+    while top > 0 and n_pieces <= most:
+        top -= 1
+        a, b = boxes[top, 0].copy(), boxes[top, 1].copy()
+        begin, end = spans[top]
+        axis, at = _cut(planes, first_plane, a, b)
+        if axis < 0 or begin == end:
+            x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+            if begin == end and not is_inside(solid, x, y, z):
+                continue
+            if axis < 0:
+                n_own, off, own = _piece(solid, pool[begin:end], a, b, polygon, other, own, flat)
+                if n_own == 0:
+                    continue
+                longest = int(np.argmax(b - a))
+                if off <= bend or b[longest] - a[longest] < 2.0 * smallest:
+                    if n_points + n_own > points.shape[0]:
+                        points = np.concatenate((points, np.empty((points.shape[0] + n_own, 3))))
+                    if n_pieces + 2 > first.shape[0]:
+                        first = np.concatenate((first, np.empty(first.shape[0], dtype=np.int64)))
+                    points[n_points : n_points + n_own] = own[:n_own]
+                    n_points, n_pieces = n_points + n_own, n_pieces + 1
+                    first[n_pieces] = n_points
+                    continue
+                axis, at = longest, 0.5 * (a[longest] + b[longest])
+        # Halve the box; its triangles lie at the end of the pool.
+        count = end - begin
+        if begin + 3 * count > pool.shape[0]:
+            pool = np.concatenate((pool, np.empty(pool.shape[0] + 3 * count, dtype=np.int64)))
+        kept = begin + count
+        n_low = 0
+        for m in range(begin, end):
+            corners = solid.corners[pool[m]]
+            if min(corners[0, axis], corners[1, axis], corners[2, axis]) <= at:
+                pool[kept + n_low] = pool[m]
+                n_low += 1
+        n_high = 0
+        for m in range(begin, end):
+            corners = solid.corners[pool[m]]
+            if max(corners[0, axis], corners[1, axis], corners[2, axis]) >= at:
+                pool[kept + n_low + n_high] = pool[m]
+                n_high += 1
+        for m in range(n_low + n_high):
+            pool[begin + m] = pool[kept + m]
+        if top + 2 > boxes.shape[0]:
+            boxes = np.concatenate((boxes, np.empty_like(boxes)))
+            spans = np.concatenate((spans, np.empty_like(spans)))
+        boxes[top, 0], boxes[top, 1] = a, b
+        boxes[top, 1, axis] = at
+        spans[top, 0], spans[top, 1] = begin, begin + n_low
+        boxes[top + 1, 0], boxes[top + 1, 1] = a, b
+        boxes[top + 1, 0, axis] = at
+        spans[top + 1, 0], spans[top + 1, 1] = begin + n_low, begin + n_low + n_high
+        top += 2
+    return points[:n_points].copy(), first[: n_pieces + 1].copy()
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cut(planes, first_plane, a, b):
+    """Return the axis and position of the middle plane among those that cut a box across its longest side.
+
+    The axis is -1 where no plane cuts the box.
+    """
+    best, at, longest = -1, 0.0, 0.0
+    for axis in range(3):
+        low, high = first_plane[axis], first_plane[axis + 1]
+        own = planes[low:high]
+        i, j = np.searchsorted(own, a[axis], side="right"), np.searchsorted(own, b[axis], side="left")
+        if j > i and b[axis] - a[axis] > longest:
+            best, at, longest = axis, own[(i + j) // 2], b[axis] - a[axis]
+    return best, at
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _piece(solid, members, a, b, polygon, other, own, flat):
+    """Collect the extreme points of the part of a solid within a box.
+
+    Returns
+    -------
+    n_own : number of extreme points
+    off : how far the piece is from convex [m]
+    own : array whose first `n_own` rows are the extreme points [m]
+    """
+    n_own, n_faces = 0, 0
+    sheet = solid.member.shape[0] == 0
+    faces = np.empty((members.shape[0], 4))
+    for m in range(members.shape[0]):
+        corners = solid.corners[members[m]]
+        n = 3
+        for i in range(3):
+            polygon[i] = corners[i]
+        for axis in range(3):
+            n = _clipped(polygon, n, axis, 1.0, b[axis], other)
+            n = _clipped(other, n, axis, -1.0, -a[axis], polygon)
+        if n < 3:
+            continue
+        p, q, r = corners[0], corners[1], corners[2]
+        nx = (q[1] - p[1]) * (r[2] - p[2]) - (q[2] - p[2]) * (r[1] - p[1])
+        ny = (q[2] - p[2]) * (r[0] - p[0]) - (q[0] - p[0]) * (r[2] - p[2])
+        nz = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if length == 0.0:
+            continue
+        nx, ny, nz = nx / length, ny / length, nz / length
+        if not sheet and _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
+            continue
+        faces[n_faces, 0], faces[n_faces, 1], faces[n_faces, 2] = nx, ny, nz
+        faces[n_faces, 3] = nx * p[0] + ny * p[1] + nz * p[2]
+        n_faces += 1
+        if n_own + n + 8 > own.shape[0]:
+            own = np.concatenate((own, np.empty_like(own)))
+        for i in range(n):
+            own[n_own + i] = polygon[i]
+        n_own += n
+    for corner in range(8):
+        if members.shape[0] > 0:  # else the whole box is inside
+            x = _inward(a, b, corner, 0)
+            if not is_inside(solid, x, _inward(a, b, corner, 1), _inward(a, b, corner, 2)):
+                continue
+        for axis in range(3):
+            own[n_own, axis] = b[axis] if corner >> axis & 1 else a[axis]
+        n_own += 1
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(n_own):
+            low, high = min(low, own[i, axis]), max(high, own[i, axis])
+        if high - low <= flat and not sheet:
+            return 0, 0.0, own
+    off = 0.0
+    for f in range(n_faces):
+        for i in range(n_own):
+            beyond = faces[f, 0] * own[i, 0] + faces[f, 1] * own[i, 1] + faces[f, 2] * own[i, 2] - faces[f, 3]
+            off = max(off, abs(beyond) if sheet else beyond)
+    return n_own, off, own
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _inward(a, b, corner, axis):
+    share = 1.0 - INWARD if corner >> axis & 1 else INWARD
+    return a[axis] + share * (b[axis] - a[axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
+    """Return whether a polygon lies in a side of the box and bounds the part of the solid beyond that side."""
+    for axis in range(3):
+        normal = nx if axis == 0 else (ny if axis == 1 else nz)
+        at_low, at_high = True, True
+        for i in range(n):
+            at_low &= polygon[i, axis] <= a[axis] + flat
+            at_high &= polygon[i, axis] >= b[axis] - flat
+        # Outwards along the axis: the solid is on the box's own side. A line only on the side: others tell more.
+        if at_low and normal > -0.5:
+            return True
+        if at_high and normal < 0.5:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _clipped(polygon, n, axis, sign, bound, out):
+    """Write in `out` the part of a polygon where ``sign * x[axis] <= bound``, and return its number of corners."""
+    count = 0
+    for i in range(n):
+        p, q = polygon[i], polygon[(i + 1) % n]
+        here, there = sign * p[axis] - bound, sign * q[axis] - bound
+        if here <= 0.0:
+            out[count] = p
+            count += 1
+        if (here < 0.0 and there > 0.0) or (here > 0.0 and there < 0.0):
+            share = here / (here - there)
+            for k in range(3):
+                out[count, k] = p[k] + share * (q[k] - p[k])
+            out[count, axis] = sign * bound
+            count += 1
+    return count

@@ -1,0 +1,112 @@
+"""The meshes of a scene: the triangles as the files hold them, in metres, and the solids and sheets they form."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ComoveWarning, SceneError
+from comove.geometry.convex_decomposition import SHEET, Cover, cover_of
+from comove.geometry.topology import Parts, solids_and_sheets
+from comove.geometry.triangles import FORMATS, MeshError, read_bytes, triangles_of
+
+Array = NDArray[np.float64]
+
+MAX_FACES = 50_000
+LARGE = 50.0  # m, wider than this is probably written in millimetres
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A mesh that was read from a file, in metres.
+
+    Attributes
+    ----------
+    triangles : array, shape (n_triangles, 3, 3), all triangles of the file [m]
+    parts : the solids and sheets that they form
+    width : longest side of the box around them [m]
+    sha256 : checksum of the file
+    """
+
+    triangles: Array
+    parts: Parts
+    width: float
+    sha256: str
+
+    def cover(self, resolution: float | None, *, few: bool) -> Cover:
+        """Return convex polytopes that contain all triangles and what they close (see
+        `comove.geometry.convex_decomposition.cover_of`).
+        """
+        return _cover(self, resolution, few)
+
+
+def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
+    """Read the mesh in a file.
+
+    Parameters
+    ----------
+    scale : factor from the file's lengths to metres
+    file, key : scene file and key that name the mesh, for messages
+
+    Raises
+    ------
+    SceneError
+        If the file holds no mesh that can be used.
+    """
+
+    try:
+        suffix = path.suffix.lower()
+        if suffix not in FORMATS:
+            known = ", ".join(name[1:].upper() for name in FORMATS)
+            raise MeshError("it is no mesh that can be read", way_out=f"write it in one of {known}")
+        data = read_bytes(path)
+        mesh, told = _read(data, suffix, scale)
+    except MeshError as error:
+        raise SceneError(
+            f"'{path.name}': {error.message}", file=file, key=key, way_out=error.way_out
+        ) from None
+    place = ": ".join(str(part) for part in (file, key) if part is not None)
+    for message in told:
+        warnings.warn(f"{place}: '{path.name}' {message}", ComoveWarning, stacklevel=6)
+    return mesh
+
+
+@lru_cache(maxsize=16)  # the same file is often several obstacles, or asked for again
+def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]]:
+    """Return the mesh, and the messages of which the user is warned."""
+    vertices, faces = triangles_of(data, suffix)
+    if len(faces) > MAX_FACES:
+        raise MeshError(f"it has {len(faces)} triangles", way_out=f"decimate it to {MAX_FACES} or fewer")
+    triangles = scale * vertices[faces]
+    with np.errstate(over="ignore", invalid="ignore"):
+        width = float(np.ptp(triangles, axis=(0, 1)).max())
+    if not 0.0 < width < np.inf:
+        raise MeshError(
+            "it is a point" if width == 0.0 else "it has no size", way_out="write it anew, or another scale"
+        )
+    parts = solids_and_sheets(scale * vertices, faces)
+    told: tuple[str, ...] = ()
+    n_parts, n_sheets = len(parts.solids) + len(parts.sheets), len(parts.sheets)
+    if n_sheets:
+        which = "" if n_sheets == n_parts else f" in {n_sheets} of its {n_parts} parts"
+        told = (
+            f"is not closed{which}: what is open counts as thin walls (as a load {SHEET * width:.2g} m thick), and "
+            "nothing is inside it; close it if it is a solid",
+        )
+    if width > LARGE:
+        told = (
+            *told,
+            f"is {width:g} m long, which looks like millimetres; lengths are in metres, or add scale: 0.001",
+        )
+    return Mesh(triangles, parts, width, hashlib.sha256(data).hexdigest()), told
+
+
+@lru_cache(maxsize=16)
+def _cover(mesh: Mesh, resolution: float | None, few: bool) -> Cover:
+    return cover_of(mesh.parts, resolution, few=few)

@@ -1,0 +1,200 @@
+"""Convex polytopes: hulls of points, coarser hulls around them, and their rows in the table that kernels take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+from comove.geometry import distances as sd
+from comove.geometry.simplices import nearest_of_simplex
+
+Array = NDArray[np.float64]
+
+ALIKE = 1e-9  # by which unit normals of one facet may differ
+OUT = 1e-9  # of a polytope's size, by which the planes of a coarser one are moved outwards
+FAR = 1e6  # of a polytope's size, beyond which no vertex of a coarser one is
+MANY_VERTICES, MANY_PLANES = 48, 40  # beyond which a coarser polytope is looked for
+MOST_PLANES = 96  # of a coarser one
+
+
+@dataclass(frozen=True)
+class Polytope:
+    """A convex polytope, which planes bound.
+
+    Attributes
+    ----------
+    vertices : array, shape (n_vertices, 3) [m]
+    planes : array, shape (n_planes, 4): outward unit normals n and offsets d, n x <= d [m]
+    """
+
+    vertices: Array
+    planes: Array
+
+    @property
+    def size(self) -> float:
+        """Return the longest side of the box around the polytope [m]."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+
+def hull_of(points: Array) -> Polytope | None:
+    """Return the convex hull of points, array of shape (n, 3) [m]; None where they all lie in one plane."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # all in one plane, fewer than four, or as good as
+        return None
+    vertices = points[hull.vertices]
+    return Polytope(vertices, _planes(vertices, hull.equations[:, :3]))
+
+
+def _planes(vertices: Array, normals: Array) -> Array:
+    """Return the planes that touch the vertices, one for each different normal; array, shape (n, 4)."""
+    kept = np.unique(np.round(normals / ALIKE).astype(np.int64), axis=0, return_index=True)[1]
+    normals = normals[np.sort(kept)]
+    return np.column_stack([normals, (vertices @ normals.T).max(axis=0)])
+
+
+def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
+    """Return a polytope with fewer planes around a hull that has many, and how far it reaches beyond the hull [m].
+
+    It begins as a box. The vertex that is farthest from the hull is cut off by the plane that touches the hull at the
+    point nearest to the vertex, until no vertex is farther than `tolerance` [m], or `MOST_PLANES` are reached. A hull
+    that has few vertices and planes is returned as it is.
+    """
+    if len(hull.vertices) <= MANY_VERTICES and len(hull.planes) <= MANY_PLANES:
+        return hull, 0.0
+    middle = hull.vertices.mean(axis=0)
+    axes = np.linalg.svd(hull.vertices - middle, full_matrices=False)[2]
+    normals, out = np.concatenate([axes, -axes]), OUT * hull.size
+    while True:
+        offsets = (hull.vertices @ normals.T).max(axis=0) + out
+        planes = np.column_stack([normals, offsets])
+        vertices = HalfspaceIntersection(np.column_stack([normals, -offsets]), middle).intersections
+        vertices = vertices[
+            np.abs(vertices - middle).max(axis=1) < FAR * hull.size
+        ]  # planes that hardly meet
+        feet = nearest_in_hull(hull.vertices, vertices)
+        apart = np.linalg.norm(vertices - feet, axis=1)
+        worst = int(apart.argmax())
+        beyond = float(apart[worst])
+        if beyond <= tolerance or len(normals) >= MOST_PLANES:
+            break
+        normals = np.concatenate([normals, [(vertices[worst] - feet[worst]) / beyond]])
+    found = hull_of(vertices)
+    if len(found.vertices) >= len(hull.vertices):
+        return hull, 0.0
+    return Polytope(found.vertices, planes), beyond
+
+
+@numba.njit(cache=True, error_model="numpy")
+def nearest_in_hull(vertices, points):
+    """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m].
+
+    Array, shape (m, 3).
+    """
+    nearest = np.empty_like(points)
+    corners, weights = np.empty((4, 3)), np.empty(4)
+    for k in range(points.shape[0]):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        u, v, w = vertices[0, 0] - x, vertices[0, 1] - y, vertices[0, 2] - z
+        n, square = 0, np.inf
+        for _ in range(100):
+            best, least = 0, np.inf
+            for i in range(vertices.shape[0]):
+                along = u * (vertices[i, 0] - x) + v * (vertices[i, 1] - y) + w * (vertices[i, 2] - z)
+                if along < least:
+                    best, least = i, along
+            if u * u + v * v + w * w - least <= 1e-12 * (u * u + v * v + w * w) + 1e-24:
+                break
+            corners[n, 0], corners[n, 1] = vertices[best, 0] - x, vertices[best, 1] - y
+            corners[n, 2] = vertices[best, 2] - z
+            nearer = nearest_of_simplex(corners, n + 1, weights)
+            if not nearer < square:
+                break
+            square, kept = nearer, 0
+            u, v, w = 0.0, 0.0, 0.0
+            for i in range(n + 1):
+                if weights[i] == 0.0:
+                    continue
+                u += weights[i] * corners[i, 0]
+                v += weights[i] * corners[i, 1]
+                w += weights[i] * corners[i, 2]
+                for axis in range(3):
+                    corners[kept, axis] = corners[i, axis]
+                kept += 1
+            n = kept
+            if n == 4:
+                u, v, w = 0.0, 0.0, 0.0
+                break
+        nearest[k, 0], nearest[k, 1], nearest[k, 2] = x + u, y + v, z + w
+    return nearest
+
+
+def bevelled(polytope: Polytope) -> Array:
+    """Return the planes of a polytope and further planes that touch its edges and corners; array, shape (n, 4).
+
+    The further planes cut nothing off. Outside, the largest distance from a plane that touches the polytope at the
+    nearest point is the distance times the cosine of the angle between their directions: with normals `BETWEEN` apart
+    along every edge, and directions all around for the corners, it is at most an eighth less than the distance.
+    """
+    vertices, normals = polytope.vertices, polytope.planes[:, :3]
+    touching = np.abs(vertices @ normals.T - polytope.planes[:, 3]) < 1e-7 * polytope.size
+    shared = touching.T.astype(int) @ touching.astype(int)  # how many vertices two planes share
+    added = [normals]
+    for i, j in zip(*np.nonzero(np.triu(shared >= 2, k=1)), strict=True):
+        angle = np.arccos(np.clip(normals[i] @ normals[j], -1.0, 1.0))
+        share = np.linspace(0.0, 1.0, int(np.ceil(angle / BETWEEN - 1e-6)) + 1)[1:-1, None]
+        if len(share) and angle < np.pi - 1e-4:  # else as flat as nothing is
+            turn = np.sin((1 - share) * angle) * normals[i] + np.sin(share * angle) * normals[j]
+            added.append(turn / np.sin(angle))
+    found = np.concatenate(added)
+    new = (ALL_AROUND @ found.T).max(axis=1) < SAME_DIRECTION
+    return _planes(vertices, np.concatenate([found, ALL_AROUND[new]]))
+
+
+def _all_around(count: int) -> Array:
+    """Return unit vectors that are evenly spread on a Fibonacci spiral; array, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5.0)) * k
+    return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+
+
+BETWEEN = np.radians(50.0)
+ALL_AROUND = _all_around(40)  # no direction is farther than 25 deg from one of them
+SAME_DIRECTION = np.cos(np.radians(12.0))
+
+
+def rows_of(polytopes: list[Polytope], center: Array, rotation: Array) -> Array:
+    """Return the rows of polytopes for the table of obstacles (`comove.geometry.distances`).
+
+    Parameters
+    ----------
+    polytopes : in the frame of one obstacle
+    center, rotation : arrays, shapes (3,) and (3, 3), pose of this frame [m]
+    """
+    planes = [bevelled(p) for p in polytopes]
+    widths = [
+        sd.PLANES + own.size + polytope.vertices.size for own, polytope in zip(planes, polytopes, strict=True)
+    ]
+    table = np.zeros((len(polytopes), max(widths)))
+    table[:, sd.KIND] = sd.POLYTOPE
+    table[:, sd.CENTER : sd.CENTER + 3], table[:, sd.ROTATION : sd.ROTATION + 9] = center, rotation.ravel()
+    for row, own, polytope in zip(table, planes, polytopes, strict=True):
+        row[sd.REACH] = np.linalg.norm(polytope.vertices, axis=1).max()
+        row[sd.N_PLANES], row[sd.N_VERTICES] = len(own), len(polytope.vertices)
+        middle = 0.5 * (polytope.vertices.min(axis=0) + polytope.vertices.max(axis=0))
+        row[sd.MIDDLE : sd.MIDDLE + 3] = middle
+        row[sd.BALL] = np.linalg.norm(polytope.vertices - middle, axis=1).max()
+        behind = sd.PLANES + own.size
+        row[sd.PLANES : behind] = own.ravel()
+        row[behind : behind + polytope.vertices.size] = polytope.vertices.ravel()
+    return table
+
+
+def vertices_in(row: Array) -> Array:
+    """Return the vertices that a polytope's row holds, in the obstacle's frame; array, shape (n_vertices, 3) [m]."""
+    first = sd.PLANES + 4 * int(row[sd.N_PLANES])
+    return row[first : first + 3 * int(row[sd.N_VERTICES])].reshape(-1, 3)

@@ -1,0 +1,23 @@
+"""Strict readers of triangles from mesh files: damaged files and false claims are refused, in one sentence."""
+
+from comove.geometry.triangles.checks import MeshError
+from comove.geometry.triangles.markup import elements_of
+from comove.geometry.triangles.reader import (
+    FORMATS,
+    MAX_BYTES,
+    as_stl,
+    read_bytes,
+    read_triangles,
+    triangles_of,
+)
+
+__all__ = [
+    "FORMATS",
+    "MAX_BYTES",
+    "MeshError",
+    "as_stl",
+    "elements_of",
+    "read_bytes",
+    "read_triangles",
+    "triangles_of",
+]

@@ -1,0 +1,266 @@
+"""Functions shared by all readers and writers of files: paths, sizes, free space, and complete writing."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import IO, Any
+
+from comove.errors import DemonstrationError, InputError
+from comove.io import drafts
+
+ROOM = 100_000
+"""What must be free on a disk before anything is begun whose result goes there [bytes]."""
+_MEGABYTE = 2**20
+
+
+def existing_file(
+    path: str | os.PathLike[str], max_bytes: int, way_out: str, error: type[InputError] = DemonstrationError
+) -> Path:
+    """Return `path` if it is a file of at most `max_bytes`; `way_out` is the advice for a larger one.
+
+    Raises
+    ------
+    error
+        If it is missing, a folder, not a regular file, or too large.
+    """
+    path = Path(path)
+    with telling(path, error=error):
+        if not path.exists():
+            raise error(
+                "there is no such file", file=path, way_out=f"check the path (relative to {Path.cwd()})"
+            )
+        if not path.is_file():
+            what = "a folder" if path.is_dir() else "not a regular file"
+            raise error(f"it is {what}", file=path, way_out="name the file itself")
+        size = path.stat().st_size
+    if size > max_bytes:
+        limit = max_bytes / _MEGABYTE
+        raise error(
+            f"it has {size / _MEGABYTE:.0f} MB, more than the {limit:.0f} MB that are read",
+            file=path,
+            way_out=way_out,
+        )
+    return path
+
+
+@contextlib.contextmanager
+def telling(path: Path, doing: str = "read", error: type[InputError] = DemonstrationError) -> Iterator[None]:
+    """Convert a failure of the file system to an `error` that names `path`."""
+    try:
+        yield
+    except OSError as failure:
+        why, way_out = refusal(failure, path)
+        raise error(f"it cannot be {doing}: {why}", file=path, way_out=way_out) from failure
+    except ValueError as failure:
+        if "\0" in str(path) and "null byte" in str(failure):
+            raise error(
+                f"it cannot name a file: {failure}", file=path, way_out="choose another name"
+            ) from failure
+        if not isinstance(failure, UnicodeEncodeError) or _encodable(path, failure.encoding):
+            raise
+        raise error(
+            f"its name has characters that {failure.encoding} lacks",
+            file=path,
+            way_out="choose another name, or set PYTHONUTF8=1",
+        ) from failure
+
+
+def _encodable(path: Path, encoding: str) -> bool:
+    try:
+        os.path.abspath(path).encode(encoding)
+        return True
+    except UnicodeEncodeError:
+        return False
+
+
+def refusal(failure: OSError, path: Path) -> tuple[str, str]:
+    """Return the reason for a failure of the file system, and the advice against it."""
+    if failure.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"the disk is full{_free(path)}", "make room there, or name a place on another disk"
+    if failure.errno == errno.ENAMETOOLONG:
+        return "the name is too long", "choose a shorter one"
+    if failure.errno == errno.ELOOP:
+        return "links in its path lead round in a circle", "mend or remove them, or name another path"
+    if failure.errno == errno.EROFS:
+        return "the disk may only be read", "name a place that you may write"
+    return failure.strerror or str(failure), "check the path, and that you may use it"
+
+
+def _free(path: Path) -> str:
+    """Return the free space of the disk in words; empty if it is large or unknown."""
+    for folder in path.absolute().parents:
+        with contextlib.suppress(OSError):
+            free = shutil.disk_usage(folder).free
+            return f", {free / _MEGABYTE:.1f} MB of it are free" if free < 100 * _MEGABYTE else ""
+    return ""
+
+
+def require_room(path: Path, error: type[InputError] = DemonstrationError, room: int = ROOM) -> None:
+    """Check, before a long computation, that a draft can be written beside `path` (see `drafts`).
+
+    Parameters
+    ----------
+    room : space that must be free on the disk [bytes]
+
+    Raises
+    ------
+    error
+        If its folder is missing or not writable, its name is too long, or the disk is full.
+    """
+    with telling(path, "written", error):
+        with contextlib.suppress(FileNotFoundError):
+            os.stat(path)
+        folder = path.parent
+        while not folder.exists():
+            folder = folder.parent
+        for part in path.relative_to(
+            folder
+        ).parts:  # each name by itself: the system stops at the first missing
+            with contextlib.suppress(FileNotFoundError):
+                os.stat(folder / part)
+        os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
+        free = shutil.disk_usage(folder).free
+    if free < room:
+        raise error(
+            f"the disk is full: {free / 1000:.0f} kB of it are free, about {room / 1000:.0f} kB are needed",
+            file=path,
+            way_out="make room there, or name a place on another disk",
+        )
+
+
+def extra(module: str, file: object) -> ModuleType:
+    """Import a library that only some formats need.
+
+    Raises
+    ------
+    DemonstrationError
+        If it is not installed; the error gives the command to install it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        name = module.partition(".")[0]
+        raise DemonstrationError(
+            f"its kind needs {name}, which is not installed",
+            file=file,
+            way_out="run: pip install 'comove[data]'",
+        ) from error
+
+
+@contextlib.contextmanager
+def whole_file(
+    path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
+) -> Iterator[IO[Any]]:
+    """Open `path` for writing bytes; see `whole_path`."""
+    with whole_path(path, error, replace=replace) as draft, open(draft, "wb") as file:
+        yield file
+
+
+@contextlib.contextmanager
+def whole_path(
+    path: str | os.PathLike[str], error: type[InputError] = DemonstrationError, *, replace: bool = True
+) -> Iterator[Path]:
+    """Yield a temporary path to write a file; it is moved to `path` only after complete writing to the disk.
+
+    Parameters
+    ----------
+    replace : whether to replace an existing file; otherwise an existing file is an error, even one made meanwhile by
+        another process
+
+    Raises
+    ------
+    error
+        If the folder is missing or not writable, or `path` is a folder or may not be replaced.
+    """
+    path = Path(path)
+    with telling(path, "written", error):
+        require_target(path, error)
+        with drafts.draft(path) as folder:
+            draft = folder / path.name
+            yield draft
+            with open(draft, "rb+") as file:
+                os.fsync(file.fileno())
+            if replace:
+                os.replace(draft, path)
+            else:
+                _claim(draft, path, error)
+
+
+def require_target(path: Path, error: type[InputError] = DemonstrationError) -> None:
+    """Check, before a long computation, that a file can be written to `path`.
+
+    Raises
+    ------
+    error
+        If it does not name a file, or a folder or something else is there; or as in `require_room`.
+    """
+    with telling(path, "written", error):
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(path)
+        if not path.name:
+            raise error("it names no file", file=path, way_out="give the file a name")
+        if path.exists() and not path.is_file():
+            raise error("it is there already and is no file", file=path, way_out="choose another name")
+        _require_folder(path, error)
+    require_room(path, error)
+
+
+def _require_folder(path: Path, error: type[InputError]) -> None:
+    if not path.parent.is_dir():
+        raise error(
+            f"it cannot be written: there is no folder {path.parent}",
+            file=path,
+            way_out="check the path, or make the folder",
+        )
+
+
+def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
+    """Move the draft to its path, and raise if another process made a file there first."""
+    try:
+        try:
+            os.link(draft, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            open(path, "xb").close()
+            os.replace(draft, path)
+    except FileExistsError as failure:
+        raise error(
+            "it is there already", file=path, way_out="choose another name, or replace it"
+        ) from failure
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing.
+
+    Raises
+    ------
+    DemonstrationError
+        If `path` exists already and is not an empty folder, or it cannot be written.
+    """
+    path = Path(path)
+    with telling(path, "written"):
+        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+            raise DemonstrationError("it is there already", file=path, way_out="choose another name")
+        _require_folder(path, DemonstrationError)
+        require_room(path)
+        with drafts.draft(path) as draft:
+            yield draft
+            drafts.settle(draft)
+            try:
+                os.rename(draft, path)  # onto nothing, or onto an empty folder
+            except OSError as failure:
+                if failure.errno not in drafts.IN_THE_WAY:
+                    raise
+                raise DemonstrationError(
+                    "it is there already", file=path, way_out="choose another name"
+                ) from failure

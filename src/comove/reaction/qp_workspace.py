@@ -1,0 +1,141 @@
+"""Arrays and parameters on which the kernels of the twist programme work, as named tuples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.closest_points import N_PARTS
+from comove.reaction.control_points import LoadPoints
+
+Array = NDArray[np.float64]
+
+BORDER, HANDS, LIMIT = -1, -2, -3
+"""Who asks for a row, where it is no obstacle: the border, a hand of another body, a limit of the hands."""
+
+
+class Freedom(NamedTuple):
+    """The degrees of freedom of a scene's rigid groups, and the distances that they must keep.
+
+    Attributes
+    ----------
+    basis : array, shape (n_groups, 6, n_variables), twists per unit of the variables; the columns of an axis that
+        turns are rewritten with its direction
+    axis : array of int, shape (n_groups,), the first of the two variables that turn an axis in space; -1 for others
+    scale : array, shape (n_groups,), length by which a variable that turns is divided [m]
+    idle : array, shape (n_groups, 3, 3), in the group's frame [m^2]: cost of rotation that hardly moves the hands
+    spread : array, shape (n_groups,), largest distance of a hand from the middle of its group's hands [m]
+    lever : array, shape (n_groups,), upper bound of the ratio of a point's speed to that of the hands
+    pairs : array of int, shape (n_pairs, 2), pairs of hands that must stay apart
+    apart : array, shape (n_pairs,), least distances of these pairs [m]
+    lower, upper : arrays, shape (3,), the workspace [m]
+    """
+
+    basis: Array
+    axis: NDArray[np.int64]
+    scale: Array
+    idle: Array
+    spread: Array
+    lever: Array
+    pairs: NDArray[np.int64]
+    apart: Array
+    lower: Array
+    upper: Array
+
+
+class Rates(NamedTuple):
+    """Limits and rates of the programme, infinite where there are none.
+
+    Attributes
+    ----------
+    period : length of a control step [s]
+    gain : approach speed per distance [1/s]
+    braking : deceleration that is assumed for approaching bodies [m/s^2]
+    retreat : largest speed with which a lost clearance is restored [m/s]
+    speed, acceleration : limits of every hand [m/s], [m/s^2]
+    clearance : required clearance: the scene's and what is kept on top of it [m]
+    """
+
+    period: float
+    gain: float
+    braking: float
+    retreat: float
+    speed: float
+    acceleration: float
+    clearance: float
+
+
+class Desk(NamedTuple):
+    """Work arrays that are rewritten in every step.
+
+    Attributes
+    ----------
+    quadratic, linear : arrays, shapes (n, n), (n,), the objective ``x' quadratic x / 2 + linear x``
+    rows, low : arrays, shapes (n_rows, n), (n_rows,), the constraints ``rows x >= low``
+    owner, body : arrays of int, shape (n_rows,): the obstacle, `BORDER`, `HANDS` or `LIMIT` that requires a row; the
+        group that it constrains
+    hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
+    rotation, nodes, points : arrays, shapes (n_groups, 3, 3), (n_nodes, 3), (n_points, 3), at the start of the step
+    center_after, quaternion_after, rotation_after, nodes_after, table_after : arrays, the state after the step
+    left : array, shape (n_edges + n_solids, n_obstacles), clearances h at the start of the step [m]
+    gain : array, shape (n_groups,), approach speed per clearance left [1/s]
+    slack : array, shape (n_groups, n_obstacles + 2), by how much the rows of an owner were relaxed [m/s]
+    balls : array, shape (2 n_hands + n_groups, 4), centres and radii of the balls that limit velocities,
+        accelerations and rotations
+    """
+
+    quadratic: Array
+    linear: Array
+    rows: Array
+    low: Array
+    owner: NDArray[np.int64]
+    body: NDArray[np.int64]
+    hands: Array
+    rotation: Array
+    nodes: Array
+    points: Array
+    center_after: Array
+    quaternion_after: Array
+    rotation_after: Array
+    nodes_after: Array
+    table_after: Array
+    left: Array
+    gain: Array
+    slack: Array
+    balls: Array
+
+
+def empty_desk(
+    points: LoadPoints, freedom: Freedom, n_hands: int, shape: tuple[int, int], n_rounds: int
+) -> Desk:
+    """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows."""
+    n_obstacles, n_columns = shape
+    n_groups, _, n = freedom.basis.shape
+    n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
+    parts = len(points.edges) + N_PARTS * len(points.solids)
+    first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
+    later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
+    n_rows = first + n_rounds * later
+    return Desk(
+        np.zeros((n, n)),
+        np.zeros(n),
+        np.zeros((n_rows, n)),
+        np.zeros(n_rows),
+        np.zeros(n_rows, dtype=np.int64),
+        np.zeros(n_rows, dtype=np.int64),
+        np.zeros((n_hands, 3, n)),
+        np.zeros((n_groups, 3, 3)),
+        np.zeros((n_nodes, 3)),
+        np.zeros((len(points.group), 3)),
+        np.zeros((n_groups, 3)),
+        np.zeros((n_groups, 4)),
+        np.zeros((n_groups, 3, 3)),
+        np.zeros((n_nodes, 3)),
+        np.zeros((n_obstacles, n_columns)),
+        np.zeros((n_edges, n_obstacles)),
+        np.zeros(n_groups),
+        np.zeros((n_groups, n_obstacles + 2)),
+        np.zeros((2 * n_hands + n_groups, 4)),
+    )

@@ -1,0 +1,412 @@
+"""The twist programme: the velocities nearest to the desired ones that lead to no collision.
+
+In every control step, of all twists of the rigid groups those are taken that
+
+    minimise    sum over the hands of |velocity - desired velocity|^2
+    such that   no point of a load or hand approaches an obstacle, the border or a hand of another body faster
+                than the clearance that is left allows (a control barrier function, Ames et al., 2017; see `rows`),
+                |velocity of a hand| <= speed limit,
+                |velocity of a hand - velocity before| <= acceleration limit x period,
+
+a quadratic programme in the free velocities alone: rigid constraints, loads that stay upright and hands at one height
+hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls of the
+limits are approximated by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and 2 % for
+accelerations: solutions inside are not changed, and one or two rows replace the dozens of fixed facets that a
+spatial problem would need. After every solution the exact step is computed, and every distance that it violates
+becomes a row.
+
+Where no twist is admissible, rows are relaxed in a strict order of priority. Limits of the hands come before
+clearances, these before margins for uncertainty, and obstacles towards which the load itself moves before those that
+move towards it. First only those rows are relaxed that ask for a retreat; then margins, for which an uncertain
+obstacle is entered a second time without its margin; then, where the load cannot brake in time, all clearances; the
+limits only where they contradict each other. Rows are relaxed by one slack for every body and obstacle, and the sum
+of the squares of the slacks is minimised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number, require_positive
+from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows
+from comove.reaction.control_points import load_points
+from comove.reaction.qp_workspace import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
+from comove.reaction.twists import HandPoses, group_nodes
+from comove.scenes.constraints import SameHeightConstraint
+from comove.scenes.scene import Scene
+from comove.ties import first_largest
+
+Array = NDArray[np.float64]
+
+NOTHING = -2
+"""What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
+MAX_PERIOD = 1.0  # s, far beyond where steps are small
+MAX_ROUNDS = 20  # of solving and adding missing rows
+ENDLESS = 1e30  # infinite for the solver
+TOLERANCE = 1e-9  # m/s, of rows in the solver
+# Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
+MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
+TOLD = 1e-8  # m/s, relaxing by less is rounding
+HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
+
+
+class Sighting(NamedTuple):
+    """The obstacles at an instant, as they are seen.
+
+    Attributes
+    ----------
+    table : array, shape (n_rows, n_columns), table of the scene's obstacles with their present centres and rotations
+    velocity : array, shape (n_rows, 3), velocities of the centres [m/s]
+    spin : array, shape (n_rows, 3), angular velocities [rad/s]
+    margin : array, shape (n_rows,), distance kept on top of the scene's clearance for uncertainty [m]
+    """
+
+    table: Array
+    velocity: Array
+    spin: Array
+    margin: Array
+
+    @classmethod
+    def still(cls, scene: Scene) -> Sighting:
+        """Return the obstacles of a scene at their positions in its file, at rest and known exactly."""
+        n = len(scene.obstacles)
+        return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+
+
+class Allowed(NamedTuple):
+    """The result of a control step: the twists that are allowed.
+
+    Attributes
+    ----------
+    twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s], in the world's frame
+    relaxed : by how much rows had to be relaxed [m/s]; 0 where all could be kept
+    blocking : the row of the table with the largest multiplier; -1 for the border, -2 where neither hinders the
+        motion
+    clearance : present least distance to obstacles, less their margins, and to the border [m]; infinite without any
+    """
+
+    twists: Array
+    relaxed: float
+    blocking: int
+    clearance: float
+
+
+@dataclass(frozen=True)
+class ProgrammeSettings:
+    """Settings of the twist programme.
+
+    Attributes
+    ----------
+    gain : approach speed per clearance left [1/s]; at most half a clearance is used up in a period
+    braking_share : fraction of the acceleration limit that is assumed for the braking of approaching bodies; the rest
+        is for rotations and for several obstacles at once
+    retreat_speed : largest speed with which a lost clearance is restored [m/s]
+    n_points : points sampled on a body's longest edge, and equally dense ones on the others
+    turning_weight : weight of rotation that moves no hand, as a fraction of the load's extent squared
+    spare : distance kept on top of the scene's clearance [m]
+    """
+
+    gain: float = 10.0
+    braking_share: float = 0.5
+    retreat_speed: float = 0.25
+    n_points: int = 15
+    turning_weight: float = 1e-4
+    spare: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("gain", 1e3),
+            ("braking_share", 1.0),
+            ("retreat_speed", 1e3),
+            ("turning_weight", 1.0),
+        ):
+            require_positive(name, getattr(self, name), most)
+        if not is_number(self.spare) or not 0.0 <= self.spare <= 1.0:
+            raise OptionError(f"spare = {self.spare!r}", key="spare", way_out="give 0 to 1 m")
+        if (
+            isinstance(self.n_points, bool)
+            or not isinstance(self.n_points, int)
+            or not 2 <= self.n_points <= 1000
+        ):
+            raise OptionError(
+                f"n_points = {self.n_points!r}", key="n_points", way_out="give a whole number from 2 to 1000"
+            )
+
+
+class TwistProgramme:
+    """A solver that computes the allowed twists of one scene, step by step.
+
+    Parameters
+    ----------
+    scene : the scene whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
+    period : length of a control step [s]
+    settings : see `ProgrammeSettings`
+
+    Raises
+    ------
+    OptionError
+        If the period is not a positive number.
+    """
+
+    def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
+        require_positive("period", period, MAX_PERIOD)
+        settings = ProgrammeSettings() if settings is None else settings
+        self.scene, self.period, self.settings = scene, float(period), settings
+        self._points = load_points(scene, settings.n_points)
+        self._freedom = _freedom(scene, settings.turning_weight)
+        self._rates = Rates(
+            self.period,
+            min(settings.gain, 0.5 / self.period),
+            settings.braking_share * scene.acceleration_limit,
+            settings.retreat_speed,
+            scene.speed_limit,
+            scene.acceleration_limit,
+            scene.clearance + settings.spare + RESERVE,
+        )
+        self._hands = (len(scene.manipulators), 3)
+        self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
+        self._prepare(len(scene.obstacles))
+
+    def _prepare(self, n_obstacles: int) -> None:
+        """Allocate the arrays for that many obstacles."""
+        self._desk: Desk = empty_desk(
+            self._points,
+            self._freedom,
+            self._hands[0],
+            (n_obstacles, self.scene.obstacles.shape[1]),
+            MAX_ROUNDS + 1,
+        )
+        n_rows = len(self._desk.low)
+        self._high = np.full(n_rows, ENDLESS)
+        self._sense = np.zeros(n_rows, dtype=np.int32)
+
+    def allowed(self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
+        """Return the allowed twists of one control step.
+
+        Parameters
+        ----------
+        poses : present poses of the groups
+        before : array, shape (n_hands, 3), average velocities of the hands in the last step [m/s]
+        wanted : array, shape (n_hands, 3), desired velocities of the hands [m/s]
+        sighting : the obstacles
+
+        Raises
+        ------
+        OptionError
+            If an array has another shape, or something in it is not finite.
+        """
+        poses, before, wanted, sighting = self._checked(poses, before, wanted, sighting)
+        n_obstacles, unsure = len(sighting.margin), np.flatnonzero(sighting.margin > 0.0)
+        if len(unsure):
+            sighting = Sighting(*(np.concatenate([array, array[unsure]]) for array in sighting))
+            sighting.margin[n_obstacles:] = 0.0
+        if len(sighting.margin) != self._desk.left.shape[1]:
+            self._prepare(len(sighting.margin))
+        points, freedom, rates, desk = self._points, self._freedom, self._rates, self._desk
+        m, clearance = first_rows(points, freedom, rates, desk, poses, before, wanted, sighting)
+        if m < 0:
+            wrong, way_out = WRONG[m]
+            raise OptionError(wrong, way_out=way_out)
+        twists, gives_way = np.empty((len(poses.center), 6)), HARD
+        for _ in range(MAX_ROUNDS):
+            x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
+            n_rows, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
+            if n_rows == m:
+                break
+            m = n_rows
+        else:
+            x = self._within(x, before)
+            _, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
+        relaxed = float(desk.slack.max(initial=0.0)) if gives_way else 0.0
+        relaxed = max(relaxed, missed)
+        blocking = self._blocking(multipliers)
+        if blocking >= n_obstacles:
+            blocking = int(unsure[blocking - n_obstacles])
+        return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking, float(clearance))
+
+    def _checked(
+        self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
+    ) -> tuple[HandPoses, Array, Array, Sighting]:
+        """Return the arguments as the kernels take them."""
+        try:
+            poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
+            before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
+            sighting = Sighting(*(np.ascontiguousarray(a, dtype=np.float64) for a in sighting))
+        except (TypeError, ValueError) as error:
+            raise OptionError(
+                f"what is no array of numbers ({error})", way_out="give arrays of numbers"
+            ) from None
+        n = len(sighting.margin) if sighting.margin.ndim == 1 else len(self.scene.obstacles)
+        for name, given, shape in (
+            ("poses.center", poses.center, self._poses[0]),
+            ("poses.quaternion", poses.quaternion, self._poses[1]),
+            ("before", before, self._hands),
+            ("wanted", wanted, self._hands),
+            ("sighting.table", sighting.table, (n, self.scene.obstacles.shape[1])),
+            ("sighting.velocity", sighting.velocity, (n, 3)),
+            ("sighting.spin", sighting.spin, (n, 3)),
+            ("sighting.margin", sighting.margin, (n,)),
+        ):
+            if given.shape != shape:
+                raise OptionError(
+                    f"{name} of shape {given.shape}", key=name, way_out=f"give an array of shape {shape}"
+                )
+        return poses, before, wanted, sighting
+
+    def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
+        """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
+        desk = self._desk
+        if gives_way == HARD:
+            x, _, flag, info = daqp.solve(
+                desk.quadratic,
+                desk.linear,
+                desk.rows[:m],
+                self._high[:m],
+                desk.low[:m],
+                self._sense[:m],
+                primal_tol=TOLERANCE,
+            )
+            if flag > 0:
+                return x, info["lam"], HARD
+            gives_way = RETREATS
+        for stage in range(gives_way, LIMITS + 1):
+            found = self._relaxed(m, stage, margin)
+            if found is not None:
+                return *found, stage
+        # The solver has failed in numbers: slow down on the spot.
+        fast = np.linalg.norm(before, axis=1).max()
+        slower = max(0.0, fast - self.scene.acceleration_limit * self.period) / max(fast, TOLERANCE)
+        return slower * self._going_on(before), np.zeros(m), LIMITS
+
+    def _going_on(self, before: Array) -> Array:
+        """Return the variables that keep the hands' velocities `before` best."""
+        flat = self._desk.hands.reshape(-1, len(self._desk.linear))
+        return np.linalg.solve(self._desk.quadratic, flat.T @ before.ravel())
+
+    def _within(self, x: Array, before: Array) -> Array:
+        """Return x reduced to the limits, for use where the rounds have run out.
+
+        It is a point between the variables that keep the present velocities and x.
+        """
+        hands = self._desk.hands
+        kept = self._going_on(before)
+        change = np.linalg.norm(hands @ (x - kept), axis=1)
+        spare = self.scene.acceleration_limit * self.period - np.linalg.norm(hands @ kept - before, axis=1)
+        share = np.min(np.where(change > spare, np.maximum(spare, 0.0) / np.maximum(change, TOLERANCE), 1.0))
+        x = kept + share * (x - kept)
+        allowed = self._desk.balls[: len(hands), 3]  # speeds
+        return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
+
+    def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
+        """Return the solution and its multipliers with rows relaxed, None where that is not enough.
+
+        The slacks are written on the desk.
+        """
+        desk, n = self._desk, len(self._desk.linear)
+        owner, body = desk.owner[:m], desk.body[:m]
+        unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
+        gives = (desk.low[:m] > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
+        soft = (owner != LIMIT) & gives
+        key = body * (desk.slack.shape[1]) + owner % desk.slack.shape[1]
+        if stage == LIMITS:
+            key[owner == LIMIT] = desk.slack.size
+            soft[:] = True
+        kinds, which = np.unique(key[soft], return_inverse=True)
+        size = n + len(kinds)
+        quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
+        quadratic[:n, :n], linear[:n], rows[:, :n] = desk.quadratic, desk.linear, desk.rows[:m]
+        weights = np.where(kinds == desk.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
+        weights[which[unsure[soft]]] = MARGINS_GIVE_WAY
+        quadratic[range(n, size), range(n, size)] = 1.0
+        rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
+        x, _, flag, info = daqp.solve(
+            quadratic, linear, rows, self._high[:m], desk.low[:m], self._sense[:m], primal_tol=TOLERANCE
+        )
+        if flag <= 0:
+            return None
+        desk.slack[:] = 0.0
+        slack = np.maximum(x[n:] / np.sqrt(weights), 0.0)
+        own = kinds < desk.slack.size
+        desk.slack.ravel()[kinds[own]] = slack[own]
+        return np.ascontiguousarray(x[:n]), info["lam"]
+
+    def _blocking(self, multipliers: Array) -> int:
+        """Return the owner of the row with the largest multiplier.
+
+        It is `NOTHING` where no obstacle and no border hinders.
+        """
+        owner = self._desk.owner[: len(multipliers)]
+        size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
+        if not len(size) or size.max() <= TOLERANCE:
+            return NOTHING
+        return int(owner[first_largest(size)])
+
+
+def _freedom(scene: Scene, turning_weight: float) -> Freedom:
+    """Return the degrees of freedom of the groups of a scene."""
+    n_dims, n_groups, up = scene.n_dims, len(scene.groups), scene.n_dims - 1
+    node_group, node_point = group_nodes(scene)
+    level, (pairs, apart) = _level_with(scene), scene.kept_apart
+    shared: dict[int, int] = {}
+    basis = np.zeros((n_groups, 6, 6 * n_groups))
+    axis, scale = np.full(n_groups, -1, dtype=np.int64), np.ones(n_groups)
+    idle, spread, lever = np.zeros((n_groups, 3, 3)), np.zeros(n_groups), np.ones(n_groups)
+    n = 0
+    for g, group in enumerate(scene.groups):
+        for k in range(n_dims):
+            if k == up and level[g] in shared:
+                basis[g, k, shared[level[g]]] = 1.0
+                continue
+            if k == up:
+                shared[level[g]] = n
+            basis[g, k, n] = 1.0
+            n += 1
+        if group.orientation in ("none", "fixed"):
+            continue
+        held = group.grasps - group.grasps.mean(axis=0)
+        own = node_point[node_group == g]
+        scale[g] = max(np.linalg.norm(own - group.grasps.mean(axis=0), axis=1).max(), 1e-6)
+        about = held[:, :2] if group.orientation == "vertical" else held
+        spread[g] = np.linalg.norm(about, axis=1).max()
+        lever[g] = max(1.0, scale[g] / max(spread[g], 1e-3 * scale[g]))
+        if group.orientation == "axis":
+            axis[g] = n
+            n += 2
+            continue
+        entries = (5,) if group.orientation in ("plane", "vertical") else (3, 4, 5)
+        for entry in entries:
+            basis[g, entry, n] = 1.0 / scale[g]
+            n += 1
+        # Turning that hands hardly feel is made to cost a little.
+        inertia = (held**2).sum() * np.eye(3) - held.T @ held
+        values, vectors = np.linalg.eigh(inertia)
+        least = turning_weight * scale[g] ** 2
+        idle[g] = (vectors * np.maximum(least - values, 0.0)) @ vectors.T
+    return Freedom(
+        np.ascontiguousarray(basis[:, :, :n]),
+        axis,
+        scale,
+        idle,
+        spread,
+        lever,
+        pairs,
+        apart + RESERVE,
+        *scene.workspace,
+    )
+
+
+def _level_with(scene: Scene) -> list[int]:
+    """Return, for every group, the first group that must be at the same height."""
+    group_of = {hand: g for g, group in enumerate(scene.groups) for hand in group.members}
+    level = list(range(len(scene.groups)))
+    for c in scene.constraints:
+        if isinstance(c, SameHeightConstraint):
+            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
+            level = [new if g == old else g for g in level]
+    return level

@@ -1,0 +1,372 @@
+"""Approach and release: the joint motions from home to the grasp before a carry, and back home after it.
+
+The *approach* leads from home through free space to a place straight behind the grasp, then along the approach axis
+to the grasp, with open hands, and waits while these close. The *release* waits while the hands open, draws back along
+the axis and leads home. Every part is a minimum-jerk motion from rest to rest. Both are judged like the carry: limits
+and clearances are kept at every instant. The load lies at its start during the approach and at its goal during the
+release; hands may be near it on the straight part only. The motion of the open fingers is not judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PPoly
+
+from comove.errors import OptionError, RobotError
+from comove.robots.extremes import Ranges
+from comove.robots.free_space import SPARES, Room, way
+from comove.robots.model import Arm, Robot
+from comove.robots.motion import SAMPLE_RATE, JointMotion
+from comove.robots.verification import findings as check
+from comove.robots.verification.bases import Bases
+from comove.robots.verification.bodies import LOAD, Bodies, bodies_of
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.load_shapes import placements
+from comove.robots.verification.verify import VerifiedJointMotion
+from comove.scenes.scene import Scene
+from comove.verification.sealed import Sealed
+
+Array = NDArray[np.float64]
+
+HEIGHT = 0.08  # m, of the place behind the grasp
+GRIP_TIME = 1.0  # s, that hands have to open or close
+PACE = 0.5  # share of the limits of joints that is used
+HANDS_PACE = 0.98  # likewise of the scene's limits of hands, which are looked at in samples
+ATTEMPTS = 3
+STRAIGHT_STEPS = 41  # of the straight part, solved one after the other
+REACHED = 1e-9  # m and rad
+DAMPING = 1e-8
+
+_JUDGED = object()
+
+
+class Transfers(Sealed):
+    """Approach and release of a carry, which passed every check. Only `plan_transfers` makes it.
+
+    Attributes
+    ----------
+    carry : VerifiedJointMotion between approach and release
+    approach, release : JointMotion of all joints
+    grip_time : time in which hands close at the end of the approach, and open at the beginning of the release [s]
+    clearance_min : certified lower bound of the clearance on both [m], except of hands from the load on the straight
+        parts
+    """
+
+    __slots__ = ("approach", "carry", "clearance_min", "grip_time", "release")
+    MAKER = "comove.robots.plan_transfers"
+    INSTEAD = "plan them anew"
+
+    def __init__(
+        self,
+        carry: VerifiedJointMotion,
+        approach: JointMotion,
+        release: JointMotion,
+        grip_time: float,
+        clearance_min: float,
+        *,
+        seal: object = None,
+    ):
+        self._fill(
+            seal is _JUDGED,
+            carry=carry,
+            approach=approach,
+            release=release,
+            grip_time=grip_time,
+            clearance_min=clearance_min,
+        )
+
+
+def plan_transfers(
+    carry: VerifiedJointMotion, *, height: float = HEIGHT, grip_time: float = GRIP_TIME, seed: int = 0
+) -> Transfers:
+    """Plan and judge the joint motions from home to the grasp, and from there home.
+
+    Parameters
+    ----------
+    carry : verified motion of the robot between the two
+    height : distance by which hands draw back straight from the load [m]
+    grip_time : time in which hands close or open [s]
+    seed : seed of the search
+
+    Raises
+    ------
+    OptionError
+        If `height` or `grip_time` is not positive and finite.
+    RobotError
+        If a hand cannot draw back, or no path was found; the message names what is in the way.
+    """
+    for name, value in (("height", height), ("grip_time", grip_time)):
+        if not 0.0 < value < np.inf:
+            raise OptionError(f"it is {value!r}", key=name, way_out="give a positive number")
+    grip_time = _whole(grip_time)
+    withdrawals = [_withdrawal(carry, end, height, grip_time, seed) for end in ("start", "goal")]
+    (approach, first), (release, second) = withdrawals
+    return Transfers(carry, _reversed(approach), release, grip_time, min(first, second), seal=_JUDGED)
+
+
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """The load at rest where it lies; replaces `Carried` in the judge's checks."""
+
+    motion: Any
+    place: Array
+
+    @property
+    def speed(self) -> Ranges:
+        return Ranges(np.array([0.0, 1.0]), np.zeros((1, len(self.place))))
+
+    def nodes(self, time: Array) -> Array:
+        return np.broadcast_to(self.place, (len(time), *self.place.shape))
+
+
+def _withdrawal(
+    carry: VerifiedJointMotion, end: str, height: float, grip_time: float, seed: int
+) -> tuple[JointMotion, float]:
+    """Plan and judge the motion from the grasp home, after the hands had time to open; returns it and a lower bound
+    of the clearance [m].
+    """
+    robot, scene = carry.robot, carry.scene
+    arms = tuple(robot.arm(name) for name in scene.manipulators)
+    holders = tuple(robot.arm(name) for name in scene.file.holders)
+    carried = Carried(carry.motion.motion)
+    place = carried.nodes(np.array([0.0 if end == "start" else scene.duration]))[0]
+    still = _Still(carried.motion, place)
+    bases, (where, _) = Bases(robot, robot.description.uncertainty), carried.hands(carried.time)
+    bodies = _put(bodies_of(bases, arms, carried, where, 0.0), place)
+    hands = _hands_and_load(bodies, holders)
+    back = _drawn_back(robot, holders, carry.joints.position[0 if end == "start" else -1], height, end)
+    reasons = ["the search found no way"]
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng((seed, attempt))
+        path = _way_home(bodies, hands, back[-1], end, rng)
+        if path is None:
+            continue
+        ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
+        parts = [_paced(robot, scene, arms, q) for q in ways]
+        motion = _joined(robot, grip_time, parts)
+        free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
+        reasons, clearance = _judged(robot, arms, motion, free_from, bodies, hands, still)
+        if not reasons:
+            return motion, clearance
+    raise RobotError(
+        f"there is no way between home and the grasp at the {end}: {'; '.join(reasons)}",
+        key="home",
+        way_out="give another home in the robot's description, another height, or leave approach and release out",
+    )
+
+
+def _put(bodies: Bodies, place: Array) -> Bodies:
+    """Place the load's bodies at `place`, in the geometry of `bodies`, and return `bodies`."""
+    for rod, *spanned in bodies.rods:
+        (turn,), (middle,) = placements(place[None], tuple(spanned))
+        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+    return bodies
+
+
+def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
+    """Build the pairs that the judge of the carry leaves out: the load with the links that move rigidly with a hand
+    that holds it.
+    """
+    robot, geometry = bodies.robot, bodies.geometry.copy()
+    geometry.removeAllCollisionPairs()
+    lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in holders}
+    reaches, rows = Bases(robot, robot.description.uncertainty).reaches, []
+    for link in range(robot.collision.ngeoms):
+        item = geometry.geometryObjects[link]
+        if not lasts & set(robot.model.supports[item.parentJoint]):
+            continue
+        item.geometry.computeLocalAABB()
+        center = item.placement.act(np.array(item.geometry.aabb_center))
+        reach, *_ = reaches.of_ball(item.parentJoint, center, item.geometry.aabb_radius)
+        for rod, *_ in bodies.rods:
+            geometry.addCollisionPair(pin.CollisionPair(link, rod))
+            rows.append(np.append(reach, 0.0))
+    taken = bodies.taken[bodies.kind == LOAD].max(initial=0.0)
+    return replace(
+        bodies,
+        geometry=geometry,
+        kind=np.full(len(rows), LOAD),
+        taken=np.full(len(rows), taken),
+        reach=np.array(rows).reshape(-1, robot.model.nv + 1),
+        exact=np.arange(len(rows)),
+    )
+
+
+def _drawn_back(robot: Robot, holders: tuple[Arm, ...], q: Array, height: float, end: str) -> Array:
+    """Compute the joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS,
+    n_joints).
+    """
+    rows = [np.array(q)]
+    grasps = [robot.tool_pose(q, arm) for arm in holders]
+    for share in np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:]:
+        q = rows[-1].copy()
+        for arm, grasp in zip(holders, grasps, strict=True):
+            target = grasp.copy()
+            target[:3, 3] -= share * height * grasp[:3, 2]
+            if not _reach(robot, arm, target, q):
+                raise RobotError(
+                    f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
+                    f"{share * height:.3g} m",
+                    key="height",
+                    way_out=f"give a height below {share * height:.3g} m, or another grasp",
+                )
+        rows.append(q)
+    return np.array(rows)
+
+
+def _reach(robot: Robot, arm: Arm, target: Array, q: Array) -> bool:
+    """Move an arm's joints, in place, until its grasp frame is the target, by damped least squares within limits."""
+    model, data, frame = robot.model, robot.model.createData(), robot.model.getFrameId(arm.tip)
+    tip = pin.SE3(target) * pin.SE3(arm.tool).inverse()
+    lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
+    for _ in range(50):
+        pin.computeJointJacobians(model, data, q)
+        error = pin.log6(pin.updateFramePlacement(model, data, frame).actInv(tip)).vector
+        if np.abs(error).max() < REACHED:
+            return True
+        jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL)[:, arm.columns]
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), error)
+        q[arm.columns] = np.clip(q[arm.columns] + step, lower, upper)
+    return False
+
+
+def _way_home(
+    bodies: Bodies, hands: Bodies, start: Array, end: str, rng: np.random.Generator
+) -> Array | None:
+    """Search a path home from behind the grasp, array of shape (n_configurations, n_joints); None where none was
+    found.
+
+    Raises
+    ------
+    RobotError
+        If one of the ends touches something.
+    """
+    robot = bodies.robot
+    arms = tuple(arm.columns for arm in robot.arms)
+    everything = _both(bodies, hands)
+    for spare in SPARES:
+        room = Room(everything, arms, spare)
+        if room.is_free(start) and room.is_free(robot.home):
+            return way(room, start, robot.home, rng)
+    for q, where, way_out in (
+        (
+            robot.home,
+            "at home",
+            "give another home in the robot's description, or leave approach and release out",
+        ),
+        (start, f"behind the grasp at the {end}", "give another height"),
+    ):
+        if near := room.contact(q):
+            raise RobotError(f"{where}, {near} come too near to each other", key="home", way_out=way_out)
+    return None
+
+
+def _both(bodies: Bodies, hands: Bodies) -> Bodies:
+    """Join the pairs of both into one `Bodies`."""
+    geometry, count = bodies.geometry.copy(), len(bodies.kind)
+    for pair in hands.geometry.collisionPairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return replace(
+        bodies,
+        geometry=geometry,
+        kind=np.concatenate([bodies.kind, hands.kind]),
+        taken=np.concatenate([bodies.taken, hands.taken]),
+        reach=np.concatenate([bodies.reach, hands.reach]),
+        exact=np.concatenate([bodies.exact, count + hands.exact]),
+    )
+
+
+def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
+    """Sample a path with minimum jerk, as fast as shares of the limits of joints and hands allow.
+
+    Parameters
+    ----------
+    path : array, shape (n_configurations, n_joints), evenly spaced
+    """
+    curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
+    s = np.linspace(0.0, 1.0, 201)
+    unit = JointMotion(s, robot.joint_names, curve(_minimum_jerk(s)))
+    velocity, acceleration = unit.largest()
+    ratios = [
+        (velocity / (PACE * robot.velocity)).max(),
+        np.sqrt((acceleration / (PACE * robot.acceleration)).max()),
+    ]
+    places = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in arms] for q in unit.position])
+    hands = CubicSpline(s, places, bc_type="clamped")
+    speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
+    ratios += [
+        speed / (HANDS_PACE * scene.speed_limit),
+        np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
+    ]
+    steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
+    samples = curve(_minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))
+    samples[[0, -1]] = path[[0, -1]]  # free of rounding
+    return samples
+
+
+def _minimum_jerk(s: Array) -> Array:
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
+    """Join several parts into one motion, after a time at rest."""
+    still = np.repeat(parts[0][:1], round(wait * SAMPLE_RATE), axis=0)
+    position = np.concatenate([still, parts[0], *(part[1:] for part in parts[1:])])
+    return _unchanging(JointMotion(np.arange(len(position)) / SAMPLE_RATE, robot.joint_names, position))
+
+
+def _reversed(motion: JointMotion) -> JointMotion:
+    backwards = np.ascontiguousarray(motion.position[::-1])
+    return _unchanging(JointMotion(motion.time, motion.joint_names, backwards))
+
+
+def _unchanging(motion: JointMotion) -> JointMotion:
+    """Make the motion's arrays read-only, so that nobody can change what was judged, and return the motion."""
+    for array in (motion.time, motion.position):
+        array.setflags(write=False)
+    return motion
+
+
+def _whole(time: float) -> float:
+    """Round a time up to whole samples."""
+    return np.ceil(time * SAMPLE_RATE - 1e-9) / SAMPLE_RATE
+
+
+def _judged(
+    robot: Robot,
+    arms: tuple[Arm, ...],
+    motion: JointMotion,
+    free_from: float,
+    bodies: Bodies,
+    hands: Bodies,
+    still: _Still,
+) -> tuple[list[str], float]:
+    """Return the reasons against a withdrawal, and a lower bound of its clearance [m].
+
+    Parameters
+    ----------
+    free_from : time from which hands must keep clear of the load, too [s]
+    """
+    curve = motion.curve
+    findings = [
+        check.rest(robot, curve),
+        check.limits(robot, curve),
+        check.torques(robot, curve, arms, np.zeros(len(arms))),
+        check.clearances(bodies, still, curve),
+    ]
+    if len(hands.kind):
+        findings.append(check.clearances(hands, still, _after(curve, free_from)))
+    reasons = [reason for finding in findings for reason in finding.reasons]
+    measures = [value for finding in findings[3:] for value in finding.measures.values()]
+    return reasons, min(measures)
+
+
+def _after(curve: PPoly, time: float) -> PPoly:
+    """Return the curve from the sample nearest to `time` on, with its time counted from there."""
+    first = int(np.abs(curve.x - time).argmin())
+    return PPoly(curve.c[:, first:], curve.x[first:] - curve.x[first])

@@ -1,0 +1,253 @@
+"""Bodies of a robot at work, the pairs of them that could touch, and the clearance required of each pair.
+
+======== ================================================================ ==========================
+kind     pairs                                                            keep
+======== ================================================================ ==========================
+`SCENE`  every link, the robot's base included, with every obstacle       the scene's clearance
+`LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
+`SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
+======== ================================================================ ==========================
+
+The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Where the
+places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
+on different bases, are reduced by their effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.geometry.rotations import matrices
+from comove.robots.model import Arm, Robot
+from comove.robots.verification.bases import Bases
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.load_shapes import leverage, load_shapes
+from comove.scenes.model import ROBOT_CLEARANCE
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
+CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
+SCENE, LOAD, SELF = range(3)
+SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
+
+OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
+    "box": lambda o: coal.Box(*o.size),
+    "sphere": lambda o: coal.Sphere(o.radius),
+    "capsule": lambda o: coal.Capsule(o.radius, o.length),
+    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
+    "ellipsoid": lambda o: coal.Ellipsoid(*o.radii),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Robot, obstacles and load as one geometry model.
+
+    Attributes
+    ----------
+    robot : robot whose model moves the bodies
+    geometry : pinocchio.GeometryModel, whose collision pairs are those that are judged
+    names : names of the bodies, for messages
+    kind : array, shape (n_pairs,), SCENE, LOAD or SELF
+    required : array, shape (3,), required clearance of each kind [m]
+    taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
+    reach : array, shape (n_pairs, n_joints + 1), largest change of a distance per motion of each joint, and of the
+        load [m/rad, m/m]
+    exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
+        the convex hulls of meshes, nearer to everything and much faster, are checked first
+    rods : for each shape of the load, its number and the nodes that it spans (see `load_shapes`)
+    """
+
+    robot: Robot
+    geometry: Any
+    names: tuple[str, ...]
+    kind: NDArray[np.int64]
+    required: Array
+    taken: Array
+    reach: Array
+    exact: NDArray[np.int64]
+    rods: tuple[tuple[int, ...], ...]
+
+    def name(self, pair: int) -> str:
+        """Return the names of both bodies of a pair, for messages."""
+        both = self.geometry.collisionPairs[pair]
+        return f"{self.names[both.first]} and {self.names[both.second]}"
+
+
+def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float) -> Bodies:
+    """Put robot, obstacles and load into one geometry model.
+
+    Parameters
+    ----------
+    arms : arms in the order of the hands
+    hands : array, shape (n_steps, n_hands, 3), positions of the hands [m]
+    miss : largest error of the hands from the load's motion [m]
+    """
+    robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
+    geometry = robot.collision.copy()
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs]
+    pairs = [p for p in pairs if _parent(geometry, p[0]) != _parent(geometry, p[1])]
+    pairs += _add_obstacles(geometry, names, scene)
+    rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in _holders(scene)])
+    pairs, exact = _with_hulls(geometry, names, pairs + with_load)
+    geometry.removeAllCollisionPairs()
+    for first, second, _ in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    kind = np.array([p[2] for p in pairs], dtype=np.int64)
+    keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
+    reach, pull, base = _links_of(geometry, bases, names)
+    pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
+    for rod, *_ in rods:  # a load between two bases is on neither
+        base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
+        pull[rod] = max(amount for _, amount in pulls) * lever
+    taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
+    taken[kind == LOAD] += miss * lever
+    return Bodies(
+        robot=robot,
+        geometry=geometry,
+        names=tuple(names),
+        kind=kind,
+        required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
+        taken=taken,
+        reach=_changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3)),
+        exact=exact,
+        rods=rods,
+    )
+
+
+def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
+    """Add the scene's obstacles; returns the pairs with all links."""
+    links, pairs = range(geometry.ngeoms), []
+    for i, obstacle in enumerate(scene.file.obstacles):
+        number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
+        names.append(f"obstacles[{i}] ({obstacle.shape})")
+        pairs += [(link, number, SCENE) for link in links]
+    return pairs
+
+
+def _add_load(
+    robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
+) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
+    """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
+    held, rods, pairs = _beyond_wrists(robot, holders), [], []
+    links = [link for link in range(robot.collision.ngeoms) if _parent(geometry, link) not in held]
+    for shape in load_shapes(carried):
+        name = f"load {len(rods)}"
+        number = geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape.geometry))
+        rods.append((number, *shape.nodes))
+        names.append("the load")
+        pairs += [(link, number, LOAD) for link in links]
+    return tuple(rods), pairs
+
+
+def _with_hulls(
+    geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
+) -> tuple[list[tuple[int, int, int]], NDArray[np.int64]]:
+    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; and
+    `Bodies.exact`.
+    """
+    convex, rough = _hulls(geometry, names)
+    pairs = [(convex.get(a, a), convex.get(b, b), kind) for a, b, kind in pairs]
+    exact = list(range(len(pairs)))
+    for number, (a, b, kind) in enumerate(pairs.copy()):
+        if a in rough or b in rough:
+            exact.append(number)
+            pairs.append((rough.get(a, a), rough.get(b, b), kind))
+    return pairs, np.array(exact, dtype=np.int64)
+
+
+def _parent(geometry: Any, item: int) -> int:
+    return geometry.geometryObjects[item].parentJoint
+
+
+def _obstacle(obstacle: Any, name: str) -> Any:
+    turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+    placement = pin.SE3(turn, np.array(obstacle.center))
+    return pin.GeometryObject(name, 0, placement, OBSTACLE_SHAPES[obstacle.shape](obstacle))
+
+
+def _holders(scene: Scene) -> list[int]:
+    """Return the numbers of the hands that hold the load."""
+    return [scene.manipulators.index(name) for name in scene.file.holders]
+
+
+def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
+    """Return the joints whose links move rigidly with a hand: the last one of each arm, and those beyond it."""
+    lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
+    return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
+
+
+def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
+    """Add the convex hulls of all meshes; returns the hulls by mesh, those of convex meshes and those of others."""
+    convex, others = {}, {}
+    for number in range(geometry.ngeoms):
+        item = geometry.geometryObjects[number]
+        if not isinstance(item.geometry, coal.BVHModelBase):
+            continue
+        if item.geometry.convex is None:
+            item.geometry.buildConvexHull(True, "Qt")
+        hull = pin.GeometryObject(
+            f"hull of {item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
+        )
+        (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
+        names.append(names[number])
+    return convex, others
+
+
+def _is_convex(mesh: Any) -> bool:
+    """Return whether a mesh may be replaced by its hull, which is nearer to everything if they differ slightly."""
+    volume = mesh.convex.computeVolume()
+    return (
+        mesh.num_vertices == mesh.convex.num_points and abs(mesh.computeVolume() - volume) < CONVEX * volume
+    )
+
+
+def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return how joints move the bodies, how far tolerances of the bases move them, and on which base they are.
+
+    Returns
+    -------
+    reach : array, shape (n_bodies, n_joints), reach of balls about the bodies, see `Reaches`
+    pull : array, shape (n_bodies,), largest displacement by the tolerance of a base [m]
+    base : array, shape (n_bodies,), number of the model whose base carries a body; -1 for obstacles
+    """
+    robot, count = bases.robot, geometry.ngeoms
+    reach, pull, base = np.zeros((count, robot.model.nv)), np.zeros(count), np.full(count, SCENE_ITSELF)
+    for k, item in enumerate(geometry.geometryObjects):
+        item.geometry.computeLocalAABB()
+        center = item.placement.act(np.array(item.geometry.aabb_center))
+        reach[k], root, length = bases.reaches.of_ball(item.parentJoint, center, item.geometry.aabb_radius)
+        if 0 < item.parentFrame < robot.model.nframes:  # a link, or its hull
+            base[k] = bases.numbers.get(names[k], 0)
+            pull[k] = bases.pull(base[k], root, length)
+    return reach, pull, base
+
+
+def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]) -> Array:
+    """Bound how joints, and at last the load, change distances; joints that move both bodies do not.
+
+    Parameters
+    ----------
+    reach : array, shape (n_bodies, n_joints), as in `_links_of`
+    pairs : array, shape (n_pairs, 3), numbers of two bodies, and the kind
+
+    Returns
+    -------
+    array, shape (n_pairs, n_joints + 1)
+    """
+    moved = np.zeros((geometry.ngeoms, robot.model.nv), dtype=bool)
+    for body, item in enumerate(geometry.geometryObjects):
+        moved[body, [robot.model.idx_vs[j] for j in robot.model.supports[item.parentJoint] if j > 0]] = True
+    first, second, kind = pairs.T
+    change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
+    return np.column_stack([change, kind == LOAD])

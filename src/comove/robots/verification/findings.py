@@ -1,0 +1,272 @@
+"""Checks of the judge of joint motions, one function each, and their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from comove.errors import OptionError, RobotError
+from comove.robots.effort import DEFAULT_MASS, largest_torque
+from comove.robots.extremes import Extreme, largest_acceleration, largest_velocity, least_margin
+from comove.robots.model import Arm, Robot
+from comove.robots.motion import JointMotion
+from comove.robots.verification.bases import Bases
+from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.certificate import certify
+from comove.robots.verification.holding import Errors
+from comove.robots.verification.reach import joint_axes
+from comove.scenes.scene import Scene
+from comove.ties import first_largest
+from comove.verification.verify import VerifiedMotion
+
+Array = NDArray[np.float64]
+
+SAMPLE_ERROR = 1e-6  # m and rad, of a hand at samples
+HAND_ERROR = 1e-5  # m and rad, of a hand at every instant
+END_TIME = 1e-9  # s
+END_SPEED = 1e-9  # rad/s
+ROUNDING = 1e-9  # by which a share of a limit may exceed 1: a motion may be as fast as its limits
+LARGEST = 1e6  # s, rad, m
+CLEARANCES = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
+
+
+class JointFinding(NamedTuple):
+    """The result of one check: measures of the report, where they occur, and reasons against the motion."""
+
+    measures: dict[str, float]
+    where: dict[str, tuple[str, float]]
+    reasons: list[str]
+
+
+def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
+    """Return the reasons why this robot cannot carry out any motion on the scene."""
+    if scene.n_dims != 3:
+        return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
+    reasons = []
+    if scene.moving.any():
+        reasons.append("obstacles of the scene move, and links are judged among obstacles that stand only")
+    for name in scene.manipulators:
+        try:
+            robot.arm(name)
+        except RobotError as error:
+            reasons.append(str(error))
+    if scene.grasp is None and scene.file.load is not None:
+        reasons.append("the scene does not say how hands hold the load; add `grasp: {orientation: down}`")
+    return reasons
+
+
+def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
+    """Return the reasons why the samples are not a motion of this robot in the duration of the scene."""
+    if tuple(joints.joint_names) != robot.joint_names:
+        return [
+            f"the motion moves {', '.join(map(str, joints.joint_names))}, the robot '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}; give these, in this order"
+        ]
+    try:
+        time, position = (np.asarray(x, dtype=float) for x in (joints.time, joints.position))
+    except (TypeError, ValueError):
+        return ["times or positions are no numbers; give arrays of floats"]
+    if time.ndim != 1 or len(time) < 2 or position.shape != (len(time), len(robot.joint_names)):
+        return [
+            f"time has the shape {time.shape} and position {position.shape}; give two samples or more, and for each "
+            f"a position of {len(robot.joint_names)} joints"
+        ]
+    for name, values in (("time", time), ("position", position)):
+        if not (np.abs(values) < LARGEST).all():
+            at = ", ".join(map(str, np.argwhere(~(np.abs(values) < LARGEST))[0]))
+            return [
+                f"{name}[{at}] is {values[~(np.abs(values) < LARGEST)][0]:g}; give finite seconds and radians"
+            ]
+    if not (np.diff(time) > 0).all():
+        at = int(np.argmin(np.diff(time) > 0)) + 1
+        return [
+            f"time[{at}] = {time[at]:g} s does not come after time[{at - 1}] = {time[at - 1]:g} s; sort the samples"
+        ]
+    if abs(time[0]) > END_TIME or abs(time[-1] - scene.duration) > END_TIME:
+        return [
+            f"the motion lasts from {time[0]:.9g} s to {time[-1]:.9g} s, the scene's from 0 to "
+            f"{scene.duration:.9g} s; stretch it to that duration"
+        ]
+    return []
+
+
+def rest(robot: Robot, curve: PPoly) -> JointFinding:
+    """Check that the robot begins and ends at rest."""
+    speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
+    name = robot.joint_names[first_largest(speed)]
+    moving = f"{name} moves at {speed.max():.3g} rad/s at an end; begin and end at rest"
+    return JointFinding({}, {}, [] if speed.max() <= END_SPEED else [moving])
+
+
+def limits(robot: Robot, curve: PPoly) -> JointFinding:
+    """Check that positions, velocities and accelerations keep their limits."""
+    margin = least_margin(curve, robot.lower, robot.upper)
+    speed = largest_velocity(curve, robot.velocity)
+    acceleration = largest_acceleration(curve, robot.acceleration)
+    units, reasons = _units(robot), []
+    if not margin.value >= 0:
+        j = margin.joint
+        reasons.append(
+            f"{robot.joint_names[j]} is {-margin.value:.3g} {units[j]} beyond its limits of {robot.lower[j]:g} to "
+            f"{robot.upper[j]:g} {units[j]} at {margin.time:.2f} s"
+        )
+    for worst, limit, verb, per in (
+        (speed, robot.velocity, "moves at", "/s"),
+        (acceleration, robot.acceleration, "accelerates by", "/s^2"),
+    ):
+        if not worst.value <= 1 + ROUNDING:
+            j, slower = worst.joint, worst.value ** (1.0 if per == "/s" else 0.5)
+            reasons.append(
+                f"{robot.joint_names[j]} {verb} up to {worst.value * limit[j]:.4g} {units[j]}{per} at "
+                f"{worst.time:.2f} s (limit {limit[j]:g}); take {slower:.3g} times as long"
+            )
+    measured = ("joint_margin_min", "velocity_ratio_max", "acceleration_ratio_max")
+    return _found(robot, dict(zip(measured, (margin, speed, acceleration), strict=True)), reasons)
+
+
+def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
+    """Check that the motors are strong enough."""
+    worst = largest_torque(robot, arms, masses, curve)
+    reasons, j = [], worst.joint
+    if not worst.value <= 1 + ROUNDING:
+        unit = "N" if _units(robot)[j] == "m" else "N m"
+        reasons.append(
+            f"{robot.joint_names[j]} needs up to {worst.value * robot.effort[j]:.4g} {unit} at {worst.time:.2f} s "
+            f"(limit {robot.effort[j]:g} {unit}); move slower, nearer to the base, or less mass than "
+            f"{masses.sum():g} kg"
+        )
+    finding = _found(robot, {"torque_ratio_max": worst}, reasons)
+    return finding._replace(measures=finding.measures | {"load_mass": float(masses.sum())})
+
+
+def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> JointFinding:
+    measures = {name: worst.value for name, worst in extremes.items()}
+    where = {name: (robot.joint_names[worst.joint], worst.time) for name, worst in extremes.items()}
+    return JointFinding(measures, where, reasons)
+
+
+def _units(robot: Robot) -> list[str]:
+    _, slides = joint_axes(robot.model)
+    return ["m" if slide else "rad" for slide in slides]
+
+
+def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
+    """Return the mass that every hand carries; array, shape (n_hands,) [kg]."""
+    masses = np.zeros(len(scene.manipulators))
+    holders = [scene.manipulators.index(name) for name in scene.file.holders]
+    if not holders:
+        return masses
+    parts = np.full(len(holders), 1.0 / len(holders)) if shares is None else np.array(shares, dtype=float)
+    if parts.shape != (len(holders),) or not (parts >= 0).all() or not abs(parts.sum() - 1.0) <= 1e-6:
+        raise OptionError(
+            f"the shares of the load's mass are {parts.tolist()}",
+            key="mass_shares",
+            way_out=f"give {len(holders)} parts of 1",
+        )
+    masses[holders] = parts * (DEFAULT_MASS if scene.load_mass is None else scene.load_mass)
+    return masses
+
+
+def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
+    """Check that the hands are where they hold the load."""
+    names = motion.motion.scene.manipulators
+    finding = JointFinding({}, {}, [])
+    _hold(
+        finding,
+        "hand_error",
+        "off the load by {:.3g} m",
+        errors,
+        errors.position,
+        errors.position_bound,
+        names,
+    )
+    _hold(finding, "hand_turn", "turned by {:.3g} rad", errors, errors.turn, errors.turn_bound, names)
+    finding.measures["distance_error_max"] = motion.report.distance_error_max + errors.apart_bound
+    return finding
+
+
+def _hold(
+    finding: JointFinding,
+    name: str,
+    how: str,
+    errors: Errors,
+    grid: Array,
+    bound: Array,
+    hands: Sequence[str],
+) -> None:
+    """Add the errors of the hands in position or orientation to a finding; `grid` and `bound` as in `Errors`."""
+    sampled = _largest(grid[errors.is_sample], errors.time[errors.is_sample])
+    between = _largest(bound, errors.time)
+    for kind, worst in (("sampled", sampled), ("max", between)):
+        finding.measures[f"{name}_{kind}"] = worst.value
+        finding.where[f"{name}_{kind}"] = hands[worst.joint], worst.time
+    if not sampled.value <= SAMPLE_ERROR:
+        finding.reasons.append(
+            f"the hand '{hands[sampled.joint]}' is {how.format(sampled.value)} at {sampled.time:.2f} s (at most "
+            f"{SAMPLE_ERROR:g} at samples); solve its joints more exactly"
+        )
+    elif not between.value <= HAND_ERROR:
+        finding.reasons.append(
+            f"between two samples the hand '{hands[between.joint]}' may be {how.format(between.value)} about "
+            f"{between.time:.2f} s (at most {HAND_ERROR:g}); sample the joints more finely"
+        )
+
+
+def _largest(values: Array, time: Array) -> Extreme:
+    """Return the largest value, its column and its time; `values` of shape (n, n_hands)."""
+    step, column = np.unravel_index(first_largest(values), values.shape)
+    return Extreme(float(values.max()), int(column), float(time[step]))
+
+
+def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
+    """Check that the load keeps clear of the scene wherever the bases may stand."""
+    off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
+    clearance, reasons = motion.report.clearance_min, []
+    if off > 0 and not clearance - off >= 0:
+        reasons.append(
+            f"the load comes within {clearance:.3g} m of something, and hands may be off by {off:.3g} m because of "
+            "where the bases stand; ask for more clearance or measure the bases more exactly"
+        )
+    return JointFinding({"hand_uncertainty": off}, {}, reasons)
+
+
+def clearances(bodies: Bodies, carried: Carried, curve: PPoly) -> JointFinding:
+    """Check that links, load and obstacles keep clear of each other."""
+    finding = JointFinding({}, {}, [])
+    for kind, found in enumerate(certify(bodies, carried, curve)):
+        name = CLEARANCES[kind]
+        finding.measures[name] = found.lower
+        if found.pair >= 0:
+            finding.where[name] = bodies.name(found.pair), found.time
+        required = float(bodies.required[kind])
+        if not found.upper >= required:
+            still = not bodies.reach[found.pair].any()
+            finding.reasons.append(
+                _contact(bodies.name(found.pair), found.upper, required, still, found.time, kind)
+            )
+        elif not found.lower >= required:
+            finding.reasons.append(
+                f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
+                f"certified that they always keep {required:g} m; keep them further apart"
+            )
+    return finding
+
+
+def _contact(pair: str, distance: float, required: float, still: bool, time: float, kind: int) -> str:
+    how = f"come within {distance:.3g} m of each other" if distance > 0 else f"meet, {-distance:.3g} m deep"
+    if still:
+        return (
+            f"{pair} {how.replace('come', 'are')}, which no motion changes ({required:g} m is to be kept); move the "
+            "obstacle, or correct where the robot's base stands"
+        )
+    way_out = {
+        SCENE: "find another motion, or ask for less by limits: {clearance: ..}",
+        LOAD: "find another motion, or another grasp",
+        SELF: "find another motion, or, where they cannot touch, leave the pair out in the robot's SRDF",
+    }
+    return f"{pair} {how} at {time:.2f} s ({required:g} m is to be kept); {way_out[kind]}"

@@ -1,0 +1,180 @@
+"""Bounds of the errors of the hands, relative to their poses on the load, at every instant.
+
+Let e be the difference between a grasp frame's position and its position in the motion of the hands. At instants t_i
+of a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its chord, so that
+
+    |e(t)| <= max |e(t_i)| + h/2 (max |e'(t_i)| + h^2/8 max|e'''|),
+
+and the angle between the orientations grows no faster than the difference of the angular velocities, to which the
+same applies. The third derivatives are bounded by those of the hands' motion plus those of the arm: every derivative
+of m-th order of a serial chain's position by its joints is a product z1 x (z2 x ... (zm x r)) of unit axes and a
+vector to the hand no longer than its reach L (1 where joints slide); with S1, S2, S3 the sums of the joints' |q'|,
+|q''|, |q'''|,
+
+    |p'''| <= L (S3 + 3 S1 S2 + S1^3),     |omega''| <= S3 + 3 S1 S2 + S1^3.
+
+The grid is that of the samples, made finer where this is not tight enough. Kinematics are Pinocchio's.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from comove.robots.extremes import fastest, subdivided
+from comove.robots.model import Arm, Robot
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.reach import Reaches
+
+Array = NDArray[np.float64]
+
+TIGHT = 3e-6  # m and rad, that bounds between samples may add
+FINEST = 100  # parts of the time between two samples
+
+
+class Errors(NamedTuple):
+    """Errors of the hands relative to the places where they hold the load; lengths [m], angles [rad].
+
+    Attributes
+    ----------
+    time : array, shape (n_steps,), the grid [s]
+    is_sample : array, shape (n_steps,), whether an instant is a sample of the joint motion
+    position, turn : arrays, shape (n_steps, n_hands), errors on the grid; turn is 0 if no orientation is required
+    position_bound, turn_bound : arrays, shape (n_steps - 1, n_hands), bounds between neighbouring instants
+    apart_bound : bound of the difference of two hands' position errors
+    hands : array, shape (n_steps, n_hands, 3), positions of the grasp frames
+    """
+
+    time: Array
+    is_sample: NDArray[np.bool_]
+    position: Array
+    turn: Array
+    position_bound: Array
+    turn_bound: Array
+    apart_bound: float
+    hands: Array
+
+
+def holding_errors(robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: PPoly) -> Errors:
+    """Compare the grasp frames of `arms`, in the order of the hands, with the hands' motion.
+
+    Parameters
+    ----------
+    curve : joint positions by time [s], cubic between samples
+    """
+    jerk, turn_jerk = _third_derivatives(robot, arms, carried, curve)
+    time, pieces = _grid(curve.x, np.maximum(jerk, turn_jerk).max(axis=1))
+    jerk, turn_jerk = jerk[pieces], turn_jerk[pieces]
+    places, rotations, velocities, spins = _grasp_frames(robot, arms, curve(time), curve(time, 1))
+    wanted, wanted_velocity = carried.hands(time)
+    error, drift = places - wanted, velocities - wanted_velocity
+    turn, turning = np.zeros(error.shape[:2]), np.zeros_like(error)
+    if (held := carried.rotations(time)) is not None:
+        chord = np.linalg.norm(rotations - held[0], axis=(2, 3)) / np.sqrt(8.0)  # sine of half the angle
+        turn, turning = 2 * np.arcsin(np.minimum(chord, 1.0)), spins - held[1]
+    else:
+        turn_jerk = np.zeros_like(turn_jerk)
+    half = 0.5 * np.diff(time)
+    pairs = [(i, j) for i in range(len(arms)) for j in range(i)]
+    apart = [
+        _between(
+            _sizes(error[:, i] - error[:, j]),
+            _sizes(drift[:, i] - drift[:, j]),
+            jerk[:, i] + jerk[:, j],
+            half,
+        )
+        for i, j in pairs
+    ]
+    return Errors(
+        time,
+        np.append(np.diff(pieces, prepend=-1) > 0, True),
+        _sizes(error),
+        turn,
+        _between(_sizes(error), _sizes(drift), jerk, half[:, None]),
+        _between(turn, _sizes(turning), turn_jerk, half[:, None]),
+        max((float(bound.max()) for bound in apart), default=0.0),
+        places,
+    )
+
+
+def _between(error: Array, rate: Array, jerk: Array, half: Array) -> Array:
+    """Bound an error between instants 2 `half` apart, by its values and rates there and its third derivative."""
+    rate = np.maximum(rate[1:], rate[:-1]) + 0.5 * half**2 * jerk
+    return np.maximum(error[1:], error[:-1]) + half * rate
+
+
+def _third_derivatives(
+    robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: PPoly
+) -> tuple[Array, Array]:
+    """Bound |e'''| and the third derivative of the angle error between samples; arrays, shape (n_intervals,
+    n_hands).
+    """
+    rate, _ = fastest(curve)
+    bend = np.abs(curve(curve.x, 2))
+    bend, jerk = np.maximum(bend[1:], bend[:-1]), 6 * np.abs(curve.c[0])
+    reaches = Reaches(robot)
+    turns = ~reaches.slides
+    sums = [
+        (x[:, arm.columns].sum(axis=1), x[:, arm.columns[turns[arm.columns]]].sum(axis=1))
+        for arm in arms
+        for x in (rate, bend, jerk)
+    ]
+    of_all, of_turning = (
+        np.stack([s3 + 3 * s1 * s2 + s1**3 for s1, s2, s3 in _triples([pair[k] for pair in sums])], axis=1)
+        for k in (0, 1)
+    )
+    lengths = np.array([reaches.of_hand(arm)[0].max() for arm in arms])  # 1 at least where a joint slides
+    begin, end = curve.x[:-1], curve.x[1:]
+    swing = np.zeros((len(begin), len(arms)))
+    if (grasp := carried.motion.scene.grasp) is not None:
+        swing[:, grasp.turning] = carried.swing.over(begin, end)
+    return lengths * of_all + carried.jerk.over(begin, end), of_turning + swing
+
+
+def _triples(items: list[Array]) -> list[tuple[Array, Array, Array]]:
+    return list(zip(items[::3], items[1::3], items[2::3], strict=True))
+
+
+def _grid(samples: Array, jerk: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Compute instants fine enough for `TIGHT`, and the index of the sample interval in which each piece lies."""
+    parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * TIGHT)))
+    parts = np.clip(np.nan_to_num(parts, nan=FINEST, posinf=FINEST), 1, FINEST)
+    return subdivided(samples, parts.astype(int))
+
+
+def _grasp_frames(
+    robot: Robot, arms: tuple[Arm, ...], positions: Array, rates: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
+    frame.
+    """
+    model, frames = with_tools(robot, arms)
+    data, shape = model.createData(), (len(positions), len(arms))
+    places, rotations = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
+    motions = np.empty((*shape, 6))
+    for k, (q, v) in enumerate(zip(positions, rates, strict=True)):
+        pin.forwardKinematics(model, data, q, v)
+        for i, frame in enumerate(frames):
+            pose = pin.updateFramePlacement(model, data, frame)
+            places[k, i], rotations[k, i] = pose.translation, pose.rotation
+            motions[k, i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).vector
+    return places, rotations, motions[..., :3], motions[..., 3:]
+
+
+def with_tools(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Any, list[int]]:
+    """Return a model that has the arms' grasp frames as frames, and their numbers."""
+    model, frames = robot.model.copy(), []
+    for arm in arms:
+        tip = model.getFrameId(arm.tip)
+        placement = model.frames[tip].placement * pin.SE3(arm.tool)
+        frame = pin.Frame(f"grasp of {arm.name}", model.frames[tip].parentJoint, tip, placement, pin.OP_FRAME)
+        frames.append(model.addFrame(frame, False))
+    return model, frames
+
+
+def _sizes(vectors: Array) -> Array:
+    return np.linalg.norm(vectors, axis=-1)

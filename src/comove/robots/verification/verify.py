@@ -1,0 +1,206 @@
+"""Judge of joint motions, the only maker of `VerifiedJointMotion`.
+
+It shares no code with the search: kinematics and dynamics are Pinocchio's, distances coal's.
+
+====================== =================================================================================
+what                   how it is known
+====================== =================================================================================
+limits of joints       exact at every instant: extremes of the cubics between samples
+torques                sampled at 200 Hz, with a margin for between (see `effort`)
+hands hold the load    bound at every instant (see `holding`)
+clearance              bound at every instant (see `certificate`, `bodies`)
+hands, load and scene  bound at every instant by `comove.verification`
+====================== =================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
+from comove.robots.description import Uncertainty
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.robots.verification import findings as check
+from comove.robots.verification.bases import Bases
+from comove.robots.verification.bodies import bodies_of
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.holding import holding_errors
+from comove.scenes.scene import Scene
+from comove.verification.sealed import Sealed
+from comove.verification.verify import VerifiedMotion, verify
+
+_SEAL = object()
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """Measures of a joint motion; bounds hold at every instant, not only at samples.
+
+    Attributes
+    ----------
+    joint_margin_min : least distance of a joint from its limits [rad, m for prismatic joints], exact
+    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit, exact
+    torque_ratio_max : likewise of an effort limit; sampled, with a margin
+    hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
+    hand_error_max, hand_turn_max : upper bounds of these at every instant
+    distance_error_max : upper bound of the error of the hands' distances [m]
+    clearance_scene : certified lower bound of the distance between links and obstacles [m]
+    clearance_load : likewise between links and the load
+    clearance_self : likewise between links
+    hand_uncertainty : largest error of a hand due to the tolerance of the bases' places [m]; the clearances are
+        reduced by the effect of that tolerance
+    load_mass : mass with which torques were computed [kg]
+    uncertainty : tolerance that was assumed of the bases' places
+    mass_shares : shares of the load's mass that were assumed (None: shared equally)
+    where : by measure, the name of the joint, hand or pair that has it, and the time [s]
+
+    A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
+    """
+
+    joint_margin_min: float = math.nan
+    velocity_ratio_max: float = math.nan
+    acceleration_ratio_max: float = math.nan
+    torque_ratio_max: float = math.nan
+    hand_error_sampled: float = math.nan
+    hand_turn_sampled: float = math.nan
+    hand_error_max: float = math.nan
+    hand_turn_max: float = math.nan
+    distance_error_max: float = math.nan
+    clearance_scene: float = math.nan
+    clearance_load: float = math.nan
+    clearance_self: float = math.nan
+    hand_uncertainty: float = math.nan
+    load_mass: float = math.nan
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    mass_shares: tuple[float, ...] | None = None
+    where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+
+    def asdict(self) -> dict[str, float]:
+        """Return the measures by name."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
+
+
+class VerifiedJointMotion(Sealed):
+    """A robot's motion that passed every check. Only `verify_joints` makes it.
+
+    Attributes
+    ----------
+    robot : Robot that carries the load
+    motion : VerifiedMotion of the hands and the load
+    joints : JointMotion that passed the checks
+    report : JointReport of the checks
+    """
+
+    __slots__ = ("joints", "motion", "report", "robot")
+    MAKER = "comove.robots.verify_joints"
+    INSTEAD = "send its `joints` and verify them anew"
+
+    def __init__(
+        self,
+        robot: Robot,
+        motion: VerifiedMotion,
+        joints: JointMotion,
+        report: JointReport,
+        *,
+        seal: object = None,
+    ):
+        self._fill(seal is _SEAL, robot=robot, motion=motion, joints=joints, report=report)
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene for which the motion was verified."""
+        return self.motion.motion.scene
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """Result of judging a joint motion: the verified motion or the reasons against it, and the measures.
+
+    Attributes
+    ----------
+    verified : the verified motion, or None
+    report : measures of the motion
+    reasons : reasons for its rejection, in words
+    """
+
+    verified: VerifiedJointMotion | None
+    report: JointReport
+    reasons: tuple[str, ...]
+
+
+def verify_joints(
+    robot: Robot,
+    motion: VerifiedMotion | CoordinatedMotion,
+    joints: JointMotion,
+    *,
+    uncertainty: Uncertainty | None = None,
+    mass_shares: Sequence[float] | None = None,
+) -> JointVerdict:
+    """Judge a robot's motion: limits, torques, hands on the load and clearance.
+
+    Parameters
+    ----------
+    motion
+        Motion of the hands and the load; a CoordinatedMotion is verified first.
+    joints
+        The robot's motion that carries out `motion`.
+    uncertainty
+        Tolerances of the places of the bases; the description's unless given.
+    mass_shares
+        Shares of the load's mass that its holders carry, in their order; equal unless given.
+    """
+    if isinstance(motion, CoordinatedMotion):
+        verdict = verify(motion)
+        if verdict.verified is None:
+            return _refused(
+                f"the motion of the hands is not verified: {reason}" for reason in verdict.reasons
+            )
+        motion = verdict.verified
+    if not isinstance(motion, VerifiedMotion):
+        raise OptionError(
+            f"the motion of the hands is a {type(motion).__name__}",
+            way_out="give the VerifiedMotion of a solution, or a CoordinatedMotion",
+        )
+    scene = motion.motion.scene
+    unfit = [*check.unfit_scene(robot, scene), *check.unfit_joints(robot, scene, joints)]
+    if unfit:
+        return _refused(unfit)
+    joints = _own_copy(joints)
+    arms = tuple(robot.arm(name) for name in scene.manipulators)
+    bases = Bases(robot, robot.description.uncertainty if uncertainty is None else uncertainty)
+    carried, curve = Carried(motion.motion), joints.curve
+    errors = holding_errors(robot, arms, carried, curve)
+    bodies = bodies_of(bases, arms, carried, errors.hands, check.HAND_ERROR)
+    findings = [
+        check.rest(robot, curve),
+        check.limits(robot, curve),
+        check.torques(robot, curve, arms, check.masses(scene, mass_shares)),
+        check.hands(errors, motion),
+        check.calibration(bases, arms, errors, motion),
+        check.clearances(bodies, carried, curve),
+    ]
+    measures = {name: value for finding in findings for name, value in finding.measures.items()}
+    where = {name: place for finding in findings for name, place in finding.where.items()}
+    shares = None if mass_shares is None else tuple(float(share) for share in mass_shares)
+    report = JointReport(**measures, uncertainty=bases.uncertainty, mass_shares=shares, where=where)
+    reasons = tuple(reason for finding in findings for reason in finding.reasons)
+    verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
+    return JointVerdict(verified, report, reasons)
+
+
+def _refused(reasons: Iterable[str]) -> JointVerdict:
+    return JointVerdict(None, JointReport(), tuple(reasons))
+
+
+def _own_copy(joints: JointMotion) -> JointMotion:
+    """Copy the motion into read-only arrays, so that nobody can change what was judged."""
+    arrays = [np.array(x, dtype=float) for x in (joints.time, joints.position)]
+    for array in arrays:
+        array.setflags(write=False)
+    return JointMotion(arrays[0], tuple(joints.joint_names), arrays[1])
