@@ -24,9 +24,10 @@ test: $(VENV)/dev.stamp  ## all tests but the slow ones
 test-all: $(VENV)/dev.stamp  ## all tests
 	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow"
 
-lint: $(VENV)/dev.stamp
+lint: $(VENV)/dev.stamp  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 bench: $(VENV)/dev.stamp  ## the figures that the documentation states
 	$(BIN)/python benchmarks/suite.py
