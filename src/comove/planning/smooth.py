@@ -146,10 +146,6 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
-        if not search.checks:  # then only the carrier knows what is possible
-            nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STEPS)))[0]
-            if not search.carrier.ask(nodes[None])[1].all():
-                continue
         verdict = search.judge(motion)
         if verdict.verified is not None:
             return True
