@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from comove.errors import ExtraError
-from comove.experiments.peers import PEERS
 from comove.experiments.peers.common import (
     clearance_slopes,
     clearances,
@@ -15,6 +14,7 @@ from comove.experiments.peers.common import (
     timed,
 )
 from comove.experiments.peers.shapes import N_STEPS, Shapes
+from comove.experiments.registry import PEERS
 from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, measured
 from comove.scenes import Scene
 
