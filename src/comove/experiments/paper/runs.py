@@ -17,7 +17,7 @@ from comove.experiments.examples import example
 from comove.experiments.modulation.comparison import Compared, compare
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
-from comove.experiments.paper.measures import Measures, measure_motion
+from comove.experiments.paper.measures import Along, Measures, measure_motion
 from comove.experiments.workers import run_all
 from comove.planning import load_kernels
 from comove.planning.seeds import minimum_jerk
@@ -133,6 +133,18 @@ class Runs:
         """Return the only outcome for a purpose whose job has these attributes."""
         (outcome,) = self.of(purpose, **asked)
         return outcome
+
+    def motion(self, purpose: str, **asked: object) -> CoordinatedMotion:
+        """Return the motion of the only outcome for a purpose whose job has these attributes; it was kept."""
+        motion = self.one(purpose, **asked).motion
+        assert motion is not None, purpose
+        return motion
+
+    def along(self, purpose: str, **asked: object) -> Along:
+        """Return the course of errors along that motion."""
+        along = self.one(purpose, **asked).along
+        assert along is not None, purpose
+        return along
 
     def measures(self, purpose: str, **asked: object) -> list[Measures]:
         """Return the figures of the outcomes for a purpose whose jobs have these attributes."""
