@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.resources import files
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from comove.experiments.bench.sets import BenchScene, scenes_of
 from comove.experiments.bench.store import Run
+from comove.experiments.examples import example_path
 from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, wilson
 from comove.experiments.systems import OwnSystem
@@ -25,7 +25,7 @@ SET = "easy"
 WHOLE = "paper"
 
 
-def _with(**changes: object) -> Paper:
+def _with(**changes: Any) -> Paper:
     """Return the paper's method with changed settings of its optimiser."""
     return Paper(optimiser=replace(OPTIMISER, **changes))
 
@@ -65,8 +65,7 @@ def systems() -> dict[str, OwnSystem]:
 
 def scenes(count: int) -> list[BenchScene]:
     """Return the paper's three scenes, and the first of the easy set, half planar, half spatial."""
-    folder = Path(str(files("comove") / "examples"))
-    return [BenchScene("examples", folder / f"{name}.yaml") for name in EXAMPLES] + scenes_of(SET, count)
+    return [BenchScene("examples", example_path(name)) for name in EXAMPLES] + scenes_of(SET, count)
 
 
 def page(runs: list[Run], budget: float) -> str:
@@ -79,7 +78,8 @@ def page(runs: list[Run], budget: float) -> str:
         mine = [run for run in runs if run.configuration.system == name]
         if not mine:
             continue
-        first = [run.figures.first_verified for run in mine if run.status == "verified"]
+        times = [run.figures.first_verified for run in mine if run.status == "verified"]
+        first = [seconds for seconds in times if seconds is not None]
         rows.append(
             [
                 f"`{name}`",
