@@ -20,18 +20,9 @@ needs no basis of tangents. For several obstacles k, M is the product of their m
 and xdot_o is the mean of their velocities with these weights. Obstacles of a group (`united`) count as one there,
 with the least of their levels; within the group their matrices are averaged with weights 1 / (Gamma_k - 1).
 
-Limitations:
-
-- **Saddle points.** Where f points from the outside straight at the reference (or, with `Directions.NORMAL`, against
-  the normal: everywhere before a flat face), there is nothing to turn: the point stalls before the obstacle.
-- **Overlapping obstacles.** In the notch between them a point can pass through; `united` prevents it.
-- **Inside an obstacle**, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0
-  for velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards.
-- **Several points of one body** get one matrix at best: see `Sharing`.
-- **Speeds.** Tangential velocities can double; along long faces, seen at a grazing angle from the reference,
-  r adds up to 1 / (n^T r) times the velocity against the face. No limit of a robot is kept.
-- **Steps.** The field is impenetrable in continuous time; steps of dt may penetrate an obstacle by a depth of the
-  order of (speed dt)^2 / radius.
+Inside an obstacle, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0 for
+velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards. docs/modulation.md says
+what all this cannot do.
 """
 
 from __future__ import annotations

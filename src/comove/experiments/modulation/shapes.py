@@ -43,9 +43,7 @@ class Sphere:
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """Return the shape with a safety margin [m], see `Shape`."""
-        return TableShape(
-            sd.SPHERE, (self.radius,), (self.radius, self.radius + margin), self.radius + margin
-        )
+        return _rounded(sd.SPHERE, (self.radius,), self.radius, self.radius, margin)
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class Box:
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """Return the shape with a safety margin [m], see `Shape`."""
         half = tuple(edge / 2 for edge in _counted("size", self.size, n_dims))
-        return TableShape(sd.BOX, half, (min(half), min(half) + margin), float(np.linalg.norm(half)) + margin)
+        return _rounded(sd.BOX, half, min(half), float(np.linalg.norm(half)), margin)
 
 
 @dataclass(frozen=True)
@@ -140,8 +138,8 @@ class Capsule:
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """Return the shape with a safety margin [m], see `Shape`."""
-        half, width = self.length / 2, self.radius + margin
-        return TableShape(sd.CAPSULE, (self.radius, half), (self.radius, width), half + width)
+        half = self.length / 2
+        return _rounded(sd.CAPSULE, (self.radius, half), self.radius, half + self.radius, margin)
 
 
 @dataclass(frozen=True)
@@ -162,13 +160,13 @@ class Cylinder:
                 "a cylinder in the plane", key="shape", way_out="give a Sphere (its slice) or a Box"
             )
         half = self.height / 2
-        least = min(self.radius, half)
-        return TableShape(
-            sd.CYLINDER,
-            (self.radius, half),
-            (least, least + margin),
-            float(np.hypot(self.radius, half)) + margin,
-        )
+        size, reach = (self.radius, half), float(np.hypot(self.radius, half))
+        return _rounded(sd.CYLINDER, size, min(size), reach, margin)
+
+
+def _rounded(kind: int, size: tuple[float, ...], least: float, reach: float, margin: float) -> TableShape:
+    """Return a shape that a margin rounds, of least half width `least`."""
+    return TableShape(kind, size, (least, least + margin), reach + margin)
 
 
 def _lengths(name: str, values: object) -> tuple[float, ...]:
