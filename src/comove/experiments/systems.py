@@ -14,6 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.examples import scene_contents
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
@@ -118,7 +120,7 @@ class OwnSystem(System):
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Offer every motion that was the best so far, and at the end the result of `solve`."""
-        found: list[tuple[float, object]] = []
+        found: list[tuple[float, CoordinatedMotion]] = []
 
         def note(progress: Progress) -> None:
             if progress.motion is not None and (not found or found[-1][1] is not progress.motion):
@@ -143,20 +145,10 @@ class OwnSystem(System):
 @lru_cache(maxsize=32)
 def _first_look(system: OwnSystem, n_dims: int) -> None:
     """Start a method on a bar beside a ball, so that it is compiled."""
-    start, goal = ([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)] for x in (0.2, 0.8))
-    scene = Scene.from_dict(
-        {
-            "name": "first-look",
-            "duration": 10.0,
-            "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
-            "obstacles": [{"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}],
-            "load": {"shape": "bar", "length": 0.2},
-            "manipulators": [
-                {"name": name, "start": a, "goal": b}
-                for name, a, b in zip(("a", "b"), start, goal, strict=True)
-            ],
-        }
-    )
+    ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.2, 0.8)]
+    ball = {"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}
+    bar = {"shape": "bar", "length": 0.2}
+    scene = Scene.from_dict(scene_contents("first-look", [1.0] * n_dims, [ball], bar, ends))
     solve(scene, method=system.method, planner=system.planner, budget=FIRST_LOOK)
 
 

@@ -256,7 +256,9 @@ class Pacing(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _move(springs, pacing, k_h, duration, period):
+def _move(
+    springs: Springs, pacing: Pacing, k_h: float, duration: float, period: float
+) -> tuple[Array, Array, Array, float]:
     """Return phase, deviation and pace at every step, and the mean square of the human's force.
 
     The deviation is integrated by the backward Euler method, with the coefficients of the phase before each step.
@@ -348,7 +350,7 @@ def _tangents(slope: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _normals(tangent, across, bent):
+def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
     """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
     n_steps = tangent.shape[0]
     normal = np.empty((n_steps, 3))

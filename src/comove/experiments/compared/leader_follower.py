@@ -275,7 +275,16 @@ def learn(learned: Array, force: Array, gains: Gains) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _execute(uncoupled, distance, following, learned, c, c2, of_state, of_coupling):
+def _execute(
+    uncoupled: Array,
+    distance: float,
+    following: Array,
+    learned: Array,
+    c: float,
+    c2: float,
+    of_state: Array,
+    of_coupling: Array,
+) -> tuple[Array, Array, Array]:
     n_steps, _, n_dims = uncoupled.shape
     position, force = np.empty(uncoupled.shape), np.empty((n_steps, n_dims))
     error, deviation = np.empty(n_steps), np.zeros((2, 2, n_dims))  # hand; e and zeta

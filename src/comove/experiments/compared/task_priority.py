@@ -189,7 +189,7 @@ class Controller:
     def __init__(self, method: TaskPriority, scene: Scene, period: float):
         self.method, self.scene, self.period = method, scene, period
         n_dims = scene.n_dims
-        self.middles = np.kron(group_means(scene), np.eye(n_dims))
+        self.middles = np.kron(group_means(scene), np.eye(n_dims)).astype(float)
         self.levels = [(c.first, c.second) for c in scene.constraints if isinstance(c, SameHeightConstraint)]
         self.acceleration = min(scene.acceleration_limit, method.acceleration)
         self.approach = Approach(
@@ -250,7 +250,8 @@ class Controller:
     ) -> list[PriorityTask]:
         """Return the tasks L1 to L3 at one instant."""
         method, size = self.method, hands.size
-        matrix, target = [np.zeros((0, size))], [np.zeros(0)]
+        matrix: list[Array] = [np.zeros((0, size))]
+        target: list[Array] = [np.zeros(0)]
         for c in self.scene.distances:
             away = hands[c.first] - hands[c.second]
             length = float(np.linalg.norm(away))
@@ -265,7 +266,7 @@ class Controller:
             target.append(method.relative.wanted(error, time, self.period))
         off = self.middles @ (hands - wanted).ravel()
         absolute = self.middles @ slope.ravel() + method.absolute.wanted(off, time, self.period)
-        posture = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
+        posture: Array = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
         return [
             PriorityTask(np.concatenate(matrix), np.concatenate(target)),
             PriorityTask(self.middles, self._reachable(absolute, self.middles @ before.ravel())),

@@ -229,7 +229,8 @@ def loose_run(
         steps.append(at + period * modulated(points, velocities, around, sharing=sharing)[: len(at)])
         if now > scene.duration and np.linalg.norm(steps[-1] - scene.goal, axis=1).max() < AT_GOAL:
             break
-    time, hands = np.arange(len(steps)) * period, np.array(steps)
+    time = period * np.arange(len(steps), dtype=float)
+    hands = np.array(steps)
     poses = [poses_of(scene, h) for h in hands]
     return LooseRecord(
         scene,

@@ -306,7 +306,8 @@ def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
     for group, members in enumerate(groups):
         point = _common(table, members) if len(members) > 1 else None
         for j in members:
-            obstacle, reference = obstacles[j], None
+            obstacle = obstacles[j]
+            reference = np.zeros(obstacle.n_dims)
             if point is not None:
                 reference = obstacle.rotation.T @ (point[: obstacle.n_dims] - obstacle.center)
             made[j] = replace(obstacle, reference=reference, group=None if point is None else group)

@@ -10,8 +10,7 @@ import numpy as np
 from comove.experiments.bench.sets import BenchScene, scenes_of
 from comove.experiments.bench.store import Run
 from comove.experiments.examples import example_path
-from comove.experiments.markdown import table
-from comove.experiments.statistics import Interval, wilson
+from comove.experiments.summaries import Interval, table, wilson
 from comove.experiments.systems import OwnSystem
 from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
 from comove.planning.method import Method

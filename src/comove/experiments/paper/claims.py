@@ -15,7 +15,7 @@ from comove.experiments.paper.baxter import METHODS, PASSAGES
 from comove.experiments.paper.jobs import title_of
 from comove.experiments.paper.measures import Measures, apart_in_the_mean, count_verified
 from comove.experiments.paper.runs import BAND, INITIAL, ROLES, SCENES, TWO, Runs
-from comove.experiments.statistics import median_interval
+from comove.experiments.summaries import median_interval
 
 RELIABLE = 0.95  # share of the runs from which on something succeeds
 HELD, BROKEN = 0.005, 0.01  # m: a distance that is held by and large, and one that is clearly broken

@@ -14,7 +14,7 @@ from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import Measures
 from comove.experiments.paper.runs import GAIT, INITIAL, OTHER_SYSTEMS, ROLES, SCENES, Runs
-from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
+from comove.experiments.summaries import NOTHING, Interval, median_interval, wilson
 from comove.planning import LeastJerk, Solution, carried_demonstration, solve
 from comove.primitives import DMP
 from comove.views import (

@@ -15,7 +15,6 @@ import numpy as np
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
-from comove.experiments.markdown import table
 from comove.experiments.paper import tables
 from comove.experiments.paper.claims import Claim, ClaimFinding, ClaimVerdict, judge_all
 from comove.experiments.paper.figures import BAXTER, FIGURES, draw_all, verdict
@@ -34,6 +33,7 @@ from comove.experiments.paper.runs import (
     Runs,
     run_everything,
 )
+from comove.experiments.summaries import table
 from comove.results import Contents
 from comove.views.motion import N_STATES
 

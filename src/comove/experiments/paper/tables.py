@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from comove.experiments.markdown import table
 from comove.experiments.paper.claims import Claim, ClaimFinding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS, title_of
@@ -25,7 +24,7 @@ from comove.experiments.paper.runs import (
     Runs,
     recordings,
 )
-from comove.experiments.statistics import Interval
+from comove.experiments.summaries import Interval, table
 
 PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "velocity": 0.01}
 EPOCHS = (1, 2, 4, 8, 20)

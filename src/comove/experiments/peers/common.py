@@ -138,7 +138,9 @@ def spatial(hands: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _clearances(nodes, edges, radii, table, lower, upper):
+def _clearances(
+    nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, lower: Array, upper: Array
+) -> Array:
     result = np.empty(nodes.shape[0])
     for t in range(nodes.shape[0]):
         result[t] = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
@@ -146,7 +148,15 @@ def _clearances(nodes, edges, radii, table, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _clearance_slopes(nodes, n_dims, edges, radii, table, lower, upper):
+def _clearance_slopes(
+    nodes: Array,
+    n_dims: int,
+    edges: NDArray[np.int64],
+    radii: Array,
+    table: Array,
+    lower: Array,
+    upper: Array,
+) -> Array:
     slopes = np.empty((nodes.shape[0], nodes.shape[1], n_dims))
     for t in range(nodes.shape[0]):
         for i in range(nodes.shape[1]):

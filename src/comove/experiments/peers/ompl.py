@@ -284,7 +284,7 @@ class Manifold:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def motion_is_free(space, p, q, step, margin):
+def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float) -> bool:
     """Return whether states between two keep a margin [m]; points move at most a step [m] between states."""
     nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
     if clearance_of(space, q, nodes, margin) <= margin:
@@ -298,7 +298,9 @@ def motion_is_free(space, p, q, step, margin):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
+def distance_errors(
+    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, errors: Array, slopes: Array
+) -> None:
     """Compute the errors of distances [m] and their derivatives, in place.
 
     Parameters
@@ -320,7 +322,7 @@ def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _project(x, pairs, wanted, n_dims, tolerance):
+def _project(x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
     for _ in range(PROJECTIONS):
