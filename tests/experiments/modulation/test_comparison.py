@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.random_scenes import moving_scene
 from comove.execution import Executor
 from comove.experiments.examples import example
 from comove.experiments.modulation import Sharing
 from comove.experiments.modulation.comparison import METHODS, LooseRecord, compare, loose_run
-from comove.experiments.random_scenes import moving_scene
 from comove.verification.record import judge
 from tests.execution.test_executor import crossing, disc
 
