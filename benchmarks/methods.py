@@ -32,7 +32,15 @@ from comove.experiments.examples import example
 from comove.experiments.peers.common import Peer, PeerOutOfTime
 from comove.experiments.peers.shapes import Shapes
 from comove.experiments.registry import PEERS
-from comove.experiments.systems import Offers, OwnSystem, System, SystemOutcome, SystemProblem, measured
+from comove.experiments.systems import (
+    Offers,
+    OwnSystem,
+    System,
+    SystemOutcome,
+    SystemProblem,
+    cost_of,
+    measured,
+)
 from comove.planning import Comove, Paper, Projection
 
 SCENES = ("wide", "narrow", "complex")
@@ -52,7 +60,7 @@ class Optimised(Peer):
 
         def cost(points: np.ndarray) -> np.ndarray:
             hands = shapes.hands(points)
-            costs, asked = shapes.costs(hands), shapes.demands(hands)
+            costs, asked = cost_of(problem.scene, hands), shapes.demands(hands)
             for k, x in enumerate(np.atleast_2d(points)):
                 shapes.note(x, float(costs[k]), asked, k)
             return costs

@@ -199,7 +199,7 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     reports = [report_of(problem, hands) for _, hands in offers.taken]
     history: list[tuple[float, float]] = []
     for (at, hands), report in zip(offers.taken, reports, strict=True):
-        cost = cost_of(problem.scene, hands)
+        cost = float(cost_of(problem.scene, hands))
         if not report.reasons and (not history or cost < history[-1][1]):
             history.append((at, cost))
     last, report = offers.taken[-1][1], reports[-1]
@@ -212,7 +212,7 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
         seconds=seconds,
         first_verified=history[0][0] if history else None,
         history=tuple(history),
-        cost=cost_of(problem.scene, last),
+        cost=float(cost_of(problem.scene, last)),
         path_length=float(np.linalg.norm(np.diff(last, axis=0), axis=2).sum()),
         acceleration_max=report.acceleration_max,
         jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
@@ -228,9 +228,36 @@ def report_of(problem: SystemProblem, hands: Array) -> RecordReport:
     return judge(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
-def cost_of(scene: Scene, hands: Array) -> float:
-    """Compute J of equation (4) in unit duration, of samples; array, shape (n_steps, n_manipulators, n_dims) [m]."""
-    n = len(hands)
-    to_goal = ((hands - scene.goal) ** 2).sum() / n
-    effort = (np.diff(hands, axis=0) ** 2).sum() * (n - 1) ** 2 / n
-    return float(WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort)
+def cost_of(scene: Scene, hands: Array) -> Array:
+    """Compute J of equation (4) in unit duration, of even samples.
+
+    Parameters
+    ----------
+    hands : array, shape (..., n_steps, n_manipulators, n_dims), [m]
+
+    Returns
+    -------
+    array, shape (...)
+    """
+    n, inner = hands.shape[-3], (-3, -2, -1)
+    to_goal = ((hands - scene.goal) ** 2).sum(axis=inner) / n
+    effort = (np.diff(hands, axis=-3) ** 2).sum(axis=inner) * (n - 1) ** 2 / n
+    return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
+
+
+def distance_errors(scene: Scene, hands: Array) -> Array:
+    """Return the largest error of a fixed distance at every step [m]; 0 where no distance is fixed.
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators or more, n), [m]
+
+    Returns
+    -------
+    array, shape (n_steps,)
+    """
+    errors = np.zeros(len(hands))
+    for c in scene.distances:
+        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+        errors = np.maximum(errors, np.abs(apart - c.distance))
+    return errors

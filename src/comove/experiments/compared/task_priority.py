@@ -42,6 +42,7 @@ from comove.experiments.compared.common import (
 )
 from comove.experiments.compared.hierarchy import PriorityTask, lexicographic
 from comove.experiments.compared.nearness import Approach, clearance_rows
+from comove.experiments.systems import distance_errors
 from comove.planning.method import Method
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number, require_positive
@@ -164,10 +165,7 @@ class TaskPriority(Method):
         """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
         middles = group_means(scene)
         absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
-        relative = np.zeros(len(time))
-        for c in scene.distances:
-            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
-            relative = np.maximum(relative, np.abs(apart - c.distance))
+        relative = distance_errors(scene, hands)
         return {
             "relative_error_max_m": float(relative.max()),
             "relative_beyond_bound": float((relative > self.relative.bound(time)).mean()),

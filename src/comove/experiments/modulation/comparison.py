@@ -24,6 +24,7 @@ from comove.execution.executor import Executor, Pace
 from comove.execution.observers import Functions, Known
 from comove.experiments.modulation.matrices import Sharing, modulated
 from comove.experiments.modulation.obstacles import level_obstacle
+from comove.experiments.systems import distance_errors
 from comove.geometry.distances import CENTER
 from comove.planning.search import Interruption
 from comove.reaction.twists import poses_of
@@ -103,11 +104,7 @@ class Compared:
     @cached_property
     def distance_errors(self) -> Array:
         """Return the largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where no distance is fixed."""
-        errors, nodes = np.zeros(len(self.record.time)), self.record.nodes
-        for c in self.record.scene.distances:
-            apart = np.linalg.norm(nodes[:, c.first] - nodes[:, c.second], axis=1)
-            errors = np.maximum(errors, np.abs(apart - c.distance))
-        return errors
+        return distance_errors(self.record.scene, self.record.nodes)
 
     @cached_property
     def clearances(self) -> Array:

@@ -16,7 +16,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import ExtraError
 from comove.experiments.systems import Offers, System, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance
-from comove.planning.seeds import minimum_jerk
+from comove.planning.seeds import minimum_jerk, steady
 from comove.primitives.basis import motion_basis
 from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.scene import Scene
@@ -243,7 +243,7 @@ class Best:
 
         `seconds` is when it was found; by default now.
         """
-        missed, cost = violation(self.problem, hands), cost_of(self.problem.scene, hands)
+        missed, cost = violation(self.problem, hands), float(cost_of(self.problem.scene, hands))
         rank = (max(missed, 0.0), cost)
         if self.hands is None or rank < self.rank:
             self.rank, self.hands = rank, hands
@@ -284,8 +284,5 @@ def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
     fastest = 0.98 * scene.speed_limit * scene.duration / length[-1]  # in lengths a duration
     if fastest < 1.875:
         ramp = min(max(1.0 - 1.0 / fastest, 0.05), 0.5)
-        speed = np.minimum(np.minimum(s, 1.0 - s) / ramp, 1.0)
-        speed = speed**2 * (3 - 2 * speed)
-        travelled = np.concatenate([[0.0], np.cumsum(speed[1:] + speed[:-1])])
-        travelled /= travelled[-1]
+        travelled = steady(s, ramp)
     return hands_at(np.interp(travelled * length[-1], length, shares))

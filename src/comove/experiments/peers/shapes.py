@@ -34,7 +34,7 @@ from comove.experiments.peers.common import (
     refusal,
     spatial,
 )
-from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem
+from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 
@@ -85,7 +85,7 @@ class Shapes:
         self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
         self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
         guess = self._samples(self.seen)
-        self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
+        self.note(self.seen, float(cost_of(scene, guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
         """Return sampled hands of many points; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
@@ -104,14 +104,8 @@ class Shapes:
         q = self.dmp.rollouts(weights, N_STEPS)
         return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)
 
-    def costs(self, hands: Array) -> Array:
-        """Compute J; hands (n_points, N_STEPS, n_manipulators, n_dims) -> (n_points,)."""
-        to_goal = ((hands - self.problem.scene.goal) ** 2).sum(axis=(1, 2, 3)) / N_STEPS
-        effort = (np.diff(hands, axis=1) ** 2).sum(axis=(1, 2, 3)) * (N_STEPS - 1) ** 2 / N_STEPS
-        return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
-
     def demands(self, hands: Array) -> list[Demand]:
-        """Return all demands; hands as for `costs`.
+        """Return all demands of hands, (n_points, N_STEPS, n_manipulators, n_dims).
 
         There are two for each distance (not too far, not too near), one for each separation, one for the clearance,
         and one for speed and acceleration of each hand if they have limits.
@@ -234,7 +228,7 @@ class PycmaAL(Peer):
 
         def evaluate(points: Array) -> None:
             hands = shapes.hands(points)
-            costs, asked = shapes.costs(hands), shapes.demands(hands)
+            costs, asked = cost_of(problem.scene, hands), shapes.demands(hands)
             missed = shapes.windows(asked)
             known.clear()
             for k, x in enumerate(points):
@@ -305,14 +299,14 @@ class Scipy(Peer):
         shapes.close()
 
     def _attempt(self, shapes: Shapes, x: Array) -> None:
-        optimize = needed("scipy.optimize")
+        optimize, scene = needed("scipy.optimize"), shapes.problem.scene
 
         def hands(x: Array) -> Array:
             return shapes.hands(x[None])
 
         def constraints(x: Array) -> Array:
             asked = shapes.demands(samples := hands(x))
-            shapes.note(x, float(shapes.costs(samples)[0]), asked)
+            shapes.note(x, float(cost_of(scene, samples)[0]), asked)
             return shapes.constraints(asked)
 
         options: dict[str, Any] = {"maxiter": 1000, "ftol": 1e-6}
@@ -329,7 +323,7 @@ class Scipy(Peer):
             )
             extra["hess"] = lambda x: shapes.curvature
         optimize.minimize(
-            lambda x: float(shapes.costs(hands(x))[0]),
+            lambda x: float(cost_of(scene, hands(x))[0]),
             x,
             jac=lambda x: shapes.cost_slope(hands(x)[0]),
             method=self.method,
