@@ -8,7 +8,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
-from math import cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +16,7 @@ from comove.errors import ComoveWarning, OptionError
 from comove.experiments.modulation import levels as lv
 from comove.experiments.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from comove.geometry import distances as sd
+from comove.geometry.rotations import exponential, matrices
 from comove.primitives.arguments import is_number, numbers, vector
 from comove.scenes.scene import Scene
 
@@ -85,7 +85,7 @@ class MovingObstacle:
             isinstance(group, bool) or not isinstance(group, (int, np.integer)) or group < 0
         ):
             raise OptionError(f"group = {group!r}", key="group", way_out="give a number from 0 on, or None")
-        if not hasattr(shape, "in_table"):
+        if not isinstance(shape, Shape):
             raise OptionError(f"shape = {shape!r}", key="shape", way_out="give one such as Sphere(0.1)")
         arrays = {
             "center": place,
@@ -367,18 +367,8 @@ def _rotation(value: object, n_dims: int) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Return the matrix of a rotation vector [rad] (Rodrigues), (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
-    angle = sqrt(vector @ vector)
-    c, s = cos(angle), sin(angle)
-    if len(vector) == 1:
-        s = s if vector[0] >= 0 else -s
-        return np.array([[c, -s], [s, c]])
-    x, y, z = (vector / (angle or 1.0)).tolist()
-    u, v, w = (1 - c) * x, (1 - c) * y, (1 - c) * z
-    return np.array(
-        [
-            [c + u * x, u * y - s * z, u * z + s * y],
-            [u * y + s * z, c + v * y, v * z - s * x],
-            [u * z - s * y, v * z + s * x, c + w * z],
-        ]
-    )
+    """Return the matrix of a rotation vector [rad], (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
+    if len(vector) == 3:
+        return matrices(exponential(vector))
+    c, s = np.cos(vector[0]), np.sin(vector[0])
+    return np.array([[c, -s], [s, c]])
