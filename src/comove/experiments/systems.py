@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.bench.store import Figures
 from comove.experiments.examples import scene_contents
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
@@ -153,39 +154,19 @@ def _first_look(system: OwnSystem, n_dims: int) -> None:
 
 
 @dataclass(frozen=True)
-class SystemOutcome:
-    """Holds the result of one run.
+class SystemOutcome(Figures):
+    """Holds the result of one run: figures of the last offer, and how it came about.
 
     Attributes
     ----------
     verified : whether the last offer is verified
     reasons : reasons why it is not, in words
-    seconds : time until the system ended [s]
-    first_verified : time until the first verified offer [s]; None if there is none
     history : (seconds, cost) of the offers that were verified and better than those before
-    cost : J of equation (4) in unit duration, of the last offer, like all that follows
-    path_length : length of the paths of all hands together [m]
-    acceleration_max : largest acceleration, from step to step [m/s^2]
-    jerk_max : largest jerk, from step to step [m/s^3]
-    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
-    duration : duration of the motion [s]
-    distance_error_max : largest error of a distance [m]
-    clearance_min : certified clearance [m]
     """
 
-    verified: bool
-    reasons: tuple[str, ...]
-    seconds: float
-    first_verified: float | None
-    history: tuple[tuple[float, float], ...] = field(repr=False)
-    cost: float
-    path_length: float
-    acceleration_max: float
-    jerk_max: float
-    jerk_ratio: float
-    duration: float
-    distance_error_max: float
-    clearance_min: float
+    verified: bool = False
+    reasons: tuple[str, ...] = ()
+    history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
 
 
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:

@@ -69,7 +69,21 @@ class Machine:
 
 @dataclass(frozen=True)
 class Figures:
-    """Measures of a run, as in `comove.experiments.systems.SystemOutcome`; None where there is nothing to measure."""
+    """Figures of a run; None where there is nothing to measure.
+
+    Attributes
+    ----------
+    seconds : time until the system ended [s]
+    first_verified : time until the first verified offer [s]
+    cost : J of equation (4) in unit duration, of the last offer, like all that follows
+    path_length : length of the paths of all hands together [m]
+    acceleration_max : largest acceleration, from step to step [m/s^2]
+    jerk_max : largest jerk, from step to step [m/s^3]
+    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
+    duration : duration of the motion [s]
+    distance_error_max : largest error of a distance [m]
+    clearance_min : certified clearance [m]
+    """
 
     seconds: float | None = None
     first_verified: float | None = None
