@@ -1,9 +1,8 @@
 """How often, how fast and how well comove solves its sets of scenes; one row a set.
 
-Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space
-(`comove.experiments.random_scenes`), and the example scenes under many seeds of the solver. A name that
-ends in ``-no-planner`` turns the planner off,
-one in ``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
+Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space (`random_scenes.py`), and the
+example scenes under many seeds of the solver. A name that ends in ``-no-planner`` turns the planner off, one in
+``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
 solver's own seed is 0); for examples it is the first seed of the solver.
 
 Columns: motions verified; time to the first verified motion (from scene in memory and kernels loaded) and
@@ -30,10 +29,10 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+from random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from timing import number, on_one_thread, print_table, quantile
 
 import comove
-from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from comove.planning import Paper
 
 Problem = tuple[comove.Scene, int]

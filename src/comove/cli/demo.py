@@ -19,7 +19,7 @@ def demo(
     from comove.cli.progress import progress_bar
     from comove.cli.solve import write_result
     from comove.experiments.examples import EXAMPLES, copy_examples, example
-    from comove.experiments.figures import draw_figures
+    from comove.experiments.paper.figures import draw_demo
     from comove.planning import LeastJerk, solve
     from comove.primitives import DMP
     from comove.results import check_target, whole_folder
@@ -58,7 +58,7 @@ def demo(
     print(
         f"\nmain result: {out / 'narrow'} (solution.npz, solution.json, motion.png, progress.png)\npictures:"
     )
-    for name, caption in draw_figures(out, solutions, dmp).items():
+    for name, caption in draw_demo(out, solutions, dmp).items():
         print(f"  {out / name}: {caption}")
     copy_examples(out)
     print(

@@ -21,9 +21,9 @@ def reproduce(
     ] = None,
 ) -> int:
     """Run every experiment of the paper and of the systems it names; write one page with all figures."""
-    from comove.experiments.paper import reproduce as reproduce_all
     from comove.experiments.paper.claims import ClaimVerdict
-    from comove.experiments.paper.reproduction import CONTENTS, PAGE
+    from comove.experiments.paper.page import CONTENTS, PAGE
+    from comove.experiments.paper.page import reproduce as reproduce_all
     from comove.primitives.arguments import require_count
     from comove.results import whole_folder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.errors import SceneError
+from comove.experiments.examples import scene_contents
+from comove.experiments.examples import wall as wall_boxes
 from comove.planning.configurations import configuration_space
 from comove.planning.planner import plan
 from comove.scenes.scene import Scene
@@ -80,7 +83,7 @@ def _moving(rng: np.random.Generator, seed: int, n_dims: int, n_hands: int, fast
     load: dict[str, Any] = {"shape": "frame", "edges": edges, "radius": 0.005}
     if n_hands == 2:
         load = {"shape": "bar", "length": BAR, "radius": 0.005}
-    data = _scene(f"moving-{seed}", [0] * n_dims, [1] * n_dims, still + moving, ends, load)
+    data = scene_contents(f"moving-{seed}", [1.0] * n_dims, still + moving, load, ends)
     return {**data, "duration": DURATION, "limits": {"speed": SPEED, "acceleration": ACCELERATION}}
 
 
@@ -109,7 +112,7 @@ def _motion(rng: np.random.Generator, center: Array, fastest: float) -> dict[str
     return {"circle": {"radius": radius, "period_s": 2 * np.pi * radius / speed}}
 
 
-def _first_passable(rng: np.random.Generator, draw) -> Scene:
+def _first_passable(rng: np.random.Generator, draw: Callable[[np.random.Generator], dict[str, Any]]) -> Scene:
     while True:
         try:
             scene = Scene.from_dict(draw(rng))
@@ -131,10 +134,7 @@ def _planar(rng: np.random.Generator, seed: int, central: bool) -> dict[str, Any
         x = 0.5 + (wall - (walls - 1) / 2) * 0.2 + rng.uniform(-0.02, 0.02)
         gap, thickness = BAR * rng.uniform(0.45, 1.4), rng.uniform(0.02, 0.08)
         middle = rng.uniform(0.25, 0.75) if central else rng.uniform(gap / 2 + 0.05, 0.95 - gap / 2)
-        for low, high in ((-0.1, middle - gap / 2), (middle + gap / 2, 1.1)):
-            obstacles.append(
-                {"shape": "box", "center": [x, (low + high) / 2], "size": [thickness, high - low]}
-            )
+        obstacles += wall_boxes(x, thickness, np.array([middle - gap / 2]), np.array([middle + gap / 2]))
     for _ in range(int(rng.integers(0, 3))):
         center = rng.uniform([0.25, 0.1], [0.75, 0.9])
         obstacles.append(
@@ -142,7 +142,7 @@ def _planar(rng: np.random.Generator, seed: int, central: bool) -> dict[str, Any
         )
     aside = 0.2 if central else 0.35
     hands = [_planar_hands(rng, 0.14, aside), _planar_hands(rng, 0.86, aside)]
-    return _scene(f"planar-{seed}", [0, 0], [1, 1], obstacles, hands, {"shape": "bar", "length": BAR})
+    return scene_contents(f"planar-{seed}", [1.0] * 2, obstacles, {"shape": "bar", "length": BAR}, hands)
 
 
 def _planar_hands(rng: np.random.Generator, x: float, aside: float) -> Array:
@@ -181,7 +181,7 @@ def _spatial(rng: np.random.Generator, seed: int, n_hands: int) -> dict[str, Any
         held = side / np.sqrt(3) * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
         load = {"shape": "frame", "edges": [["a", "b"], ["b", "c"], ["c", "a"]], "radius": 0.005}
     hands = [_spatial_hands(rng, held, x) for x in (0.14, 0.86)]
-    return _scene(f"spatial-{n_hands}-{seed}", [0, 0, 0], [1, 1, 1], obstacles, hands, load)
+    return scene_contents(f"spatial-{n_hands}-{seed}", [1.0] * 3, obstacles, load, hands)
 
 
 def _spatial_hands(rng: np.random.Generator, held: Array, x: float) -> Array:
@@ -193,35 +193,5 @@ def _spatial_hands(rng: np.random.Generator, held: Array, x: float) -> Array:
 
 def _window(rng: np.random.Generator, x: float, size: Array, thickness: float) -> list[dict[str, Any]]:
     """Return four boxes that form a wall across x with a window of `size` (y, z)."""
-    y, z = rng.uniform(0.2 + size / 2, 0.8 - size / 2)
-    low, high = np.array([y, z]) - size / 2, np.array([y, z]) + size / 2
-    pieces = [
-        ((-0.1, low[0]), (-0.1, 1.1)),
-        ((high[0], 1.1), (-0.1, 1.1)),
-        ((low[0], high[0]), (-0.1, low[1])),
-        ((low[0], high[0]), (high[1], 1.1)),
-    ]
-    return [
-        {
-            "shape": "box",
-            "center": [x, float(a + b) / 2, float(c + d) / 2],
-            "size": [float(thickness), float(b - a), float(d - c)],
-        }
-        for (a, b), (c, d) in pieces
-    ]
-
-
-def _scene(name, lower, upper, obstacles, hands, load) -> dict[str, Any]:
-    names = ["a", "b", "c"][: len(hands[0])]
-    return {
-        "name": name,
-        "duration": 10.0,
-        "workspace": {"lower": lower, "upper": upper},
-        "obstacles": obstacles,
-        "load": load,
-        "manipulators": [
-            {"name": n, "start": s.tolist(), "goal": g.tolist()}
-            for n, s, g in zip(names, hands[0], hands[1], strict=True)
-        ],
-        "limits": {"speed": 1.0},
-    }
+    middle = rng.uniform(0.2 + size / 2, 0.8 - size / 2)
+    return wall_boxes(x, thickness, middle - size / 2, middle + size / 2)

@@ -1,8 +1,8 @@
-"""Confidence intervals of measured values: shares by Wilson, medians and slopes by the bootstrap."""
+"""Summaries of measured values: confidence intervals, by Wilson and by the bootstrap, and tables in Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import sqrt
 from typing import NamedTuple
 
@@ -91,12 +91,23 @@ def slope_interval(x: ArrayLike, times: ArrayLike) -> Interval:
     x : array, shape (n_points,), positive
     times : array, shape (n_points, n_repeats), positive
     """
-    x, times = np.log(np.asarray(x, dtype=float)), np.asarray(times, dtype=float)
+    log_x, measured = np.log(np.asarray(x, dtype=float)), np.asarray(times, dtype=float)
     rng = np.random.default_rng(SEED)
-    picked = rng.integers(times.shape[1], size=(RESAMPLES, *times.shape))
-    drawn = np.median(np.take_along_axis(times[None], picked, axis=2), axis=2)
-    medians = np.concatenate([np.median(times, axis=1)[None], drawn])
-    centred = x - x.mean()
+    picked = rng.integers(measured.shape[1], size=(RESAMPLES, *measured.shape))
+    drawn = np.median(np.take_along_axis(measured[None], picked, axis=2), axis=2)
+    medians = np.concatenate([np.median(measured, axis=1)[None], drawn])
+    centred = log_x - log_x.mean()
     slopes = np.log(medians) @ centred / (centred @ centred)
     low, high = _tails(slopes[1:])
     return Interval(float(slopes[0]), low, high)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with one line per row.
+
+    >>> print(table(["system", "runs"], [["comove", "50"]]))
+    | system | runs |
+    | --- | --- |
+    | comove | 50 |
+    """
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.statistics import mean_interval, median, median_interval, slope_interval, wilson
+from comove.experiments.summaries import mean_interval, median, median_interval, slope_interval, wilson
 
 
 @pytest.mark.parametrize(
