@@ -6,13 +6,18 @@ empty if there was nothing to repair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.errors import DemonstrationError
+from comove.demonstrations.samples import AXES, IN_MEMORY, Origin
+from comove.errors import DemonstrationError, OptionError, near_name
 
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+"""Metres of each unit."""
+TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+"""Seconds of each unit."""
 MAX_DIMS = 64
 LARGEST = 1e12
 """Numbers beyond this are no measurement, and their squares overflow."""
@@ -35,33 +40,6 @@ NORM_TOLERANCE = 1e-3
 """Quaternions whose norm is off by more than this are no rounding, but a mistake."""
 _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
 """Norms this near to one are left alone, so that what was normalised once stays as it is, bit by bit."""
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Holds the origin of samples, and names samples in messages as the user knows them.
-
-    Attributes
-    ----------
-    file : the file from which they were read, None for arrays in memory
-    """
-
-    file: object = None
-
-    def time(self, sample: int) -> str:
-        """Return the name of the time stamp of a sample, counted from 0."""
-        return f"time[{sample}]"
-
-    def position(self, sample: int, dim: int) -> str:
-        """Return the name of one coordinate of a sample."""
-        return f"position[{sample}, {dim}]"
-
-    def orientation(self, sample: int) -> str:
-        """Return the name of the quaternion of a sample."""
-        return f"orientation[{sample}]"
-
-
-IN_MEMORY = Origin()
 
 
 def check(
@@ -136,7 +114,7 @@ def check_orientation(
     return orientation
 
 
-def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
     """Choose the signs of the quaternions, q or -q for the same orientation, so that neighbours are close.
 
     Parameters
@@ -185,7 +163,7 @@ def merge_repeated_orientations(
     return merged
 
 
-def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
+def check_axes(axes: Iterable[str], n_dims: int, origin: Origin = IN_MEMORY) -> tuple[str, ...]:
     """Return the names of `n_dims` coordinates, and raise if they are invalid; for x, y, z return ().
 
     Raises
@@ -194,7 +172,7 @@ def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
         If there are not as many names as coordinates, or a name is empty or repeated.
     """
     names = (axes,) if isinstance(axes, str) else tuple(axes)
-    if names in ((), ("x", "y", "z")[:n_dims]):
+    if names in ((), AXES[:n_dims]):
         return ()
     if len(names) != n_dims:
         message = f"{len(names)} names stand for {n_dims} coordinates"
@@ -204,7 +182,9 @@ def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
         message = f"the name {next(name for name in names if names.count(name) > 1)!r} stands twice"
     else:
         return tuple(map(str, names))
-    raise DemonstrationError(message, key="axes", way_out="give each coordinate a name of its own, or none")
+    raise DemonstrationError(
+        message, file=origin.file, key=origin.axes, way_out="give each coordinate a name of its own, or none"
+    )
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
@@ -241,6 +221,21 @@ def merge_repeated_stamps(
         f"position: {len(time)} rows became {len(first)}"
     )
     return time[first], mean, note
+
+
+def metres(unit: str, file: object = None) -> float:
+    """Return the length of a unit in metres.
+
+    Raises
+    ------
+    OptionError
+        If the unit is unknown.
+    """
+    if unit not in LENGTHS:
+        raise OptionError(
+            f"the unit {unit!r} is not known", file=file, key="unit", way_out=near_name(unit, LENGTHS)
+        )
+    return LENGTHS[unit]
 
 
 def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:

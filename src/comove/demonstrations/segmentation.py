@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations import resampling
-from comove.demonstrations.demonstration import Demonstration
 from comove.errors import OptionError
 from comove.ties import first_largest, first_least
 
@@ -35,59 +34,6 @@ _DEPTH = 0.75
 """A corner is slower than this share of the largest speeds on either side of it."""
 
 
-def segment(
-    demonstration: Demonstration,
-    *,
-    speed_share: float = 0.05,
-    min_pause: float = 0.2,
-    min_duration: float = 0.2,
-    cutoff_hz: float = 6.0,
-    corner: float | None = None,
-) -> tuple[Demonstration, ...]:
-    """Cut a recording into movements; the pauses between them are dropped.
-
-    Parameters
-    ----------
-    demonstration : recording of any number of movements
-    speed_share : share of the recording's largest speed that a movement must exceed, between 0 and 1; the movement
-        begins and ends where the speed is 0.02 of its own largest
-    min_pause : shortest duration of a pause [s]; the movement continues through shorter ones
-    min_duration : shortest duration of a movement [s]; shorter ones are dropped
-    cutoff_hz : frequency above which the recording counts as noise [Hz]; at most a fifth of the sampling rate is
-        used
-    corner : smallest angle between path directions [rad] at which minima of the speed are cut; None: cut at pauses
-        only
-
-    Returns
-    -------
-    movements : in the order of time, without common samples; empty if nothing moves. Time starts at zero in each;
-        the last note gives the recording and the instants in it.
-
-    Raises
-    ------
-    OptionError
-        If a parameter is out of its range; names it.
-    """
-    _check_options(speed_share, min_pause, min_duration, cutoff_hz, corner)
-    bounds = movements(
-        demonstration.time,
-        demonstration.position,
-        demonstration.orientation,
-        speed_share=speed_share,
-        min_pause=min_pause,
-        min_duration=min_duration,
-        cutoff_hz=cutoff_hz,
-        corner=corner,
-    )
-    name = demonstration.name or "recording"
-    parts = []
-    for number, (first, stop) in enumerate(bounds.tolist()):
-        start, goal = demonstration.time[first], demonstration.time[stop - 1]
-        note = f"movement {number} of {len(bounds)}, from {start:.6g} s to {goal:.6g} s of {name}"
-        parts.append(demonstration._part(first, stop, note, name=f"{name} {number}"))
-    return tuple(parts)
-
-
 def movements(
     time: NDArray[np.float64],
     position: NDArray[np.float64],
@@ -99,7 +45,7 @@ def movements(
     cutoff_hz: float,
     corner: float | None,
 ) -> NDArray[np.int64]:
-    """Find the movements of a recording; the parameters are those of `segment`.
+    """Find the movements of a recording; the options are those of `demonstration.segment`.
 
     Parameters
     ----------
@@ -111,6 +57,7 @@ def movements(
     -------
     bounds : array, shape (n_movements, 2), first sample and the one after the last; each has at least two samples
     """
+    _check_options(speed_share, min_pause, min_duration, cutoff_hz, corner)
     track = _Track.of(time, position, cutoff_hz)
     speed, rest = track.speed, _NOISE_STILL * track.noise
     moving = _moving(track.speed, track.noise, speed_share)

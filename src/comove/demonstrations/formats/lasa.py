@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.demonstration import Demonstration
+from comove.demonstrations.samples import Samples
 from comove.errors import DemonstrationError, near_name
 
 N_DEMOS = 7
@@ -21,7 +21,7 @@ UNIT = "LASA unit"
 _NOTE = "LASA handwriting: positions in units of their own, about a millimetre"
 
 
-def lasa_names() -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """Return the names of the shapes, sorted.
 
     Raises
@@ -32,27 +32,27 @@ def lasa_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _folder().glob("*.mat")))
 
 
-def read_lasa(shape: str, demo: int = 0) -> Demonstration:
+def read(shape: str, demo: int = 0) -> Samples:
     """Read one recording of the set.
 
     Parameters
     ----------
-    shape : one of `lasa_names()`
+    shape : one of `names()`
     demo : number of the recording, 0 to 6
 
     Returns
     -------
-    demonstration : time (1000,) [s], position (1000, 2) in LASA units (not checked for millimetres)
+    samples : time (1000,) [s], position (1000, 2) in LASA units (not checked for millimetres)
 
     Raises
     ------
     DemonstrationError
         If the shape is unknown (the error proposes a similar name), or there is no such recording.
     """
-    names = lasa_names()
-    if shape not in names:
+    shapes = names()
+    if shape not in shapes:
         raise DemonstrationError(
-            f"there is no shape {shape!r}", file="LASA", key="shape", way_out=near_name(shape, names)
+            f"there is no shape {shape!r}", file="LASA", key="shape", way_out=near_name(shape, shapes)
         )
     if isinstance(demo, bool) or not isinstance(demo, int | np.integer) or not 0 <= demo < N_DEMOS:
         raise DemonstrationError(
@@ -64,7 +64,7 @@ def read_lasa(shape: str, demo: int = 0) -> Demonstration:
     from scipy.io import loadmat
 
     recording = loadmat(_folder() / f"{shape}.mat", simplify_cells=True)["demos"][demo]
-    return Demonstration(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
+    return Samples(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
 
 
 def _folder() -> Path:

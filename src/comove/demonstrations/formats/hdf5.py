@@ -17,16 +17,24 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of, together
+from comove.demonstrations.samples import (
+    MAX_ROWS,
+    Episodes,
+    Format,
+    Origin,
+    Samples,
+    as_episodes,
+    even_rate,
+    one_of,
+    together,
+)
 from comove.errors import DemonstrationError, near_name
 from comove.io.files import existing_file, extra, whole_path
 
@@ -46,12 +54,13 @@ _BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, 
 """What h5py makes of damaged bytes."""
 _VERSIONS = ("v110", "v110")
 """Of the format that is written: the oldest that has checksums of all that describes the data."""
+_T = TypeVar("_T")
 _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 
 
-def read_hdf5(
+def read(
     path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
-) -> dict[str, dict[str, Demonstration]]:
+) -> dict[str, dict[str, Samples]]:
     """Read the episodes of an HDF5 file; the layout is recognised.
 
     Parameters
@@ -75,21 +84,24 @@ def read_hdf5(
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
         raise DemonstrationError(f"{rate_hz!r} is no rate", key="rate_hz", way_out="give hertz")
 
-    def read(root: Group) -> dict[str, dict[str, Demonstration]]:
-        episodes, n_rows = {}, 0
+    def read_all(root: Group) -> dict[str, dict[str, Samples]]:
+        found, n_rows = {}, 0
         for name in one_of(_episode_names(path, root), episode, "demo_", path):
-            episodes[name] = _read_episode(path, root, name, rate_hz)
-            n_rows += sum(demo.n_steps for demo in episodes[name].values())
+            is_aloha = "observations" in root
+            found[name] = (
+                _read_aloha(path, root, rate_hz) if is_aloha else _read_robomimic(path, root, name, rate_hz)
+            )
+            n_rows += sum(demo.n_steps for demo in found[name].values())
             if n_rows > MAX_ROWS:
                 raise DemonstrationError(
                     f"it has more than {MAX_ROWS:,} rows", file=path, way_out="read episode by episode"
                 )
-        return episodes
+        return found
 
-    return _within(path, read)
+    return _within(path, read_all)
 
 
-def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of the episodes of a file, in the order of their numbers.
 
     Raises
@@ -101,12 +113,10 @@ def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     return tuple(_within(path, lambda root: _episode_names(path, root)))
 
 
-def write_robomimic(
-    path: str | os.PathLike[str], episodes: Sequence[Demonstration | Mapping[str, Demonstration]]
-) -> None:
+def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
     """Write episodes in robomimic's layout.
 
-    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. The manipulators become robot0,
+    Reading returns the same numbers bit by bit, except for the time stamps. The manipulators become robot0,
     robot1, ... in their order. `actions` (n_steps, n_manipulators * (3 or 6)) are the absolute poses of the next
     sample: position [m] and, if there are orientations, rotation vector [rad].
 
@@ -120,9 +130,9 @@ def write_robomimic(
     DemonstrationError
         If the episodes do not fit into one file, or the file cannot be written.
     """
-    episodes = as_episodes(episodes, path)
-    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
-    for index, demos in enumerate(episodes):
+    written = as_episodes(episodes, path)
+    rates = [even_rate(demos, path) for demos in written]
+    for index, demos in enumerate(written):
         if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
             raise DemonstrationError(
                 f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
@@ -141,15 +151,15 @@ def write_robomimic(
         data = root.create_group("data")
         environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rates[0]}}
         data.attrs["env_args"] = np.bytes_(json.dumps(environment))  # of fixed length, where checksums reach
-        data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in episodes)
-        for index, demos in enumerate(episodes):
+        data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in written)
+        for index, demos in enumerate(written):
             _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
 
 
-def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
+def write_aloha(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
     """Write one episode in ALOHA's layout.
 
-    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
+    Reading returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
     `action` the `qpos` of the next sample. There are no images.
 
     Parameters
@@ -177,7 +187,7 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
             file=path,
             way_out=f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
         )
-    rate = even_rate(first, path)
+    rate = even_rate(demos, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
     h5py = extra("h5py", path)
     with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
@@ -188,7 +198,12 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
         _put(root, "action", _next(qpos))
 
 
-def _within(path: Path, read: Any) -> Any:
+FORMAT = Format(
+    "HDF5", read, suffixes=(".hdf5", ".h5"), part="episode", parts=episodes, write=write_robomimic
+)
+
+
+def _within(path: Path, read: Callable[[Group], _T]) -> _T:
     """Call `read` with the open file; convert h5py's exceptions to a `DemonstrationError`."""
     h5py = extra("h5py", path)
     try:
@@ -212,13 +227,7 @@ def _episode_names(path: Path, root: Group) -> list[str]:
     return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
 
 
-def _read_episode(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
-    if "observations" in root:
-        return _read_aloha(path, root, rate_hz)
-    return _read_robomimic(path, root, name, rate_hz)
-
-
-def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
+def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Samples]:
     """Read one episode of a robomimic file."""
     folder = f"data/{name}/obs"
     if folder not in root:
@@ -238,27 +247,25 @@ def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -
     n_steps = root[f"data/{name}"].attrs.get("num_samples")
     demos = {}
     for robot in robots:
-        position = _array(path, root, f"{folder}/{robot}_eef_pos", (3,))
+        place, turns = f"{folder}/{robot}_eef_pos", f"{folder}/{robot}_eef_quat"
+        position = _array(path, root, place, (3,))
         if n_steps is not None and (np.size(n_steps) != 1 or int(np.ravel(n_steps)[0]) != len(position)):
-            raise DemonstrationError(
-                f"it has {len(position)} rows and num_samples says {n_steps}",
-                file=path,
-                key=f"{folder}/{robot}_eef_pos",
-                way_out="record or convert it again",
-            )
-        turns = f"{robot}_eef_quat"
-        orientation = _array(path, root, f"{folder}/{turns}", (4,)) if turns in held else None
-        demos[robot] = _movement(
-            _Hdf5Origin(path, f"{folder}/{robot}_eef_pos", f"{folder}/{turns}"),
-            rate,
+            message = f"it has {len(position)} rows and num_samples says {n_steps}"
+            raise _wrong(path, place, message, "record or convert it again")
+        orientation = None
+        if f"{robot}_eef_quat" in held:
+            orientation = _array(path, root, turns, (4,))[:, [3, 0, 1, 2]]
+        demos[robot] = Samples(
+            np.arange(len(position)) / rate,
             position,
-            None if orientation is None else orientation[:, [3, 0, 1, 2]],
             f"{path.stem}.{name}.{robot}",
+            orientation=orientation,
+            origin=_origin(path, place, turns),
         )
     return demos
 
 
-def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Demonstration]:
+def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Samples]:
     """Read an ALOHA episode."""
     key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
     if key not in root:
@@ -281,54 +288,26 @@ def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Dem
         {"left": qpos[:, :n_joints], "right": qpos[:, n_joints:]} if qpos.shape[1] > n_joints else {"": qpos}
     )
     return {
-        arm: _movement(
-            _Hdf5Origin(path, key, first=n_joints * index),
-            rate,
+        arm: Samples(
+            np.arange(len(position)) / rate,
             position,
-            None,
             f"{path.stem}.{arm}" if arm else path.stem,
-            unit="rad",
+            ("gripper: 0 closed, 1 open",),
+            "rad",
             axes=ALOHA_JOINTS,
-            notes=("gripper: 0 closed, 1 open",),
+            origin=_origin(path, key, first=n_joints * index),
         )
         for index, (arm, position) in enumerate(arms.items())
     }
 
 
-class _Hdf5Origin(Origin):
-    """Names samples by their indices in the datasets."""
-
-    def __init__(self, file: Path, position: str, orientation: str = "", first: int = 0):
-        super().__init__(file)
-        object.__setattr__(self, "_names", (position, orientation, first))
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"{self._names[0]}[{sample}, {self._names[2] + dim}]"
-
-    def orientation(self, sample: int) -> str:
-        return f"{self._names[1]}[{sample}]"
-
-
-def _movement(
-    origin: Origin,
-    rate: float,
-    position: NDArray,
-    orientation: NDArray | None,
-    name: str,
-    **changes: Any,
-) -> Demonstration:
-    """Build a movement from samples at a constant rate [Hz]."""
-    if len(position) < 2:
-        raise DemonstrationError(
-            f"a movement needs two rows at least, this one has {len(position)}",
-            file=origin.file,
-            key=origin.position(0, 0).partition("[")[0],
-            way_out="record more samples, or remove the episode",
-        )
-    time, position = check(np.arange(len(position)) / rate, position, origin)
-    if orientation is not None:
-        orientation = check_orientation(orientation, len(time), origin)
-    return Demonstration(time, position, name, orientation=orientation, **changes)
+def _origin(path: Path, position: str, orientation: str = "", first: int = 0) -> Origin:
+    """Name samples by their indices in the datasets; the positions begin in the column `first`."""
+    return Origin(
+        path,
+        position=lambda sample, dim: f"{position}[{sample}, {first + dim}]",
+        orientation=lambda sample: f"{orientation}[{sample}]",
+    )
 
 
 def _control_rate(path: Path, data: Group) -> float:
@@ -351,7 +330,7 @@ def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float
         return default
     if isinstance(rate, int | float | np.number) and not isinstance(rate, bool) and 0.0 < rate < 1e6:
         return float(rate)
-    raise DemonstrationError(f"{rate!r} is no rate", file=path, key=key, way_out="give rate_hz")
+    raise _wrong(path, key, f"{rate!r} is no rate", "give rate_hz")
 
 
 def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
@@ -360,24 +339,27 @@ def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> ND
     parts = key.split("/")
     for depth in range(1, len(parts) + 1):
         if isinstance(root.get("/".join(parts[:depth]), getlink=True), h5py.ExternalLink):
-            raise _wrong_dataset(path, key, "it is a link into another file", "copy what it links to")
+            raise _wrong(path, key, "it is a link into another file", "copy what it links to")
     dataset: Dataset = root[key]
     if not isinstance(dataset, h5py.Dataset):
-        raise _wrong_dataset(path, key, "it is a group, not a dataset", _LAYOUTS)
+        raise _wrong(path, key, "it is a group, not a dataset", _LAYOUTS)
     if dataset.is_virtual or dataset.external:
-        raise _wrong_dataset(path, key, "its numbers lie in another file", "copy them into this one")
+        raise _wrong(path, key, "its numbers lie in another file", "copy them into this one")
     if dataset.dtype.kind not in "iuf":
-        raise _wrong_dataset(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
+        raise _wrong(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
     shape, size = dataset.shape, dataset.dtype.itemsize
     if shape is None or len(shape) != 2 or (width and shape[1:] != width):
         expected = f"(n_steps, {width[0]})" if width else "(n_steps, n_joints)"
-        raise _wrong_dataset(path, key, f"it has shape {shape}", f"give shape {expected}")
+        raise _wrong(path, key, f"it has shape {shape}", f"give shape {expected}")
     claimed = max(math.prod(shape), math.prod(dataset.chunks or ())) * max(size, 8)
     if shape[0] > MAX_ROWS or claimed > MAX_ARRAY_BYTES:
-        raise _wrong_dataset(
+        raise _wrong(
             path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
         )
     _require_filled(path, key, dataset)
+    if shape[0] < 2:
+        message = f"a movement needs two rows at least, this one has {shape[0]}"
+        raise _wrong(path, key, message, "record more samples, or remove the episode")
     return np.asarray(dataset[()], dtype=np.float64)
 
 
@@ -389,15 +371,17 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         per_axis = [-(-n // chunk) for n, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
         missing = dataset.id.get_num_chunks() < math.prod(per_axis)
     if missing:
-        raise _wrong_dataset(path, key, "not all of it was written", "record or copy it again")
+        raise _wrong(path, key, "not all of it was written", "record or copy it again")
 
 
-def _wrong_dataset(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
+def _wrong(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
     return DemonstrationError(message, file=path, key=key, way_out=way_out)
 
 
-def _write_demo(group: Group, demos: list[Demonstration]) -> None:
+def _write_demo(group: Group, demos: list[Samples]) -> None:
     """Write one episode of a robomimic file."""
+    from scipy.spatial.transform import Rotation
+
     n_steps = demos[0].n_steps
     group.attrs["num_samples"] = n_steps
     actions = []
@@ -405,8 +389,9 @@ def _write_demo(group: Group, demos: list[Demonstration]) -> None:
         _put(group, f"obs/robot{index}_eef_pos", demo.position)
         actions.append(_next(demo.position))
         if demo.orientation is not None:
-            _put(group, f"obs/robot{index}_eef_quat", demo.orientation[:, [1, 2, 3, 0]])
-            actions.append(_next(demo.rotation.as_rotvec()))
+            turned = demo.orientation[:, [1, 2, 3, 0]]
+            _put(group, f"obs/robot{index}_eef_quat", turned)
+            actions.append(_next(Rotation.from_quat(turned).as_rotvec()))
     _put(group, "actions", np.concatenate(actions, axis=1))
     group["rewards"] = np.zeros(n_steps)
     group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)

@@ -1,6 +1,6 @@
 """Recordings as text tables of other programs: any separator, column names, and units of length and time.
 
-The layout is detected or given by options, in contrast to the project's own CSV (`comove.demonstrations.csv`): lines
+The layout is detected or given by options, in contrast to the project's own CSV (`formats.csv`): lines
 before the header are skipped, units may follow a name in brackets (`X [mm]`, `t (ms)`), and where columns are not
 separated by commas, numbers may have decimal commas.
 """
@@ -11,24 +11,20 @@ import contextlib
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import IN_ANY_CASE, Origin, check, unit_hint
-from comove.demonstrations.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS
-from comove.demonstrations.units import TIMES, length
+from comove.demonstrations.cleaning import IN_ANY_CASE, TIMES, metres, unit_hint
+from comove.demonstrations.formats.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
+from comove.demonstrations.samples import AXES, MAX_ROWS, Origin, Samples
 from comove.errors import DemonstrationError, OptionError, near_name
 from comove.io.files import existing_file, telling
 
 Array = NDArray[np.float64]
 
 PREAMBLE = 200  # lines before the header that are passed over at most
-POSITIONS = ("x", "y", "z")
 CLOCKS = ("time", "t", "timestamp", "stamp", "seconds", "sec", "zeit", "elapsed")
 SEPARATORS = (";", "\t", ",", " ")
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -36,22 +32,7 @@ SLOW = 0.5  # s between samples: no recording of a movement is that slow
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]")
 
 
-@dataclass(frozen=True)
-class _TableOrigin(Origin):
-    """Names samples by the line of the file."""
-
-    lines: tuple[int, ...] = ()
-    columns: tuple[str, ...] = ()
-    clock: str = ""
-
-    def time(self, sample: int) -> str:
-        return f"line {self.lines[sample]}, column {self.clock}"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"line {self.lines[sample]}, column {self.columns[dim]}"
-
-
-def read_table(
+def read(
     path: str | os.PathLike[str],
     *,
     columns: Sequence[str] | None = None,
@@ -59,8 +40,8 @@ def read_table(
     time: str | None = None,
     rate: float | None = None,
     unit: str | None = None,
-) -> Demonstration:
-    """Read one movement from a text table; its positions come back in metres.
+) -> Samples:
+    """Read one movement from a text table; its positions are in the unit that was given or that the header says.
 
     Parameters
     ----------
@@ -95,7 +76,7 @@ def read_table(
     clock, time_unit = (None, "s") if rate is not None else _clock(path, names, time)
     wanted = places if clock is None else [clock, *places]
     table = _numbers(path, rows, separator, wanted, names)
-    seconds = np.arange(len(rows)) / rate if clock is None else table[:, 0] * TIMES[time_unit]
+    seconds = np.arange(len(rows)) / rate if rate is not None else table[:, 0] * TIMES[time_unit]
     step = float(np.median(np.diff(seconds))) if len(rows) > 2 else 0.0
     if clock is not None and step > SLOW and not _says_unit(names, clock, time):
         raise DemonstrationError(
@@ -107,11 +88,15 @@ def read_table(
     labels = tuple(names[place] for place in places)
     said = {found["unit"].strip().lower() for name in labels if (found := _UNIT.fullmatch(name))}
     own = unit if unit is not None else (said.pop() if len(said) == 1 else "m")
-    length(own, path)
-    origin = _TableOrigin(path, tuple(n for n, _ in rows), labels, "" if clock is None else names[clock])
-    seconds, position = check(seconds, table[:, -len(places) :], origin)
+    metres(own, path)
+    position = table[:, -len(places) :]
+    origin = Origin(
+        path,
+        time=lambda sample: f"line {rows[sample][0]}, column {'' if clock is None else names[clock]}",
+        position=lambda sample, dim: f"line {rows[sample][0]}, column {labels[dim]}",
+    )
     notes = (IN_ANY_CASE,) if unit == "m" and unit_hint(position) else ()
-    return Demonstration(seconds, position, path.stem, notes, unit=own).in_metres(own)
+    return Samples(seconds, position, path.stem, notes, own, origin=origin)
 
 
 def _separator(text: str) -> str:
@@ -149,7 +134,7 @@ def _header(
     path: Path, lines: list[tuple[int, str]], columns: Sequence[str] | None, delimiter: str | None
 ) -> tuple[int, str, list[str]]:
     """Return the number of the first row below the header, the separator, and the names, or numbers without names."""
-    wanted = [name for name in columns or POSITIONS[:1] if not name.isdigit()]
+    wanted = [name for name in columns or AXES[:1] if not name.isdigit()]
     seen: list[str] = []
     for number, line in lines[:PREAMBLE]:
         for separator in (delimiter,) if delimiter else SEPARATORS:
@@ -169,7 +154,7 @@ def _header(
                 seen = names
     shown = ", ".join(name for name in seen[:12] if name)
     raise DemonstrationError(
-        f"no line names the column{'s' * (len(wanted) > 1)} {', '.join(wanted) or POSITIONS[0]}",
+        f"no line names the column{'s' * (len(wanted) > 1)} {', '.join(wanted) or AXES[0]}",
         file=path,
         key="columns",
         way_out=f"name those of the positions{f'; there are {shown}' if shown else ', or their numbers: 1,2,3'}",
@@ -210,8 +195,7 @@ def _found(name: str, names: list[str]) -> int | None:
 def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list[int]:
     """Return the indices of the columns of positions."""
     if columns is None:
-        places = [_found(axis, names) for axis in POSITIONS]
-        return [place for place in places if place is not None]
+        return [place for axis in AXES if (place := _found(axis, names)) is not None]
     places = []
     for name in columns:
         place = _found(name, names)

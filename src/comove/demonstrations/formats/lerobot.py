@@ -26,9 +26,20 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import MAX_DIMS, Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of
+from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.samples import (
+    AXES,
+    MAX_ROWS,
+    QUATERNION,
+    Columns,
+    Episodes,
+    Format,
+    Origin,
+    Samples,
+    as_episodes,
+    even_rate,
+    one_of,
+)
 from comove.errors import DemonstrationError, near_name
 from comove.io.files import existing_file, extra, telling, whole_folder
 
@@ -48,21 +59,19 @@ CHUNK_EPISODES = 1000
 """Episodes of one folder `data/chunk-...`."""
 _STAMP_TOLERANCE = 1e-4
 """How far LeRobot lets stamps lie from even ones [s]."""
-_AXES = ("x", "y", "z")
-_QUATERNION = ("qw", "qx", "qy", "qz")
 _PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
 _INFO, _EPISODES = "meta/info.json", "meta/episodes.jsonl"
 _COPY = "copy or record the dataset again"
 _T = TypeVar("_T")
 
 
-def read_lerobot(
+def read(
     path: str | os.PathLike[str],
     *,
     episode: str | int | None = None,
     feature: str = STATE,
     unit: str | None = None,
-) -> dict[str, dict[str, Demonstration]]:
+) -> dict[str, dict[str, Samples]]:
     """Read the episodes of a dataset.
 
     Parameters
@@ -91,28 +100,28 @@ def read_lerobot(
             file=path,
             way_out=f"read one by one: up to {MAX_ROWS:,} are read",
         )
-    columns = _coordinates(dataset, feature)
-    episodes, tables = {}, {}
+    columns = _coordinates(dataset, feature, unit)
+    found: dict[str, dict[str, Samples]] = {}
+    tables: dict[Path, Table] = {}
     for name in names:
-        file = dataset.files[int(name)]
+        file, task = dataset.files[int(name)], dataset.tasks[int(name)]
         if file not in tables:
             tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
-        samples = _episode(dataset, file, tables[file], int(name), feature)
-        episodes[name] = {
-            manipulator: _movement(
-                samples,
-                group,
-                _ParquetOrigin(file, feature, samples.first, tuple(group.position + group.orientation)),
-                ".".join(filter(None, (dataset.folder.name, name, manipulator))),
-                dataset.tasks[int(name)],
-                unit,
+        rows = _episode(dataset, file, tables[file], int(name), feature)
+        found[name] = {
+            manipulator: Samples(
+                rows.time,
+                name=".".join(filter(None, (dataset.folder.name, name, manipulator))),
+                notes=(f"task: {task}",) if task else (),
+                origin=_origin(file, feature, rows.first, group.position + group.orientation),
+                **group.of(rows.values),
             )
             for manipulator, group in columns.items()
         }
-    return episodes
+    return found
 
 
-def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the numbers of the episodes of a dataset.
 
     Raises
@@ -123,9 +132,9 @@ def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     return tuple(str(number) for number in _Dataset.open(Path(path)).lengths)
 
 
-def write_lerobot(
+def write(
     path: str | os.PathLike[str],
-    episodes: Sequence[Demonstration | Mapping[str, Demonstration]],
+    episodes: Episodes,
     *,
     task: str = "move together",
     robot_type: str = "unknown",
@@ -149,7 +158,7 @@ def write_lerobot(
     DemonstrationError
         The episodes do not fit into one dataset, or the folder cannot be written.
     """
-    episodes = as_episodes(episodes, path)
+    written = as_episodes(episodes, path)
     if dtype not in ("float32", "float64"):
         raise DemonstrationError(
             f"{dtype!r} is no kind of number",
@@ -157,17 +166,16 @@ def write_lerobot(
             key="dtype",
             way_out=near_name(dtype, ["float32", "float64"]),
         )
-    fps = _common_fps(path, episodes)
-    names = _names(path, episodes[0])
+    fps = _common_fps(path, written)
+    names = _names(path, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
-    lengths, first = [], 0
+    lengths: list[int] = []
     with whole_folder(path) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
-            for number, demos in enumerate(episodes):
-                columns = _columns(demos, fps, number, first, dtype)
+            for number, demos in enumerate(written):
+                columns = _columns(demos, fps, number, sum(lengths), dtype)
                 lengths.append(len(columns["index"]))
-                first += lengths[-1]
                 file = draft / f"data/chunk-{number // CHUNK_EPISODES:03d}/episode_{number:06d}.parquet"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 arrays = {
@@ -177,7 +185,11 @@ def write_lerobot(
                 parquet.write_table(pa.table(arrays), file, write_page_checksum=True)
                 stats = {key: _statistics(values) for key, values in columns.items()}
                 statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
-        _write_meta(draft, lengths, names, fps, task, robot_type, dtype)
+        feature = {"dtype": dtype, "shape": [len(names)], "names": names}
+        _write_meta(draft, lengths, feature, fps, task, robot_type)
+
+
+FORMAT = Format("LeRobot", read, marker=_INFO, part="episode", parts=episodes, write=write)
 
 
 @dataclass(frozen=True)
@@ -270,16 +282,7 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
     return pattern.format(**places)
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Columns of one manipulator in a vector feature; the quaternion in the order w x y z."""
-
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-
-
-def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
+def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str, Columns]:
     """Return the columns of a feature by manipulator, according to the names of the columns."""
     file, features = dataset.folder / _INFO, dataset.info["features"]
     if feature not in features or not isinstance(features[feature], dict):
@@ -296,7 +299,7 @@ def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
         raise _wrong(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
     groups = {
         manipulator: _group(
-            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}
+            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}, unit
         )
         for manipulator, axes in _divided([str(name) for name in names]).items()
     }
@@ -308,7 +311,7 @@ def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
 
 def _divided(names: list[str]) -> dict[str, list[str]]:
     """Return the names of the axes by manipulator, or all under "" if the names contain no manipulator."""
-    cartesian = {*_AXES, *_QUATERNION}
+    cartesian = {*AXES, *QUATERNION}
     split = [name.rpartition("_") for name in names]
     if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
         split = [name.partition("_") for name in names]
@@ -322,17 +325,19 @@ def _divided(names: list[str]) -> dict[str, list[str]]:
     return divided
 
 
-def _group(columns: Mapping[str, int]) -> _Group:
+def _group(columns: Mapping[str, int], unit: str | None) -> Columns:
     """Separate the columns of quaternions from those of positions."""
-    turned = [columns[axis] for axis in _QUATERNION if axis in columns]
-    axes = tuple(axis for axis in columns if len(turned) < 4 or axis not in _QUATERNION)
-    if len(turned) < 4 or not axes:
-        return _Group(list(columns.values()), [], tuple(columns))
-    return _Group([columns[axis] for axis in axes], turned, axes)
+    axes = tuple(axis for axis in columns if axis not in QUATERNION)
+    turned = [columns[axis] for axis in QUATERNION if axis in columns]
+    if not axes or len(turned) < 4:
+        axes, turned = tuple(columns), []
+    if unit is None:
+        unit = "m" if set(axes) <= set(AXES) else "rad"
+    return Columns([columns[axis] for axis in axes], turned, axes, unit)
 
 
 @dataclass(frozen=True)
-class _Samples:
+class _Rows:
     """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), and their first row in the table."""
 
     time: NDArray[np.float64]
@@ -340,39 +345,17 @@ class _Samples:
     first: int
 
 
-@dataclass(frozen=True)
-class _ParquetOrigin(Origin):
-    """Names samples by their row and column in the table."""
-
-    feature: str = ""
-    first: int = 0
-    columns: tuple[int, ...] = ()
-
-    def time(self, sample: int) -> str:
-        return f"row {self.first + sample}, column timestamp"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"row {self.first + sample}, {self.feature}[{self.columns[dim]}]"
-
-    def orientation(self, sample: int) -> str:
-        return f"row {self.first + sample}, {self.feature}[{self.columns[-4]}] to [{self.columns[-1]}]"
+def _origin(file: Path, feature: str, first: int, columns: list[int]) -> Origin:
+    """Name samples by their row and column in the table."""
+    return Origin(
+        file,
+        time=lambda sample: f"row {first + sample}, column timestamp",
+        position=lambda sample, dim: f"row {first + sample}, {feature}[{columns[dim]}]",
+        orientation=lambda sample: f"row {first + sample}, {feature}[{columns[-4]}] to [{columns[-1]}]",
+    )
 
 
-def _movement(
-    samples: _Samples, group: _Group, origin: Origin, name: str, task: str, unit: str | None
-) -> Demonstration:
-    """Build the movement of one manipulator."""
-    time, position = check(samples.time, samples.values[:, group.position], origin)
-    orientation = None
-    if group.orientation:
-        orientation = check_orientation(samples.values[:, group.orientation], len(time), origin)
-    if unit is None:
-        unit = "m" if set(group.axes) <= set(_AXES) else "rad"
-    notes = (f"task: {task}",) if task else ()
-    return Demonstration(time, position, name, notes, unit, orientation=orientation, axes=group.axes)
-
-
-def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Samples:
+def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Rows:
     """Return the rows of one episode in a table."""
     pc = extra("pyarrow.compute", file)
     chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
@@ -415,7 +398,7 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
     near = np.array_equal(frames, frames[0] + np.arange(expected)) and (
         np.abs(stamps - stamps[0] - even + even[0]).max() <= _STAMP_TOLERANCE
     )
-    return _Samples(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
+    return _Rows(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
@@ -517,9 +500,9 @@ def _wrong(file: Path, key: str | None, message: str, way_out: str) -> Demonstra
     return DemonstrationError(message, file=file, key=key, way_out=way_out)
 
 
-def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
+def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
     """Return the common sampling rate of all episodes, a whole number [Hz]."""
-    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
+    rates = [even_rate(demos, path) for demos in episodes]
     for number, rate in enumerate(rates):
         if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
             raise DemonstrationError(
@@ -530,14 +513,12 @@ def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
     return round(rates[0])
 
 
-def _names(path: object, demos: Mapping[str, Demonstration]) -> list[str]:
+def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
     """Return the names of the coordinates of all manipulators."""
     names = []
     for manipulator, demo in demos.items():
-        axes = demo.axes or (
-            _AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
-        )
-        axes = [*axes, *(_QUATERNION if demo.orientation is not None else ())]
+        unnamed = AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
+        axes = [*(demo.axes or unnamed), *(QUATERNION if demo.orientation is not None else ())]
         names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
     if list(demos) != list(_divided(names)):
         raise DemonstrationError(
@@ -549,7 +530,7 @@ def _names(path: object, demos: Mapping[str, Demonstration]) -> list[str]:
 
 
 def _columns(
-    demos: Mapping[str, Demonstration], fps: int, number: int, first: int, dtype: str
+    demos: Mapping[str, Samples], fps: int, number: int, first: int, dtype: str
 ) -> dict[str, NDArray]:
     """Return the columns of an episode that begins at row `first` of the dataset."""
     blocks = [
@@ -584,10 +565,9 @@ def _statistics(values: NDArray) -> dict[str, list]:
 
 
 def _write_meta(
-    folder: Path, lengths: list[int], names: list[str], fps: int, task: str, robot_type: str, dtype: str
+    folder: Path, lengths: list[int], vector: dict[str, Any], fps: int, task: str, robot_type: str
 ) -> None:
-    """Write the files that describe the tables."""
-    vector = {"dtype": dtype, "shape": [len(names)], "names": names}
+    """Write the files that describe the tables; `vector` describes state and action."""
     scalars = {"timestamp": "float32"} | dict.fromkeys(
         ("frame_index", "episode_index", "index", "task_index"), "int64"
     )

@@ -9,7 +9,6 @@ import pytest
 
 from comove.demonstrations import (
     Demonstration,
-    loading,
     write_aloha,
     write_csv,
     write_lerobot,
@@ -17,6 +16,8 @@ from comove.demonstrations import (
     write_robomimic,
     write_rosbag,
 )
+from comove.demonstrations.formats import FORMATS
+from comove.demonstrations.samples import choose_name
 from comove.errors import DemonstrationError
 
 
@@ -114,9 +115,9 @@ def test_what_has_to_be_chosen_is_listed(recordings, refused, name, choice, key,
 
 def test_long_lists_are_cut():
     with pytest.raises(DemonstrationError, match=r"holds 99 episodes; name one of 0, .*, 19 and 79 more$"):
-        loading.choose_name({str(i): None for i in range(99)}, None, "file", "episode")
+        choose_name({str(i): None for i in range(99)}, None, "file", "episode")
     with pytest.raises(DemonstrationError, match=r"and 79 more$"):
-        loading.choose_name({str(i): None for i in range(99)}, "x", "file", "episode")
+        choose_name({str(i): None for i in range(99)}, "x", "file", "episode")
 
 
 def test_folders_and_kinds_that_are_none_are_told(tmp_path, refused):
@@ -132,7 +133,7 @@ def test_folders_and_kinds_that_are_none_are_told(tmp_path, refused):
         Demonstration.load, path, key=None, says="kind '.pkl' is not known", way_out=r"known: \.csv, \.npz"
     )
     refused(Demonstration.load_all, path, key=None, says="kind '.pkl' is not known", way_out="known")
-    for suffix in loading.SUFFIXES:
+    for suffix in (suffix for format in FORMATS for suffix in format.suffixes):
         path = tmp_path / f"none{suffix}"
         refused(Demonstration.load, path, key=None, says="no such file", way_out="check the path")
 

@@ -16,21 +16,25 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, together
+from comove.demonstrations.samples import (
+    AXES,
+    MAX_ROWS,
+    QUATERNION,
+    Columns,
+    Format,
+    Origin,
+    Samples,
+    together,
+)
 from comove.errors import ComoveWarning, DemonstrationError, near_name
 from comove.io.files import existing_file, telling, whole_file
 
-AXES = ("x", "y", "z")
-QUATERNION = ("qw", "qx", "qy", "qz")
 MAX_BYTES = 512 * 2**20
 MAX_LINE = 2**20
 """Bytes of one line."""
@@ -50,7 +54,7 @@ _PLAIN = "write commas between columns and points in numbers"
 _EXAMPLE = "begin the file with a line such as time,x,y"
 
 
-def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
+def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
     """Read all movements of a CSV file.
 
     Parameters
@@ -77,22 +81,19 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
         names = _read_header(path)
         groups = _group(path, names)
         table = _read_table(path, names)
-    demos = {}
-    for manipulator, group in groups.items():
-        origin = _CsvOrigin(path, tuple(names[column] for column in group.position + group.orientation))
-        time, position = check(table[:, 0], table[:, group.position], origin)
-        orientation = None
-        if group.orientation:
-            orientation = check_orientation(table[:, group.orientation], len(time), origin)
-        name = f"{path.stem}.{manipulator}" if manipulator else path.stem
-        demos[manipulator] = Demonstration(
-            time, position, name, unit=group.unit, orientation=orientation, axes=group.axes
+    return {
+        manipulator: Samples(
+            table[:, 0],
+            name=f"{path.stem}.{manipulator}" if manipulator else path.stem,
+            origin=_origin(path, [names[column] for column in group.position + group.orientation]),
+            **group.of(table),
         )
-    return demos
+        for manipulator, group in groups.items()
+    }
 
 
-def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write movements to a CSV file, from which `read_csv` returns the same numbers, bit by bit.
+def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+    """Write movements to a CSV file, from which they are read again with the same numbers, bit by bit.
 
     Parameters
     ----------
@@ -126,7 +127,10 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
 
 
-def _check_writable(path: object, name: str, demo: Demonstration) -> None:
+FORMAT = Format("CSV", read, suffixes=(".csv",), write=write)
+
+
+def _check_writable(path: object, name: str, demo: Samples) -> None:
     """Raise if the header cannot name the coordinates, the manipulator or the unit."""
     if demo.n_dims > len(AXES) and not demo.axes:
         raise DemonstrationError(
@@ -148,33 +152,18 @@ def _check_writable(path: object, name: str, demo: Demonstration) -> None:
             )
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Columns of one manipulator in the table: positions in the order of `axes`, quaternions w x y z."""
+def _origin(path: Path, columns: list[str]) -> Origin:
+    """Name samples by their row and column in the file."""
 
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-    unit: str
+    def row(sample: int) -> int:
+        return next(islice(_lines(path), 1 + sample, None))[0]
 
-
-@dataclass(frozen=True)
-class _CsvOrigin(Origin):
-    """Names samples by their row and column in the file."""
-
-    columns: tuple[str, ...] = ()
-
-    def time(self, sample: int) -> str:
-        return f"row {self._row(sample)}, column time"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"row {self._row(sample)}, column {self.columns[dim]}"
-
-    def orientation(self, sample: int) -> str:
-        return f"row {self._row(sample)}, columns {self.columns[-4]} to {self.columns[-1]}"
-
-    def _row(self, sample: int) -> int:
-        return next(islice(_lines(self.file), 1 + sample, None))[0]
+    return Origin(
+        path,
+        time=lambda sample: f"row {row(sample)}, column time",
+        position=lambda sample, dim: f"row {row(sample)}, column {columns[dim]}",
+        orientation=lambda sample: f"row {row(sample)}, columns {columns[-4]} to {columns[-1]}",
+    )
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -244,7 +233,7 @@ def _read_header(path: Path) -> list[str]:
     return names
 
 
-def _group(path: Path, names: list[str]) -> dict[str, _Group]:
+def _group(path: Path, names: list[str]) -> dict[str, Columns]:
     """Return the columns of each manipulator, which is "" if the header names none."""
     columns: dict[str, dict[str, int]] = {}
     units: dict[str, dict[str, str | None]] = {}
@@ -284,7 +273,7 @@ def _group(path: Path, names: list[str]) -> dict[str, _Group]:
 
 def _one_group(
     path: Path, manipulator: str, found: Mapping[str, int], units: Mapping[str, str | None]
-) -> _Group:
+) -> Columns:
     """Return the columns of one manipulator in order; columns without a unit are x, y, z in metres."""
     turned = [axis for axis in QUATERNION if axis in found and axis not in units]
     (first, unit), *others = ((axis, unit or "m") for axis, unit in units.items()) if units else [("", "m")]
@@ -300,7 +289,7 @@ def _one_group(
     axes = tuple(sorted(units)) if bare else tuple(units)
     if len(turned) not in (0, 4) or not axes or (bare and axes != AXES[: len(axes)]):
         raise _wrong_columns(path, manipulator, found)
-    return _Group([found[axis] for axis in axes], [found[axis] for axis in turned], axes, unit)
+    return Columns([found[axis] for axis in axes], [found[axis] for axis in turned], axes, unit)
 
 
 def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> DemonstrationError:
@@ -347,7 +336,7 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
         warnings.warn(
             f"{path}: row {row - 1}: the last line has no end, so its last number may be cut",
             ComoveWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     return np.concatenate(blocks)
 
