@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations.samples import AXES, IN_MEMORY, Origin
+from comove.demonstrations.samples import AXES, IN_MEMORY, Origin, fault
 from comove.errors import DemonstrationError, OptionError, near_name
 
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
@@ -93,21 +93,21 @@ def check_orientation(
     """
     orientation = _numbers(orientation, "orientation", origin)
     if orientation.shape != (n_steps, 4):
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            "orientation",
             f"has shape {orientation.shape} and position has {n_steps} rows",
-            file=origin.file,
-            key="orientation",
-            way_out="give one quaternion w x y z a row, shape (n_steps, 4)",
+            "give one quaternion w x y z a row, shape (n_steps, 4)",
         )
     norm = np.linalg.norm(np.clip(orientation, -LARGEST, LARGEST), axis=1)
     bad = ~(np.abs(norm - 1.0) <= NORM_TOLERANCE)
     if bad.any():
         row = int(np.argmax(bad))
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.orientation(row),
             f"the quaternion {orientation[row].tolist()} has norm {norm[row]:.4g}, not 1",
-            file=origin.file,
-            key=origin.orientation(row),
-            way_out="give unit quaternions in the order w x y z",
+            "give unit quaternions in the order w x y z",
         )
     off = np.abs(norm - 1.0) > _NORM_ROUNDING
     orientation[off] /= norm[off, None]
@@ -182,9 +182,7 @@ def check_axes(axes: Iterable[str], n_dims: int, origin: Origin = IN_MEMORY) -> 
         message = f"the name {next(name for name in names if names.count(name) > 1)!r} stands twice"
     else:
         return tuple(map(str, names))
-    raise DemonstrationError(
-        message, file=origin.file, key=origin.axes, way_out="give each coordinate a name of its own, or none"
-    )
+    raise fault(origin.file, origin.axes, message, "give each coordinate a name of its own, or none")
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
@@ -250,19 +248,17 @@ def _numbers(values: ArrayLike, name: str, origin: Origin) -> NDArray[np.float64
     try:
         array = np.asarray(values)
     except ValueError:
-        raise DemonstrationError(
-            "its rows differ in length", file=origin.file, key=name, way_out="give every row the same columns"
+        raise fault(
+            origin.file, name, "its rows differ in length", "give every row the same columns"
         ) from None
     if array.dtype.kind not in "iuf":
-        raise DemonstrationError(
-            f"holds {array.dtype.name}, not numbers", file=origin.file, key=name, way_out="give real numbers"
-        )
+        raise fault(origin.file, name, f"holds {array.dtype.name}, not numbers", "give real numbers")
     return np.array(array, dtype=np.float64)
 
 
 def _check_shapes(time: NDArray[np.float64], position: NDArray[np.float64], origin: Origin) -> None:
     def wrong(key: str, message: str, way_out: str) -> DemonstrationError:
-        return DemonstrationError(message, file=origin.file, key=key, way_out=way_out)
+        return fault(origin.file, key, message, way_out)
 
     if time.ndim != 1:
         raise wrong("time", f"has shape {time.shape}", "give one stamp a row, shape (n_steps,)")
@@ -289,11 +285,11 @@ def _check_finite(time: NDArray[np.float64], position: NDArray[np.float64], orig
         return
     sample, column = np.argwhere(bad)[0]
     is_time = column == 0
-    raise DemonstrationError(
+    raise fault(
+        origin.file,
+        origin.time(sample) if is_time else origin.position(sample, column - 1),
         f"{time[sample] if is_time else position[sample, column - 1]} is not a number below {LARGEST:g}",
-        file=origin.file,
-        key=origin.time(sample) if is_time else origin.position(sample, column - 1),
-        way_out="remove the row or fill in what was measured",
+        "remove the row or fill in what was measured",
     )
 
 
@@ -301,18 +297,18 @@ def _check_time(time: NDArray[np.float64], origin: Origin) -> None:
     backwards = np.diff(time) < 0.0
     if backwards.any():
         row = int(np.argmax(backwards)) + 1
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.time(row),
             f"time goes back from {time[row - 1]} s to {time[row]} s",
-            file=origin.file,
-            key=origin.time(row),
-            way_out="sort the rows, or cut the recording there",
+            "sort the rows, or cut the recording there",
         )
     duration = time[-1] - time[0]
     if duration < SHORTEST:
         what = "stands still" if duration == 0.0 else f"passes only {duration:.3g} s in all, from here"
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.time(1),
             f"time {what} at {time[1]} s",
-            file=origin.file,
-            key=origin.time(1),
-            way_out="write the time of each row, in seconds",
+            "write the time of each row, in seconds",
         )

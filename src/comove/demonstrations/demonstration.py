@@ -305,8 +305,8 @@ class Demonstration(Samples):
         Raises
         ------
         DemonstrationError
-            If the file is not of the format (see `comove.demonstrations.formats.csv`), or holds several manipulators and
-            the name is missing or unknown.
+            If the file is not in the format of `comove.demonstrations.formats.csv`, or holds several manipulators
+            and the name is missing or unknown.
         """
         return cls.of(formats.choose(csv.read(path), manipulator, path))
 

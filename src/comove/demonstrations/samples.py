@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 
 from comove.errors import DemonstrationError, near_name
 
+
+def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
+    """Return the error about a recording: its file, the place in it, what is wrong, and what to do."""
+    return DemonstrationError(message, file=file, key=key, way_out=way_out)
+
+
 AXES = ("x", "y", "z")
 QUATERNION = ("qw", "qx", "qy", "qz")
 MAX_ROWS = 2_000_000
@@ -144,7 +150,7 @@ def choose_name(names: Iterable[str], name: str | None, file: object, what: str)
     else:
         message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
         way_out += f"known: {listed}"
-    raise DemonstrationError(message, file=file, key=what, way_out=way_out)
+    raise fault(file, what, message, way_out)
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:
@@ -160,9 +166,7 @@ def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file
     for name in (str(episode), f"{prefix}{episode}"):
         if name in episodes:
             return [name]
-    raise DemonstrationError(
-        f"there is no episode {episode!r}", file=file, key="episode", way_out=f"known: {_listed(episodes)}"
-    )
+    raise fault(file, "episode", f"there is no episode {episode!r}", f"known: {_listed(episodes)}")
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -174,7 +178,7 @@ def by_manipulator(demos: Samples | Mapping[str, Samples], file: object) -> dict
     """Return movements by manipulator after a check that there are any; a single one has the name ""."""
     found = {"": demos} if isinstance(demos, Samples) else dict(demos)
     if not found:
-        raise DemonstrationError("there is no movement to write", file=file, way_out="give one at least")
+        raise fault(file, None, "there is no movement to write", "give one at least")
     return found
 
 
@@ -191,20 +195,20 @@ def together(demos: Samples | Mapping[str, Samples], file: object) -> dict[str, 
     first_name, first = next(iter(found.items()))
     for name, demo in found.items():
         if len(found) > 1 and not name:
-            raise DemonstrationError(
-                f"one of {len(found)} manipulators has no name", file=file, way_out="name all of them"
-            )
+            raise fault(file, None, f"one of {len(found)} manipulators has no name", "name all of them")
         if not np.array_equal(demo.time, first.time) or demo.n_dims != first.n_dims:
-            raise DemonstrationError(
+            raise fault(
+                file,
+                None,
                 f"{name!r} differs from {first_name!r} in its time stamps or dimensions",
-                file=file,
-                way_out="bring both to the same duration and resampled(n_steps), or write a file for each",
+                "bring both to the same duration and resampled(n_steps), or write a file for each",
             )
         if (demo.orientation is None) != (first.orientation is None):
-            raise DemonstrationError(
+            raise fault(
+                file,
+                None,
                 f"only one of {name!r} and {first_name!r} has orientations",
-                file=file,
-                way_out="give orientations to all or to none, or write a file for each",
+                "give orientations to all or to none, or write a file for each",
             )
     return found
 
@@ -224,15 +228,16 @@ def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
     """
     given = [episodes] if isinstance(episodes, Samples | Mapping) else list(episodes)
     if not given:
-        raise DemonstrationError("there is no episode to write", file=file, way_out="give one at least")
+        raise fault(file, None, "there is no episode to write", "give one at least")
     found = [together(episode, file) for episode in given]
     kinds = [[(name, demo.n_dims, demo.orientation is None) for name, demo in e.items()] for e in found]
     for index, kind in enumerate(kinds):
         if kind != kinds[0]:
-            raise DemonstrationError(
+            raise fault(
+                file,
+                None,
                 f"episode {index} differs from episode 0 in its manipulators or their coordinates",
-                file=file,
-                way_out="write a file for each kind",
+                "write a file for each kind",
             )
     return found
 
@@ -252,10 +257,11 @@ def even_rate(demos: Mapping[str, Samples], file: object) -> float:
     off = np.abs(demo.time * rate - np.arange(demo.n_steps))
     if off.max() > _EVEN_SHARE:
         row = int(off.argmax())
-        raise DemonstrationError(
+        raise fault(
+            file,
+            None,
             f"time[{row}] of {demo.name or 'the movement'} is {demo.time[row]:.6g} s, which is no even step at "
             f"{rate:.6g} Hz",
-            file=file,
-            way_out="the format keeps a rate and no stamps: write demonstration.resampled(n_steps)",
+            "the format keeps a rate and no stamps: write demonstration.resampled(n_steps)",
         )
     return rate

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import cast
 
 from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
-from comove.demonstrations.samples import Format, Samples, choose_name
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.samples import Format, Samples, choose_name, fault
+from comove.errors import near_name
 from comove.io.files import telling
 
 FORMATS: list[Format] = [
@@ -41,16 +41,12 @@ def format_of(path: str | os.PathLike[str]) -> Format:
                 return format
     if is_folder:
         known = " or ".join(f"{format.marker} ({format.name})" for format in folders)
-        raise DemonstrationError(
-            f"it is a folder without {known}",
-            file=path,
-            way_out="name the folder that holds one of them, or a file",
+        raise fault(
+            path, None, f"it is a folder without {known}", "name the folder that holds one of them, or a file"
         )
     kinds = {suffix: format for format in FORMATS for suffix in format.suffixes}
     if path.suffix.lower() not in kinds:
-        raise DemonstrationError(
-            f"its kind {path.suffix!r} is not known", file=path, way_out=near_name(path.suffix, kinds)
-        )
+        raise fault(path, None, f"its kind {path.suffix!r} is not known", near_name(path.suffix, kinds))
     return kinds[path.suffix.lower()]
 
 
@@ -78,7 +74,7 @@ def load(
     for key, value, refused, reason, way_out in refusals:
         if refused and value is not None:
             message = f"{value!r} was asked for, but {reason}"
-            raise DemonstrationError(message, file=path, key=key, way_out=way_out)
+            raise fault(path, key, message, way_out)
     if not format.part:
         return choose(cast(Mapping[str, Samples], format.read(path)), manipulator, path)
     part = episode if topic is None else topic
@@ -111,10 +107,10 @@ def choose(demos: Mapping[str, Samples], manipulator: str | None, file: object) 
         If there are several and the name is missing, or the name is unknown.
     """
     if list(demos) == [""] and manipulator is not None:
-        raise DemonstrationError(
+        raise fault(
+            file,
+            "manipulator",
             f"it holds one movement without a name, not {manipulator!r}",
-            file=file,
-            key="manipulator",
-            way_out="leave the manipulator out",
+            "leave the manipulator out",
         )
     return demos[choose_name(demos, manipulator, file, "manipulator")]

@@ -32,10 +32,11 @@ from comove.demonstrations.samples import (
     Samples,
     as_episodes,
     even_rate,
+    fault,
     one_of,
     together,
 )
-from comove.errors import DemonstrationError, near_name
+from comove.errors import near_name
 from comove.io.files import existing_file, extra, whole_path
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def read(
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
-        raise DemonstrationError(f"{rate_hz!r} is no rate", key="rate_hz", way_out="give hertz")
+        raise fault(None, "rate_hz", f"{rate_hz!r} is no rate", "give hertz")
 
     def read_all(root: Group) -> dict[str, dict[str, Samples]]:
         found, n_rows = {}, 0
@@ -93,9 +94,7 @@ def read(
             )
             n_rows += sum(demo.n_steps for demo in found[name].values())
             if n_rows > MAX_ROWS:
-                raise DemonstrationError(
-                    f"it has more than {MAX_ROWS:,} rows", file=path, way_out="read episode by episode"
-                )
+                raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", "read episode by episode")
         return found
 
     return _within(path, read_all)
@@ -134,17 +133,19 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
     rates = [even_rate(demos, path) for demos in written]
     for index, demos in enumerate(written):
         if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
-                file=path,
-                way_out="the file has one rate: resample the episodes",
+                "the file has one rate: resample the episodes",
             )
         for name, demo in demos.items():
             if demo.n_dims != 3 or demo.unit != "m" or demo.axes:
-                raise DemonstrationError(
+                raise fault(
+                    path,
+                    None,
                     f"{name or 'the movement'} of episode {index} has {demo.n_dims} coordinates in {demo.unit}",
-                    file=path,
-                    way_out="robomimic keeps positions x, y, z in metres",
+                    "robomimic keeps positions x, y, z in metres",
                 )
     h5py = extra("h5py", path)
     with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
@@ -175,17 +176,19 @@ def write_aloha(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samp
     """
     demos = together(demos, path)
     if len(demos) > 1 and sorted(demos) != ["left", "right"]:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the manipulators are {', '.join(map(repr, demos))}",
-            file=path,
-            way_out="ALOHA has the arms left and right, or one",
+            "ALOHA has the arms left and right, or one",
         )
     first = next(iter(demos.values()))
     if first.n_dims != len(ALOHA_JOINTS):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"an arm has {first.n_dims} coordinates",
-            file=path,
-            way_out=f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
+            f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
         )
     rate = even_rate(demos, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
@@ -211,8 +214,8 @@ def _within(path: Path, read: Callable[[Group], _T]) -> _T:
             return read(root)
     except _BROKEN as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
-        raise DemonstrationError(
-            f"it is no whole HDF5 file ({reason})", file=path, way_out=f"copy or record it again; {_LAYOUTS}"
+        raise fault(
+            path, None, f"it is no whole HDF5 file ({reason})", f"copy or record it again; {_LAYOUTS}"
         ) from error
 
 
@@ -223,7 +226,7 @@ def _episode_names(path: Path, root: Group) -> list[str]:
     names = [name for name in root["data"] if re.fullmatch(r"demo_\d+", name)] if "data" in root else []
     if not names:
         held = ", ".join(list(root)[:10]) or "nothing"
-        raise DemonstrationError(f"it holds {held}, and no episode", file=path, way_out=_LAYOUTS)
+        raise fault(path, None, f"it holds {held}, and no episode", _LAYOUTS)
     return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
 
 
@@ -231,17 +234,15 @@ def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -
     """Read one episode of a robomimic file."""
     folder = f"data/{name}/obs"
     if folder not in root:
-        raise DemonstrationError(
-            "it holds no observations", file=path, key=folder, way_out="extract them with robomimic first"
-        )
+        raise fault(path, folder, "it holds no observations", "extract them with robomimic first")
     held = list(root[folder])
     robots = sorted(key.removesuffix("_eef_pos") for key in held if re.fullmatch(r"robot\d+_eef_pos", key))
     if not robots:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            f"{folder}/robot0_eef_pos",
             "the positions of the hands are missing",
-            file=path,
-            key=f"{folder}/robot0_eef_pos",
-            way_out=near_name("robot0_eef_pos", held[:20]),
+            near_name("robot0_eef_pos", held[:20]),
         )
     rate = rate_hz or _control_rate(path, root["data"])
     n_steps = root[f"data/{name}"].attrs.get("num_samples")
@@ -251,7 +252,7 @@ def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -
         position = _array(path, root, place, (3,))
         if n_steps is not None and (np.size(n_steps) != 1 or int(np.ravel(n_steps)[0]) != len(position)):
             message = f"it has {len(position)} rows and num_samples says {n_steps}"
-            raise _wrong(path, place, message, "record or convert it again")
+            raise fault(path, place, message, "record or convert it again")
         orientation = None
         if f"{robot}_eef_quat" in held:
             orientation = _array(path, root, turns, (4,))[:, [3, 0, 1, 2]]
@@ -269,19 +270,14 @@ def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Sam
     """Read an ALOHA episode."""
     key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
     if key not in root:
-        raise DemonstrationError(
-            "the dataset is missing",
-            file=path,
-            key=key,
-            way_out=near_name("qpos", list(root["observations"])[:20]),
-        )
+        raise fault(path, key, "the dataset is missing", near_name("qpos", list(root["observations"])[:20]))
     qpos = _array(path, root, key)
     if qpos.shape[1] not in (n_joints, 2 * n_joints):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            key,
             f"it has {qpos.shape[1]} columns",
-            file=path,
-            key=key,
-            way_out=f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
+            f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
         )
     rate = rate_hz or _attribute_rate(path, "fps", root.attrs.get("fps"), ALOHA_RATE)
     arms = (
@@ -319,9 +315,7 @@ def _control_rate(path: Path, data: Group) -> float:
         arguments = json.loads(text)
         rate = arguments.get("env_kwargs", {}).get("control_freq")
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise DemonstrationError(
-            "it is no JSON object", file=path, key="data, attribute env_args", way_out="give rate_hz"
-        ) from error
+        raise fault(path, "data, attribute env_args", "it is no JSON object", "give rate_hz") from error
     return _attribute_rate(path, "env_args.env_kwargs.control_freq", rate, ROBOMIMIC_RATE)
 
 
@@ -330,7 +324,7 @@ def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float
         return default
     if isinstance(rate, int | float | np.number) and not isinstance(rate, bool) and 0.0 < rate < 1e6:
         return float(rate)
-    raise _wrong(path, key, f"{rate!r} is no rate", "give rate_hz")
+    raise fault(path, key, f"{rate!r} is no rate", "give rate_hz")
 
 
 def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
@@ -339,27 +333,27 @@ def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> ND
     parts = key.split("/")
     for depth in range(1, len(parts) + 1):
         if isinstance(root.get("/".join(parts[:depth]), getlink=True), h5py.ExternalLink):
-            raise _wrong(path, key, "it is a link into another file", "copy what it links to")
+            raise fault(path, key, "it is a link into another file", "copy what it links to")
     dataset: Dataset = root[key]
     if not isinstance(dataset, h5py.Dataset):
-        raise _wrong(path, key, "it is a group, not a dataset", _LAYOUTS)
+        raise fault(path, key, "it is a group, not a dataset", _LAYOUTS)
     if dataset.is_virtual or dataset.external:
-        raise _wrong(path, key, "its numbers lie in another file", "copy them into this one")
+        raise fault(path, key, "its numbers lie in another file", "copy them into this one")
     if dataset.dtype.kind not in "iuf":
-        raise _wrong(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
+        raise fault(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
     shape, size = dataset.shape, dataset.dtype.itemsize
     if shape is None or len(shape) != 2 or (width and shape[1:] != width):
         expected = f"(n_steps, {width[0]})" if width else "(n_steps, n_joints)"
-        raise _wrong(path, key, f"it has shape {shape}", f"give shape {expected}")
+        raise fault(path, key, f"it has shape {shape}", f"give shape {expected}")
     claimed = max(math.prod(shape), math.prod(dataset.chunks or ())) * max(size, 8)
     if shape[0] > MAX_ROWS or claimed > MAX_ARRAY_BYTES:
-        raise _wrong(
+        raise fault(
             path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
         )
     _require_filled(path, key, dataset)
     if shape[0] < 2:
         message = f"a movement needs two rows at least, this one has {shape[0]}"
-        raise _wrong(path, key, message, "record more samples, or remove the episode")
+        raise fault(path, key, message, "record more samples, or remove the episode")
     return np.asarray(dataset[()], dtype=np.float64)
 
 
@@ -371,11 +365,7 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         per_axis = [-(-n // chunk) for n, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
         missing = dataset.id.get_num_chunks() < math.prod(per_axis)
     if missing:
-        raise _wrong(path, key, "not all of it was written", "record or copy it again")
-
-
-def _wrong(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
-    return DemonstrationError(message, file=path, key=key, way_out=way_out)
+        raise fault(path, key, "not all of it was written", "record or copy it again")
 
 
 def _write_demo(group: Group, demos: list[Samples]) -> None:

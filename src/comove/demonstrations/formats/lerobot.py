@@ -38,6 +38,7 @@ from comove.demonstrations.samples import (
     Samples,
     as_episodes,
     even_rate,
+    fault,
     one_of,
 )
 from comove.errors import DemonstrationError, near_name
@@ -95,10 +96,8 @@ def read(
     names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
     n_rows = sum(dataset.lengths[int(name)] for name in names)
     if n_rows > MAX_ROWS:
-        raise DemonstrationError(
-            f"its episodes have {n_rows:,} rows",
-            file=path,
-            way_out=f"read one by one: up to {MAX_ROWS:,} are read",
+        raise fault(
+            path, None, f"its episodes have {n_rows:,} rows", f"read one by one: up to {MAX_ROWS:,} are read"
         )
     columns = _coordinates(dataset, feature, unit)
     found: dict[str, dict[str, Samples]] = {}
@@ -160,11 +159,8 @@ def write(
     """
     written = as_episodes(episodes, path)
     if dtype not in ("float32", "float64"):
-        raise DemonstrationError(
-            f"{dtype!r} is no kind of number",
-            file=path,
-            key="dtype",
-            way_out=near_name(dtype, ["float32", "float64"]),
+        raise fault(
+            path, "dtype", f"{dtype!r} is no kind of number", near_name(dtype, ["float32", "float64"])
         )
     fps = _common_fps(path, written)
     names = _names(path, written[0])
@@ -219,15 +215,15 @@ class _Dataset:
         (info,) = _json(file, lines=False)
         version = _value(file, info, "codebase_version", str)
         if not re.fullmatch(r"v?[23]\.\d+", version):
-            raise _wrong(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
+            raise fault(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
         fps = _value(file, info, "fps", int | float)
         if not 0.0 < fps < 1e6:
-            raise _wrong(file, "fps", f"{fps!r} is no rate", "give frames a second")
+            raise fault(file, "fps", f"{fps!r} is no rate", "give frames a second")
         _value(file, info, "features", dict)
         rows = _episodes_v3(folder) if version.lstrip("v").startswith("3") else _json(folder / _EPISODES)
         total = _value(file, info, "total_episodes", int)
         if len(rows) != total or not rows:
-            raise _wrong(
+            raise fault(
                 file, "total_episodes", f"it says {total}, and {len(rows)} episodes are described", _COPY
             )
         lengths, files, tasks = {}, {}, {}
@@ -235,7 +231,7 @@ class _Dataset:
             where = folder / ("meta/episodes" if "data/file_index" in row else _EPISODES)
             number, length = _value(where, row, "episode_index", int), _value(where, row, "length", int)
             if number in lengths or number < 0 or length < 0:
-                raise _wrong(
+                raise fault(
                     where, "episode_index", f"episode {number} of length {length} stands there", _COPY
                 )
             lengths[number] = length
@@ -248,7 +244,7 @@ def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
     """Read the table of episodes of version 3."""
     files = sorted((folder / "meta" / "episodes").glob("*/*.parquet"))
     if not files:
-        raise _wrong(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
+        raise fault(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
     wanted = ("episode_index", "length", "data/chunk_index", "data/file_index")
     rows = [row for file in files for row in _read_table(file, wanted, ("tasks",)).to_pylist()]
     return sorted(rows, key=lambda row: (row["episode_index"] is None, row["episode_index"]))
@@ -273,7 +269,7 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
         or Path(pattern).is_absolute()
         or not all(isinstance(places[name], int) for name in used)
     ):
-        raise _wrong(
+        raise fault(
             file,
             "data_path",
             f"{pattern!r} names no file in the dataset",
@@ -286,17 +282,17 @@ def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str,
     """Return the columns of a feature by manipulator, according to the names of the columns."""
     file, features = dataset.folder / _INFO, dataset.info["features"]
     if feature not in features or not isinstance(features[feature], dict):
-        raise _wrong(file, "features", f"there is no {feature!r}", near_name(feature, features))
+        raise fault(file, "features", f"there is no {feature!r}", near_name(feature, features))
     shape, names = features[feature].get("shape"), features[feature].get("names")
     key = f"features.{feature}"
     if not (isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0):
-        raise _wrong(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
+        raise fault(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
     while isinstance(names, dict) and names:
         names = next(iter(names.values()))
     if not names:
         names = [f"{feature}_{index}" for index in range(shape[0])]
     if not isinstance(names, list) or len(set(map(str, names))) != len(names) or len(names) != shape[0]:
-        raise _wrong(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
+        raise fault(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
     groups = {
         manipulator: _group(
             {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}, unit
@@ -305,7 +301,7 @@ def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str,
     }
     for group in groups.values():
         if len(group.position) > MAX_DIMS:
-            raise _wrong(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
+            raise fault(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
     return groups
 
 
@@ -361,28 +357,28 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
     chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
     expected = dataset.lengths[number]
     if len(chosen) != expected or (expected and chosen[-1] - chosen[0] != expected - 1):
-        raise _wrong(
+        raise fault(
             file,
             None,
             f"it holds {len(chosen)} rows of episode {number}, and {expected} were recorded",
             _COPY,
         )
     if expected < 2:
-        raise _wrong(
+        raise fault(
             file, None, f"a movement needs two rows at least, episode {number} has {expected}", "leave it out"
         )
     rows = table.slice(int(chosen[0]), expected)
     vectors = rows.column(feature).combine_chunks()
     width = dataset.info["features"][feature]["shape"][0]
     if vectors.null_count:
-        raise _wrong(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
+        raise fault(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
     if hasattr(vectors, "flatten") and str(vectors.type).startswith(
         ("list", "fixed_size_list", "large_list")
     ):
         lengths = pc.list_value_length(vectors).to_numpy(zero_copy_only=False)
         if (lengths != width).any():
             row = int(np.argmax(lengths != width))
-            raise _wrong(
+            raise fault(
                 file,
                 f"row {chosen[row]}, {feature}",
                 f"it has {lengths[row]} numbers, and {width} are described",
@@ -391,7 +387,7 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
         vectors = vectors.flatten()
     values = _numeric(file, feature, vectors)
     if len(values) != width * expected:
-        raise _wrong(file, feature, f"it has one number a row, and {width} are described", _COPY)
+        raise fault(file, feature, f"it has one number a row, and {width} are described", _COPY)
     frames = _column(file, rows, "frame_index")
     stamps = _column(file, rows, "timestamp").astype(np.float64)
     even = frames / dataset.fps
@@ -414,7 +410,7 @@ def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()
             names = source.schema_arrow.names
             for column in columns:
                 if column not in names:
-                    raise _wrong(file, column, "the column is missing", near_name(column, names))
+                    raise fault(file, column, "the column is missing", near_name(column, names))
             wanted = [*columns, *(column for column in optional if column in names)]
             n_rows, size, batches = source.metadata.num_rows, 0, []
             if n_rows > MAX_ROWS:
@@ -432,7 +428,7 @@ def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()
 
 
 def _too_large(file: Path, what: str) -> DemonstrationError:
-    return _wrong(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
+    return fault(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
 
 
 def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:
@@ -441,23 +437,23 @@ def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...
         return read()
     except broken as error:
         reason = str(error).partition("\n")[0][:120]
-        raise _wrong(file, None, f"it is no whole Parquet file ({reason})", _COPY) from error
+        raise fault(file, None, f"it is no whole Parquet file ({reason})", _COPY) from error
 
 
 def _column(file: Path, table: Table, name: str) -> NDArray:
     """Return a column of scalars, shape (n_rows,)."""
     column = table.column(name)
     if column.null_count:
-        raise _wrong(file, name, f"{column.null_count} rows are empty", _COPY)
+        raise fault(file, name, f"{column.null_count} rows are empty", _COPY)
     return _numeric(file, name, column.combine_chunks())
 
 
 def _numeric(file: Path, name: str, array: Any) -> NDArray:
     values = np.asarray(array.to_numpy(zero_copy_only=False)) if str(array.type) in _NUMBERS else None
     if values is None:
-        raise _wrong(file, name, f"it holds {array.type}, not numbers", "give real numbers")
+        raise fault(file, name, f"it holds {array.type}, not numbers", "give real numbers")
     if array.null_count:
-        raise _wrong(file, name, f"{array.null_count} numbers are missing", _COPY)
+        raise fault(file, name, f"{array.null_count} numbers are missing", _COPY)
     return values
 
 
@@ -480,9 +476,9 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
             row = json.loads(line.decode())
         except (ValueError, RecursionError) as error:
             key = f"line {number}" if lines else None
-            raise _wrong(file, key, f"it is no JSON ({error})", _COPY) from error
+            raise fault(file, key, f"it is no JSON ({error})", _COPY) from error
         if not isinstance(row, dict):
-            raise _wrong(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
+            raise fault(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
         rows.append(row)
     return rows
 
@@ -490,14 +486,10 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
 def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
     """Return one value of an object after a check of its type."""
     if key not in row:
-        raise _wrong(file, key, "it is missing", near_name(key, list(row)[:20]))
+        raise fault(file, key, "it is missing", near_name(key, list(row)[:20]))
     if not isinstance(row[key], kind) or isinstance(row[key], bool):
-        raise _wrong(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
+        raise fault(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
     return row[key]
-
-
-def _wrong(file: Path, key: str | None, message: str, way_out: str) -> DemonstrationError:
-    return DemonstrationError(message, file=file, key=key, way_out=way_out)
 
 
 def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
@@ -505,10 +497,11 @@ def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
     rates = [even_rate(demos, path) for demos in episodes]
     for number, rate in enumerate(rates):
         if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"episode {number} runs at {rate:.6g} Hz",
-                file=path,
-                way_out="LeRobot has one whole number of frames a second: resample the episodes",
+                "LeRobot has one whole number of frames a second: resample the episodes",
             )
     return round(rates[0])
 
@@ -521,10 +514,11 @@ def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
         axes = [*(demo.axes or unnamed), *(QUATERNION if demo.orientation is not None else ())]
         names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
     if list(demos) != list(_divided(names)):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the names {', '.join(names[:8])} would not be read as {', '.join(map(repr, demos))}",
-            file=path,
-            way_out="call the manipulators left and right, or give positions x, y, z",
+            "call the manipulators left and right, or give positions x, y, z",
         )
     return names
 

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.samples import AXES, Format, Origin, Samples, together
-from comove.errors import DemonstrationError
+from comove.demonstrations.samples import AXES, Format, Origin, Samples, fault, together
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file
 
@@ -96,12 +95,7 @@ def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
     """Return texts as an array; only the first one if `single`."""
     array = np.array(texts[0] if single else texts)
     if array.tolist() != (np.array(texts[0] if single else texts, dtype=object)).tolist():
-        raise DemonstrationError(
-            "a name ends in a null character",
-            file=path,
-            key=key,
-            way_out="use letters, digits and underscores",
-        )
+        raise fault(path, key, "a name ends in a null character", "use letters, digits and underscores")
     return array
 
 
@@ -115,11 +109,11 @@ def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) 
             orientation=lambda sample: f"orientation[{sample}, {index}]",
         )
         if orientation is not None and orientation.shape[:2] != position.shape[:2]:
-            raise DemonstrationError(
+            raise fault(
+                path,
+                "orientation",
                 f"has shape {orientation.shape} and position {position.shape}",
-                file=path,
-                key="orientation",
-                way_out="give one quaternion w x y z a row and manipulator",
+                "give one quaternion w x y z a row and manipulator",
             )
         position = position[:, index]
         orientation = None if orientation is None else orientation[:, index]
@@ -129,11 +123,11 @@ def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) 
         ("axes", axes, [arrays["position"].shape[-1:], arrays["position"].shape[1:]]),
     ]:
         if texts is not None and (texts.dtype.kind != "U" or texts.shape not in shapes):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                key,
                 f"it holds {texts.dtype.name} of shape {texts.shape}, not texts that belong to position",
-                file=path,
-                key=key,
-                way_out=f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
+                f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
             )
     return Samples(
         arrays["time"],
@@ -160,6 +154,4 @@ def _manipulators(path: Path, arrays: Mapping[str, NDArray]) -> list[str]:
         message = f"the names {', '.join(map(repr, names.tolist()))} are not distinct"
     else:
         return names.tolist()
-    raise DemonstrationError(
-        message, file=path, key="manipulators", way_out="give one name, as text, for each manipulator"
-    )
+    raise fault(path, "manipulators", message, "give one name, as text, for each manipulator")

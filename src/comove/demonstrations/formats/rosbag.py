@@ -26,7 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations.formats.mcap import check_mcap, seal_mcap
-from comove.demonstrations.samples import MAX_ROWS, Format, Origin, Samples, by_manipulator, choose_name
+from comove.demonstrations.samples import (
+    MAX_ROWS,
+    Format,
+    Origin,
+    Samples,
+    by_manipulator,
+    choose_name,
+    fault,
+)
 from comove.errors import ComoveWarning, DemonstrationError
 from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
 
@@ -121,9 +129,7 @@ def write(
     path = Path(path)
     demos = by_manipulator(demos, path)
     if storage not in ("mcap", "sqlite3"):
-        raise DemonstrationError(
-            f"{storage!r} is no storage", file=path, key="storage", way_out="choose mcap or sqlite3"
-        )
+        raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
     suffix = path.suffix.lower()
     if suffix == ".bag":
@@ -211,7 +217,7 @@ def _telling(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
-        raise DemonstrationError(f"it is no whole bag ({reason})", file=path, way_out=_RECORD) from error
+        raise fault(path, None, f"it is no whole bag ({reason})", _RECORD) from error
 
 
 def _check_sqlite_size(file: Path) -> None:
@@ -220,16 +226,14 @@ def _check_sqlite_size(file: Path) -> None:
         header = stream.read(100)
     size = file.stat().st_size
     if len(header) < 100 or not header.startswith(_SQLITE_MAGIC):
-        raise DemonstrationError("it is no SQLite database", file=file, way_out=_RECORD)
+        raise fault(file, None, "it is no SQLite database", _RECORD)
     page_size, change, pages, valid_for = (
         struct.unpack(">H", header[16:18])[0],
         *(struct.unpack(">I", header[at : at + 4])[0] for at in (24, 28, 92)),
     )
     page_size = 65536 if page_size == 1 else page_size
     if change == valid_for and size != page_size * pages:
-        raise DemonstrationError(
-            f"it has {size} bytes and its header says {page_size * pages}", file=file, way_out=_RECORD
-        )
+        raise fault(file, None, f"it has {size} bytes and its header says {page_size * pages}", _RECORD)
 
 
 def _usable(path: Path, bag: _Bag) -> dict[str, str]:
@@ -239,7 +243,7 @@ def _usable(path: Path, bag: _Bag) -> dict[str, str]:
     if not usable:
         held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:20]) or "nothing"
         known = ", ".join(kind.replace("/msg/", "/") for kind in _READERS)
-        raise DemonstrationError(f"it holds {held}", file=path, way_out=f"read are {known}")
+        raise fault(path, None, f"it holds {held}", f"read are {known}")
     return usable
 
 
@@ -248,11 +252,9 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
     connections = [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
     n_messages = sum(connection.msgcount for connection in connections)
     if n_messages > MAX_ROWS:
-        raise DemonstrationError(
-            f"it has {n_messages:,} messages", file=path, key=topic, way_out=f"up to {MAX_ROWS:,} are read"
-        )
+        raise fault(path, topic, f"it has {n_messages:,} messages", f"up to {MAX_ROWS:,} are read")
     if not n_messages:
-        raise DemonstrationError("it has no messages", file=path, key=topic, way_out="choose another topic")
+        raise fault(path, topic, "it has no messages", "choose another topic")
     n_found = 0
 
     def messages() -> _Messages:
@@ -265,12 +267,7 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
 
     track = _READERS[kind](path, topic, messages())
     if n_found != n_messages:
-        raise DemonstrationError(
-            f"it has {n_found} messages and the index says {n_messages}",
-            file=path,
-            key=topic,
-            way_out=_RECORD,
-        )
+        raise fault(path, topic, f"it has {n_found} messages and the index says {n_messages}", _RECORD)
     return track
 
 
@@ -348,7 +345,7 @@ def _stamped(pick: Callable[[Any], tuple[float, ...]]) -> Callable[..., _Track]:
 def _read_path(path: Path, topic: str, messages: _Messages) -> _Track:
     message, notes = _last_of(messages)
     if not message.poses:
-        raise DemonstrationError("the path is empty", file=path, key=topic, way_out="choose another topic")
+        raise fault(path, topic, "the path is empty", "choose another topic")
     stamps, rows = array("q"), array("d")
     for stamped in message.poses:
         stamps.append(_nanoseconds(stamped.header.stamp))
@@ -369,9 +366,7 @@ def _read_joint_states(path: Path, topic: str, messages: _Messages) -> _Track:
         stamps.extend((received, _nanoseconds(message.header.stamp)))
         positions.extend(message.position)
     if not kinds:
-        raise DemonstrationError(
-            "no message has positions", file=path, key=topic, way_out="choose another topic"
-        )
+        raise fault(path, topic, "no message has positions", "choose another topic")
     names = max(kinds, key=lambda kind: len(kinds[kind][0]))
     stamps, positions = kinds[names]
     said, notes = _chosen_stamps(stamps)
@@ -385,9 +380,7 @@ def _read_joint_trajectory(path: Path, topic: str, messages: _Messages) -> _Trac
     trajectory, notes = _last_of(messages)
     points, names = trajectory.points, tuple(trajectory.joint_names)
     if not points:
-        raise DemonstrationError(
-            "the trajectory is empty", file=path, key=topic, way_out="choose another topic"
-        )
+        raise fault(path, topic, "the trajectory is empty", "choose another topic")
     for sample, point in enumerate(points):
         _check_row(path, topic, sample, point.positions, names)
     stamps = np.array([_nanoseconds(point.time_from_start) for point in points], dtype=np.int64)
@@ -397,11 +390,11 @@ def _read_joint_trajectory(path: Path, topic: str, messages: _Messages) -> _Trac
 
 def _check_row(path: Path, topic: str, sample: int, row: Any, names: Any) -> None:
     if len(row) != len(names):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            f"{topic}, sample {sample}",
             f"it has {len(row)} positions of {len(names)} joints",
-            file=path,
-            key=f"{topic}, sample {sample}",
-            way_out="record every joint that is named",
+            "record every joint that is named",
         )
 
 
@@ -472,24 +465,27 @@ def _write_messages(
 
 def _topic_and_type(path: Path, name: str, demo: Samples) -> tuple[str, str]:
     if name and not _NAME.fullmatch(name):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the manipulator's name {name!r} is no name in ROS",
-            file=path,
-            way_out="begin with a letter and use letters, digits and underscores",
+            "begin with a letter and use letters, digits and underscores",
         )
     if demo.unit != "m" or demo.axes:
         last, kind = "joint_states", "sensor_msgs/msg/JointState"
         if demo.orientation is not None:
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"{name or 'the movement'} has joints and orientations",
-                file=path,
-                way_out="write them as two movements",
+                "write them as two movements",
             )
     elif demo.n_dims != 3:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"{name or 'the movement'} has {demo.n_dims} dimensions",
-            file=path,
-            way_out="a point has x, y and z in ROS: lay it into space first",
+            "a point has x, y and z in ROS: lay it into space first",
         )
     elif demo.orientation is None:
         last, kind = "point", "geometry_msgs/msg/PointStamped"
