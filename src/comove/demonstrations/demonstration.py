@@ -308,12 +308,12 @@ class Demonstration(Samples):
             If the file is not in the format of `comove.demonstrations.formats.csv`, or holds several manipulators
             and the name is missing or unknown.
         """
-        return cls.of(formats.choose(csv.read(path), manipulator, path))
+        return cls.of(formats.select(csv.read(path), manipulator, path))
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
         """Read one movement from an NPZ file, as `from_csv` does."""
-        return cls.of(formats.choose(npz.read(path), manipulator, path))
+        return cls.of(formats.select(npz.read(path), manipulator, path))
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
@@ -425,7 +425,7 @@ def _end_velocity(time: NDArray[np.float64], position: NDArray[np.float64]) -> N
     """Estimate the velocity at time zero, shape (n_dims,), from a parabola through the samples near it.
 
     The fit is by least squares over the first seven samples, and at least the first hundredth of the movement, so
-    that noise, or two stamps very close together, have little influence. Exact for polynomials of degree 2.
+    that noise, or two stamps very close by_manipulator, have little influence. Exact for polynomials of degree 2.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ class Format:
     write: Callable[..., None] | None = None
 
 
-def choose_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
+def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
     """Return `name` if it is one of `names`, or the only one that exists.
 
     Parameters
@@ -174,16 +174,14 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_SHOWN]) + more
 
 
-def by_manipulator(demos: Samples | Mapping[str, Samples], file: object) -> dict[str, Samples]:
-    """Return movements by manipulator after a check that there are any; a single one has the name ""."""
-    found = {"": demos} if isinstance(demos, Samples) else dict(demos)
-    if not found:
-        raise fault(file, None, "there is no movement to write", "give one at least")
-    return found
+def by_manipulator(
+    demos: Samples | Mapping[str, Samples], file: object, *, alike: bool = True
+) -> dict[str, Samples]:
+    """Return movements by manipulator, a single one under "", after a check that one file can hold them.
 
-
-def together(demos: Samples | Mapping[str, Samples], file: object) -> dict[str, Samples]:
-    """Return movements by manipulator after a check that one file with common time stamps can hold them.
+    Parameters
+    ----------
+    alike : whether the format needs names, and common time stamps, dimensions and orientations
 
     Raises
     ------
@@ -191,9 +189,11 @@ def together(demos: Samples | Mapping[str, Samples], file: object) -> dict[str, 
         If there are none, one of several has no name, they differ in time stamps or dimensions, or only some have
         orientations.
     """
-    found = by_manipulator(demos, file)
+    found = {"": demos} if isinstance(demos, Samples) else dict(demos)
+    if not found:
+        raise fault(file, None, "there is no movement to write", "give one at least")
     first_name, first = next(iter(found.items()))
-    for name, demo in found.items():
+    for name, demo in found.items() if alike else ():
         if len(found) > 1 and not name:
             raise fault(file, None, f"one of {len(found)} manipulators has no name", "name all of them")
         if not np.array_equal(demo.time, first.time) or demo.n_dims != first.n_dims:
@@ -229,7 +229,7 @@ def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
     given = [episodes] if isinstance(episodes, Samples | Mapping) else list(episodes)
     if not given:
         raise fault(file, None, "there is no episode to write", "give one at least")
-    found = [together(episode, file) for episode in given]
+    found = [by_manipulator(episode, file) for episode in given]
     kinds = [[(name, demo.n_dims, demo.orientation is None) for name, demo in e.items()] for e in found]
     for index, kind in enumerate(kinds):
         if kind != kinds[0]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,10 +84,10 @@ class MotionBasis:
         boundary : array, shape (3, n_steps, 4)
         shape : array, shape (3, n_steps, n_basis)
         """
-        s = np.maximum(np.asarray(s, dtype=float), 0.0)
+        times = np.maximum(np.asarray(s, dtype=float), 0.0)
         return (
-            values_at(self.boundary, self.boundary_force, np.array([0.0, 0, 1, 0]), s),
-            values_at(self.shape, self.shape_force, np.zeros(self.n_basis), s),
+            values_at(self.boundary, self.boundary_force, np.array([0.0, 0, 1, 0]), times),
+            values_at(self.shape, self.shape_force, np.zeros(self.n_basis), times),
         )
 
 
@@ -176,7 +176,13 @@ def motion_basis(
     return MotionBasis(*arrays, metric, phase)
 
 
-def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
+class Sampled(Protocol):
+    """A basis that gives its positions at even samples, shape (n_basis + 4, n_steps)."""
+
+    def sampled(self, n_steps: int) -> Array: ...
+
+
+def rollouts(basis: Sampled, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
     """Compute the positions of many rollouts as one matrix product of weights and boundary values with the basis.
 
     Parameters

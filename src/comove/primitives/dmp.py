@@ -4,34 +4,48 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.arguments import instants, is_number, numbers, require_steps, vector
+from comove.primitives.arguments import (
+    instants,
+    is_number,
+    numbers,
+    require_count,
+    require_positive,
+    require_steps,
+    vector,
+)
 from comove.primitives.basis import MotionBasis, released, rollouts
 from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
-from comove.primitives.rhythm import RhythmicBasis, estimated_period
+from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
 from comove.primitives.variants import NO_WAY, Variant
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-BLOCK = 4000  # samples that are fitted at a time
-
 
 class Recording(Protocol):
-    """A recording to which a primitive can be fitted: time (n_steps,) [s] and position (n_steps, n_dims) [m]."""
+    """A recording to which a primitive can be fitted."""
 
-    time: Array
-    position: Array
-    start_velocity: Array
+    @property
+    def time(self) -> Array:
+        """Return the times of the samples, shape (n_steps,), [s]."""
+
+    @property
+    def position(self) -> Array:
+        """Return the positions, shape (n_steps, n_dims), [m]."""
+
+    @property
+    def start_velocity(self) -> Array:
+        """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +72,12 @@ class DMP:
     duration: float
     phase: Phase = ExponentialPhase()
     variant: Variant = Variant.CLOSED_FORM
-    learned: Array | None = None
+    learned: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variant", Variant.named(self.variant))
-        if not is_number(self.duration) or not self.duration > 0:
-            raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
-        if self.learned is None:
+        require_positive("duration", self.duration, of="seconds")
+        if not np.size(self.learned):
             object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
         for name in ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned"):
             try:
@@ -123,8 +136,7 @@ class DMP:
         ComoveWarning
             If the variant cannot learn a dimension, because the recorded ends coincide in it.
         """
-        if isinstance(n_basis, bool) or not isinstance(n_basis, (int, np.integer)) or not 1 <= n_basis <= 200:
-            raise OptionError(f"n_basis = {n_basis!r}", way_out="give a whole number from 1 to 200")
+        require_count("n_basis", n_basis, most=200)
         variant = Variant.named(variant)
         if not all(hasattr(demonstration, name) for name in ("time", "position", "start_velocity")):
             raise OptionError(
@@ -190,14 +202,15 @@ class DMP:
         dmp = cls(
             np.zeros((len(still), n_basis)), still, still, still, still, period, variant=Variant.RHYTHMIC
         )
+        basis = rhythmic_basis(n_basis)
 
         def design(block: slice) -> tuple[Array, Array]:
-            cycle = dmp.basis.on_cycle(time[block] / period)[0]
+            cycle = basis.on_cycle(time[block] / period)[0]
             return np.concatenate([cycle, np.ones((len(cycle), 1))], axis=1), position[block]
 
         solved = _least_squares(design, len(time))
         weights, centre = solved[:-1].T, solved[-1]
-        onset = dmp.basis.cycle[:2, 0] @ weights.T
+        onset = basis.cycle[:2, 0] @ weights.T
         return replace(
             dmp, weights=weights, start=centre + onset[0], goal=centre, start_velocity=onset[1] / period
         )
@@ -242,21 +255,16 @@ class DMP:
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
         """
-        new_duration = self.duration if duration is None else duration
-        if not is_number(new_duration) or not new_duration > 0:
-            raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
-        ratio = self.duration / new_duration
         moved = replace(
             self,
             start=self._vector("start", start, self.start),
             goal=self._vector("goal", goal, self.goal),
-            duration=new_duration,
+            duration=self.duration if duration is None else duration,
         )
+        ratio = (self.duration / moved.duration) * np.eye(self.n_dims)
         displaced = not np.array_equal(moved.goal - moved.start, self.goal - self.start)
         if self.variant is Variant.DMP_PLUS_PLUS and displaced:
-            ratio = ratio * moved.scaling() @ np.linalg.pinv(self.scaling())
-        else:
-            ratio = ratio * np.eye(self.n_dims)
+            ratio = (self.duration / moved.duration) * moved.scaling() @ np.linalg.pinv(self.scaling())
         return replace(
             moved,
             start_velocity=self._vector("start_velocity", start_velocity, ratio @ self.start_velocity),
@@ -381,7 +389,8 @@ class DMP:
         if not np.array_equal(state.goal, state.curve.goal):
             curve = self.towards(goal=state.goal).curve.after(state.curve, state.progress)
             state = replace(state, curve=curve)
-        return advance(state, dt, rate, coupling)
+        push = None if coupling is None else vector("coupling", coupling, self.n_dims)
+        return advance(state, dt, rate, push)
 
     def scaling(self) -> Array:
         """Return A(d), the matrix by which the variant multiplies the learned forcing term for these ends.
@@ -397,7 +406,7 @@ class DMP:
         return default if value is None else vector(name, value, self.n_dims)
 
 
-def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int) -> Array:
+def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int, block: int = 4000) -> Array:
     """Solve a least-squares problem; for long recordings by normal equations, block by block, to limit the memory.
 
     The weights are scaled well (condition numbers of a few hundred), so squaring the condition number does no harm.
@@ -406,15 +415,16 @@ def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int)
     ----------
     design : function from a slice of the samples to their matrix (n_block, n) and target (n_block, n_dims)
     n_steps : number of samples
+    block : number of samples that are in memory at a time
 
     Returns
     -------
     array, shape (n, n_dims)
     """
-    if n_steps <= BLOCK:
-        return np.linalg.lstsq(*design(slice(None)), rcond=None)[0]
-    gram, moment = 0.0, 0.0
-    for first in range(0, n_steps, BLOCK):
-        matrix, target = design(slice(first, first + BLOCK))
-        gram, moment = gram + matrix.T @ matrix, moment + matrix.T @ target
-    return np.linalg.lstsq(gram, moment, rcond=None)[0]
+    if n_steps <= block:
+        matrix, target = design(slice(None))
+    else:
+        parts = (design(slice(first, first + block)) for first in range(0, n_steps, block))
+        products = ((matrix.T @ matrix, matrix.T @ target) for matrix, target in parts)
+        matrix, target = reduce(lambda one, other: (one[0] + other[0], one[1] + other[1]), products)
+    return np.asarray(np.linalg.lstsq(matrix, target, rcond=None)[0], dtype=np.float64)

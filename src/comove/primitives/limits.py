@@ -60,7 +60,7 @@ def largest(dmp: DMP) -> tuple[Array, Array]:
     OptionError
         For rhythmic movements.
     """
-    _require_an_end(dmp)
+    _basis_of(dmp)
     velocity, acceleration = _largest(dmp.curve.knots)
     return velocity / dmp.duration, acceleration / dmp.duration**2
 
@@ -99,12 +99,11 @@ def constrained(
     OptionError
         If no weights satisfy all conditions, or an argument is out of range.
     """
-    _require_an_end(dmp)
+    basis, values, weights = _basis_of(dmp), dmp.boundary_values(), dmp.shape_weights
     of_velocity = _limit("velocity", velocity, dmp) * dmp.duration
     of_acceleration = _limit("acceleration", acceleration, dmp) * dmp.duration**2
     limits = np.stack([of_velocity, of_acceleration], axis=1)
     rows, targets = _via_rows(dmp, via)
-    basis, values, weights = dmp.basis, dmp.boundary_values(), dmp.shape_weights
     new = np.stack(
         [
             _solved(basis, values[:, d], weights[d], (rows, targets[:, d]), limits[d], d)
@@ -245,7 +244,8 @@ def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
     return np.broadcast_to(limit, dmp.start.shape)
 
 
-def _require_an_end(dmp: DMP) -> None:
+def _basis_of(dmp: DMP) -> MotionBasis:
+    """Return the basis of a movement that ends; raise for others."""
     if not isinstance(dmp, DMP):
         raise OptionError(
             f"the movement is {type(dmp).__name__}",
@@ -253,3 +253,4 @@ def _require_an_end(dmp: DMP) -> None:
         )
     if not isinstance(dmp.basis, MotionBasis):
         raise OptionError("a rhythmic movement has no end", way_out="give a movement that ends")
+    return dmp.basis

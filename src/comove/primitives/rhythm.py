@@ -60,13 +60,13 @@ class RhythmicBasis:
         boundary : array, shape (3, n_steps, 4)
         shape : array, shape (3, n_steps, n_basis)
         """
-        s = np.maximum(np.asarray(s, dtype=float), 0.0)
-        free = released(s)
-        boundary = np.zeros((3, len(s), 4))
+        times = np.maximum(np.asarray(s, dtype=float), 0.0)
+        free = released(times)
+        boundary = np.zeros((3, len(times), 4))
         boundary[:, :, :2] = free
         boundary[:, :, 2] = -free[:, :, 0]
         boundary[0, :, 2] += 1.0
-        return boundary, self.on_cycle(s) - free @ self.cycle[:2, 0]
+        return boundary, self.on_cycle(times) - free @ self.cycle[:2, 0]
 
     def on_cycle(self, s: Array) -> Array:
         """Return the limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""

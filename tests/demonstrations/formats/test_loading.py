@@ -17,7 +17,7 @@ from comove.demonstrations import (
     write_rosbag,
 )
 from comove.demonstrations.formats import FORMATS
-from comove.demonstrations.samples import choose_name
+from comove.demonstrations.samples import select_name
 from comove.errors import DemonstrationError
 
 
@@ -115,9 +115,9 @@ def test_what_has_to_be_chosen_is_listed(recordings, refused, name, choice, key,
 
 def test_long_lists_are_cut():
     with pytest.raises(DemonstrationError, match=r"holds 99 episodes; name one of 0, .*, 19 and 79 more$"):
-        choose_name({str(i): None for i in range(99)}, None, "file", "episode")
+        select_name({str(i): None for i in range(99)}, None, "file", "episode")
     with pytest.raises(DemonstrationError, match=r"and 79 more$"):
-        choose_name({str(i): None for i in range(99)}, "x", "file", "episode")
+        select_name({str(i): None for i in range(99)}, "x", "file", "episode")
 
 
 def test_folders_and_kinds_that_are_none_are_told(tmp_path, refused):

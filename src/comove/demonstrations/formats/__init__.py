@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import cast
 
 from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
-from comove.demonstrations.samples import Format, Samples, choose_name, fault
+from comove.demonstrations.samples import Format, Samples, fault, select_name
 from comove.errors import near_name
 from comove.io.files import telling
 
@@ -76,12 +76,12 @@ def load(
             message = f"{value!r} was asked for, but {reason}"
             raise fault(path, key, message, way_out)
     if not format.part:
-        return choose(cast(Mapping[str, Samples], format.read(path)), manipulator, path)
+        return select(cast(Mapping[str, Samples], format.read(path)), manipulator, path)
     part = episode if topic is None else topic
     if part is None:
-        part = choose_name(format.parts(path), None, path, format.part)
+        part = select_name(format.parts(path), None, path, format.part)
     (found,) = format.read(path, **{format.part: part}).values()
-    return found if isinstance(found, Samples) else choose(found, manipulator, path)
+    return found if isinstance(found, Samples) else select(found, manipulator, path)
 
 
 def load_all(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
@@ -98,7 +98,7 @@ def _each(found: Mapping[str, Samples] | Mapping[str, Mapping[str, Samples]]) ->
             yield from entry.values()
 
 
-def choose(demos: Mapping[str, Samples], manipulator: str | None, file: object) -> Samples:
+def select(demos: Mapping[str, Samples], manipulator: str | None, file: object) -> Samples:
     """Return one of the movements of a recording, selected by its manipulator.
 
     Raises
@@ -113,4 +113,4 @@ def choose(demos: Mapping[str, Samples], manipulator: str | None, file: object) 
             f"it holds one movement without a name, not {manipulator!r}",
             "leave the manipulator out",
         )
-    return demos[choose_name(demos, manipulator, file, "manipulator")]
+    return demos[select_name(demos, manipulator, file, "manipulator")]

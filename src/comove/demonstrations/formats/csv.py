@@ -30,8 +30,8 @@ from comove.demonstrations.samples import (
     Format,
     Origin,
     Samples,
+    by_manipulator,
     fault,
-    together,
 )
 from comove.errors import ComoveWarning, DemonstrationError, near_name
 from comove.io.files import existing_file, telling, whole_file
@@ -107,7 +107,7 @@ def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) 
     DemonstrationError
         The movements do not fit into one file, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     header, columns = ["time"], [next(iter(demos.values())).time]
     for name, demo in demos.items():
         _check_writable(path, name, demo)

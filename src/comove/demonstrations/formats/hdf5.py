@@ -31,10 +31,10 @@ from comove.demonstrations.samples import (
     Origin,
     Samples,
     as_episodes,
+    by_manipulator,
     even_rate,
     fault,
     one_of,
-    together,
 )
 from comove.errors import near_name
 from comove.io.files import existing_file, extra, whole_path
@@ -174,7 +174,7 @@ def write_aloha(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samp
     DemonstrationError
         If the movements do not fit the layout, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     if len(demos) > 1 and sorted(demos) != ["left", "right"]:
         raise fault(
             path,

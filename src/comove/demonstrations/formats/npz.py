@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.samples import AXES, Format, Origin, Samples, fault, together
+from comove.demonstrations.samples import AXES, Format, Origin, Samples, by_manipulator, fault
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file
 
@@ -58,7 +58,7 @@ def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) 
     DemonstrationError
         The movements do not fit into one file, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     single = list(demos) == [""]
     movements = list(demos.values())
     first = movements[0]

@@ -32,8 +32,8 @@ from comove.demonstrations.samples import (
     Origin,
     Samples,
     by_manipulator,
-    choose_name,
     fault,
+    select_name,
 )
 from comove.errors import ComoveWarning, DemonstrationError
 from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
@@ -77,7 +77,7 @@ def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str,
     with _opened(path) as bag:
         usable = _usable(path, bag)
         if topic is not None:
-            usable = {topic: usable[choose_name(usable, topic, path, "topic")]}
+            usable = {topic: usable[select_name(usable, topic, path, "topic")]}
         tracks = {name: _read_topic(path, bag, name, kind) for name, kind in usable.items()}
     for name, track in tracks.items():
         if track.warning:
@@ -127,7 +127,7 @@ def write(
         If ROS cannot represent a movement or a name, or the bag cannot be written.
     """
     path = Path(path)
-    demos = by_manipulator(demos, path)
+    demos = by_manipulator(demos, path, alike=False)
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
