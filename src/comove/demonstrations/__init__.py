@@ -5,7 +5,7 @@ every instant once. Its `notes` report every change that was made.
 """
 
 from comove.demonstrations.demonstration import Demonstration, each, each_episode, segment
-from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
+from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag, write
 from comove.demonstrations.formats.csv import write as write_csv
 from comove.demonstrations.formats.hdf5 import episodes as hdf5_episodes
 from comove.demonstrations.formats.hdf5 import write_aloha, write_robomimic
@@ -36,6 +36,7 @@ __all__ = [
     "read_rosbag",
     "rosbag_topics",
     "segment",
+    "write",
     "write_aloha",
     "write_csv",
     "write_lerobot",

@@ -50,6 +50,21 @@ def format_of(path: str | os.PathLike[str]) -> Format:
     return kinds[path.suffix.lower()]
 
 
+def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+    """Write one movement, or movements by manipulator, to a file in the format of its suffix.
+
+    Raises
+    ------
+    DemonstrationError
+        If no format has that suffix or its format is only read, or as the format's writer.
+    """
+    writers = {suffix: format.write for format in FORMATS for suffix in format.suffixes if format.write}
+    suffix = Path(path).suffix
+    if suffix.lower() not in writers:
+        raise fault(path, None, f"its kind {suffix!r} is not written", near_name(suffix, writers))
+    writers[suffix.lower()](path, demos)
+
+
 def load(
     path: str | os.PathLike[str],
     manipulator: str | None = None,
