@@ -23,14 +23,15 @@ from functools import lru_cache
 from typing import Literal, Protocol
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike, NDArray
 
 from comove.primitives.flow import OMEGA, from_rest, values_at
 from comove.primitives.forcing import INTERVAL, N_INTERVALS, Kernels, gaussians
 from comove.primitives.phase import LinearPhase, Phase
-from comove.primitives.splines import splines
 
 N_END_CONDITIONS = 2  # position and velocity
+MAX_BASIS = 200  # shape weights per dimension
 
 Metric = Literal["velocity", "acceleration", "jerk"]
 Array = NDArray[np.float64]
@@ -124,12 +125,12 @@ def motion_basis(
         If `n_basis` is not between 1 and 200, or the metric of jerk is combined with another phase, other kernels
         or a fading goal.
     """
-    if not 1 <= n_basis <= 200:
-        raise ValueError(f"n_basis = {n_basis}: give 1 to 200 shape weights")
+    if not 1 <= n_basis <= MAX_BASIS:
+        raise ValueError(f"n_basis = {n_basis}: give 1 to {MAX_BASIS} shape weights")
     smooth, phase = metric == "jerk", phase or LinearPhase()
     if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
         raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
-    psi = splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
+    psi = _splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
     knots = np.linspace(0.0, 1.0, N_INTERVALS + 1)
     weights, inputs = from_rest(psi), np.zeros((3, N_INTERVALS + 1, 4))
     inputs[:, :, :2] = released(knots)
@@ -200,6 +201,36 @@ def rollouts(basis: Sampled, boundary: Array, weights: Array, n_steps: int = 201
     inputs[:, :, n_basis:] = boundary.T
     product = inputs.reshape(-1, n_basis + 4) @ basis.sampled(n_steps)
     return product.reshape(n_rollouts, n_columns, n_steps)
+
+
+def _splines(n_inner: int) -> Array:
+    """Return the forcing of quintic B-splines that rest at both ends, and of six quintics for the boundary values.
+
+    A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega b' + omega^2 b``. Each of the six
+    quintics has a unit position, velocity or acceleration at one end (first those of the start) and zero for the
+    others.
+
+    Parameters
+    ----------
+    n_inner : number of B-splines
+
+    Returns
+    -------
+    array, shape (n_knots, n_inner + 6)
+    """
+    from scipy.interpolate import BSpline  # a quarter of a second, which only smooth motions need
+
+    degree, s = 5, np.linspace(0.0, 1.0, N_INTERVALS + 1)
+    breaks = np.linspace(0.0, 1.0, n_inner + 2)
+    places = np.concatenate([np.zeros(degree), breaks, np.ones(degree)])
+    inner = BSpline(places, np.eye(n_inner + 6)[:, 3:-3], degree)
+    orders = np.arange(6)
+    at_start, at_end = np.diag([1.0, 1, 2, 0, 0, 0])[:3], np.stack([orders**0, orders, orders * (orders - 1)])
+    ends = np.linalg.inv(np.concatenate([at_start, at_end]))
+    motions = [
+        np.concatenate([inner(s, order), polyval(s, polyder(ends, order)).T], axis=1) for order in range(3)
+    ]
+    return motions[2] + 2 * OMEGA * motions[1] + OMEGA**2 * motions[0]
 
 
 @lru_cache(maxsize=32)

@@ -21,7 +21,7 @@ from comove.primitives.arguments import (
     require_steps,
     vector,
 )
-from comove.primitives.basis import MotionBasis, released, rollouts
+from comove.primitives.basis import MAX_BASIS, MotionBasis, released, rollouts
 from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
@@ -84,9 +84,9 @@ class DMP:
                 array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
             except (TypeError, ValueError):
                 raise OptionError(f"{name} = {getattr(self, name)!r}", way_out="give numbers") from None
-            if name == "weights" and array.ndim == 2 and not 1 <= array.shape[1] <= 200:
+            if name == "weights" and array.ndim == 2 and not 1 <= array.shape[1] <= MAX_BASIS:
                 raise OptionError(
-                    f"weights of shape {array.shape}", way_out="give 1 to 200 weights a dimension"
+                    f"weights of shape {array.shape}", way_out=f"give 1 to {MAX_BASIS} weights a dimension"
                 )
             if array.ndim != (2 if name == "weights" else 1) or len(array) != len(self.weights):
                 raise OptionError(
@@ -136,7 +136,7 @@ class DMP:
         ComoveWarning
             If the variant cannot learn a dimension, because the recorded ends coincide in it.
         """
-        require_count("n_basis", n_basis, most=200)
+        require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
         if not all(hasattr(demonstration, name) for name in ("time", "position", "start_velocity")):
             raise OptionError(
@@ -167,13 +167,7 @@ class DMP:
             phase=phase or variant.usual_phase,
             variant=variant,
         )
-        values = dmp.boundary_values()
-
-        def design(block: slice) -> tuple[Array, Array]:
-            boundary, shape = dmp.basis.at(time[block] / dmp.duration)
-            return shape[0], position[block] - boundary[0] @ values
-
-        weights = _least_squares(design, len(time)).T
+        weights = dmp._shape_of(time, position)
         if variant is Variant.CLASSIC:
             extent = np.ptp(position, axis=0).max()
             untaught = np.abs(dmp.learned) <= NO_WAY * extent
@@ -188,6 +182,16 @@ class DMP:
                     stacklevel=2,
                 )
         return replace(dmp, weights=weights)
+
+    def _shape_of(self, time: Array, position: Array) -> Array:
+        """Return the shape weights, shape (n_dims, n_basis), that fit positions between the present ends best."""
+        values = self.boundary_values()
+
+        def design(block: slice) -> tuple[Array, Array]:
+            boundary, shape = self.basis.at(time[block] / self.duration)
+            return shape[0], position[block] - boundary[0] @ values
+
+        return _least_squares(design, len(time)).T
 
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:

@@ -22,6 +22,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
+from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import PoseDMP
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 FORMAT, VERSION = "comove primitive", 1
 MAX_BYTES = 8 * 2**20
 MAX_NAME = 100
-MAX_DIMS, MAX_BASIS = 64, 200
+MAX_DIMS = 64
 TRACED = 11  # positions, at even shares of the duration
 SAME = 1e-6  # by which the trace may be missed, in the movement's extent
 LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"

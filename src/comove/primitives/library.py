@@ -36,8 +36,6 @@ Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
 N_SHAPE = 101
-DIGITS = 9  # of distances that are compared
-SHOWN = 20  # names that a message lists
 
 Movement = Primitive | DMP | PoseDMP | Demonstration
 
@@ -245,9 +243,11 @@ class Library:
         names = self.names
         if not names:
             return "the library is empty: comove library add DEMO"
-        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-        near = near_name(name, names)
-        return near if not more else f"{near.partition('known: ')[0]}known: {', '.join(names[:SHOWN])}{more}"
+        near, shown = near_name(name, names), names[:20]
+        if shown == names:
+            return near
+        known = f"known: {', '.join(shown)} and {len(names) - len(shown)} more"
+        return f"{near.partition('known: ')[0]}{known}"
 
     def _taken(self, name: str) -> LibraryError:
         return LibraryError(
@@ -299,8 +299,8 @@ def rank(
     if duration is not None:
         scaled["duration"] = np.log(terms["duration"])
     distance = np.sqrt(sum(term**2 for term in scaled.values()))
-    order = sorted(
-        range(len(primitives)), key=lambda i: (round(float(distance[i]), DIGITS), primitives[i].name)
+    order = sorted(  # what differs by rounding only is in the order of the names
+        range(len(primitives)), key=lambda i: (round(float(distance[i]), 9), primitives[i].name)
     )
     return [
         Match(

@@ -25,12 +25,6 @@ from comove.primitives.forcing import INTERVAL
 
 Array = NDArray[np.float64]
 
-NAMES = ("velocity", "acceleration")
-MAX_ROUNDS = 8  # of lowering the limits at the knots
-SLACK = 1e-9  # of a limit, by which it is undercut: rounding
-ROUNDING = 1e-12  # share of a limit that is lost when weights are written for another system and read again
-MET = 1e-9  # of the movement's size, by which via-points may be missed: rounding
-
 
 @dataclass(frozen=True)
 class ViaPoint:
@@ -134,7 +128,9 @@ def _solved(
     """
     equalities, targets = via[0][:, 4:], via[1] - via[0][:, :4] @ boundary
     lowered = limits
-    for _ in range(MAX_ROUNDS):
+    slack = 1e-9  # share of a limit by which it is undercut: rounding
+    lost = 1e-12  # share of a limit that is lost when weights are written for another system and read again
+    for _ in range(8):
         rows, lower, upper = [equalities], [targets], [targets]
         for order, limit in enumerate(lowered, start=1):
             if limit < np.inf:
@@ -147,16 +143,17 @@ def _solved(
         )
         if solution is None:
             wanted = ["the via-points"] if len(targets) else []
-            wanted += [name for name, limit in zip(NAMES, limits, strict=True) if limit < np.inf]
+            names = ("velocity", "acceleration")
+            wanted += [name for name, limit in zip(names, limits, strict=True) if limit < np.inf]
             raise OptionError(
                 f"no movement of {len(weights)} weights keeps {' and '.join(wanted)} in dimension {dimension}",
                 way_out="give it more time or more weights, or ask for less",
             )
         knots = basis.boundary @ boundary + basis.shape @ solution
         excess = np.concatenate(_largest(knots[:, :, None])) / limits - 1
-        if excess.max() <= -ROUNDING:
+        if excess.max() <= -lost:
             return solution
-        lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - SLACK)
+        lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - slack)
     raise OptionError(
         f"the limits in dimension {dimension} cannot be kept between the knots", way_out="give it more time"
     )
@@ -173,7 +170,8 @@ def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: i
         _, singular, right = np.linalg.svd(equal)
         rank = int((singular > 1e-10 * max(singular.max(initial=0.0), 1e-300)).sum())
         particular = weights + np.linalg.lstsq(equal, lower[:n_equal] - equal @ weights, rcond=1e-10)[0]
-        if np.abs(equal @ particular - lower[:n_equal]).max() > MET * (1.0 + np.abs(lower[:n_equal]).max()):
+        missed, size = np.abs(equal @ particular - lower[:n_equal]).max(), np.abs(lower[:n_equal]).max()
+        if missed > 1e-9 * (1.0 + size):  # more than rounding
             return None
         free = right[rank:].T
     rows, lower, upper = rows[n_equal:], lower[n_equal:], upper[n_equal:]

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
-from comove.primitives.basis import MotionBasis
+from comove.primitives.basis import MAX_BASIS, MotionBasis
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import Phase
 from comove.primitives.rhythm import RhythmicBasis
@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 N_FIT = 801  # instants at which a movement is compared with its refit
-MAX_BASIS = 200
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:

@@ -9,6 +9,7 @@ import pytest
 
 from comove.demonstrations import (
     Demonstration,
+    write,
     write_aloha,
     write_csv,
     write_lerobot,
@@ -149,3 +150,23 @@ def test_plain_files_need_no_further_library(tmp_path, hand):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     run = {"cwd": tmp_path, "capture_output": True, "text": True, "check": True, "env": environment}
     assert subprocess.run([sys.executable, "-c", code], **run).stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.NPZ", "a.h5", "a.mcap"])
+def test_every_kind_with_a_suffix_is_written_by_one_call(tmp_path, hand, name):
+    for library in ("h5py", "rosbags"):
+        pytest.importorskip(library)
+    write(tmp_path / name, hand())
+    (again,) = Demonstration.load_all(tmp_path / name)
+    assert again.position.tobytes() == hand().position.tobytes()
+
+
+def test_kinds_that_nobody_writes_are_told(tmp_path, hand, refused):
+    refused(
+        lambda path: write(path, hand()),
+        tmp_path / "a.cvs",
+        key=None,
+        says=r"kind '\.cvs' is not written",
+        way_out=r"did you mean '\.csv'",
+    )
+    assert not list(tmp_path.iterdir())

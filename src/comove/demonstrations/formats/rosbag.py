@@ -19,6 +19,7 @@ import warnings
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,18 +132,19 @@ def write(
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
+    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns)
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
-            _write_ros1(draft, demos, path, frame_id, start_ns)
+            _write_ros1(draft, fill)
     elif suffix in (".mcap", ".db3"):
         kind = "mcap" if suffix == ".mcap" else "sqlite3"
         with whole_path(path) as draft, tempfile.TemporaryDirectory(dir=draft.parent) as folder:
-            _write_ros2(Path(folder, "bag"), demos, path, kind, frame_id, start_ns)
+            _write_ros2(Path(folder, "bag"), kind, fill)
             os.replace(Path(folder, "bag", f"bag{suffix}"), draft)
     else:
         with whole_folder(path) as draft:
-            _write_ros2(draft / path.name, demos, path, storage, frame_id, start_ns)
+            _write_ros2(draft / path.name, storage, fill)
             for file in sorted((draft / path.name).iterdir()):  # the library names files after their folder
                 os.replace(file, draft / file.name)
             (draft / path.name).rmdir()
@@ -419,25 +421,23 @@ _READERS: dict[str, Callable[..., _Track]] = {
 }
 
 
-def _write_ros1(draft: Path, demos: Mapping[str, Samples], path: Path, frame_id: str, start_ns: int) -> None:
+def _write_ros1(draft: Path, fill: Callable[..., None]) -> None:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC)
     with Writer(draft) as writer:
-        _write_messages(writer, store, store.serialize_ros1, demos, path, frame_id, start_ns)
+        fill(writer, store, store.serialize_ros1)
 
 
-def _write_ros2(
-    draft: Path, demos: Mapping[str, Samples], path: Path, storage: str, frame_id: str, start_ns: int
-) -> None:
+def _write_ros2(draft: Path, storage: str, fill: Callable[..., None]) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     with Writer(draft, version=8, storage_plugin=plugin) as writer:
-        _write_messages(writer, store, store.serialize_cdr, demos, path, frame_id, start_ns)
+        fill(writer, store, store.serialize_cdr)
     for file in draft.glob("*.mcap"):
         seal_mcap(file)
 
@@ -446,6 +446,7 @@ def _write_messages(
     writer: Any,
     store: Any,
     encode: Callable[[Any, str], Any],
+    *,
     demos: Mapping[str, Samples],
     path: Path,
     frame_id: str,
