@@ -1,7 +1,8 @@
 """Checks of recordings, and the few repairs that are made and reported.
 
 A check raises, because only the user can correct the fault; a repair returns a note beside the arrays, which is
-empty if there was nothing to repair.
+empty if there was nothing to repair. Throughout, `time` is an array (n_steps,) [s], `position` is (n_steps, n_dims)
+[m], `orientation` is (n_steps, 4), quaternions w x y z; an `origin` names samples in messages.
 """
 
 from __future__ import annotations
@@ -45,17 +46,7 @@ _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
 def check(
     time: ArrayLike, position: ArrayLike, origin: Origin = IN_MEMORY
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time and position as arrays, and raise unless they are a recorded movement.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s]
-    position : array, shape (n_steps, n_dims), [m]
-    origin : names samples in messages
-
-    Returns
-    -------
-    time, position : new arrays of the same shapes
+    """Return time and position as new arrays, and raise unless they are a recorded movement.
 
     Raises
     ------
@@ -73,17 +64,7 @@ def check(
 def check_orientation(
     orientation: ArrayLike, n_steps: int, origin: Origin = IN_MEMORY
 ) -> NDArray[np.float64]:
-    """Return orientations with unit norm, and raise unless they are valid quaternions.
-
-    Parameters
-    ----------
-    orientation : array, shape (n_steps, 4), quaternions w x y z
-    n_steps : number of rows of the positions
-    origin : names samples in messages
-
-    Returns
-    -------
-    orientation : new array of the same shape, unit norm to rounding
+    """Return orientations as a new array with unit norm to rounding, and raise unless they are valid quaternions.
 
     Raises
     ------
@@ -115,16 +96,9 @@ def check_orientation(
 
 
 def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Choose the signs of the quaternions, q or -q for the same orientation, so that neighbours are close.
+    """Return the orientations with signs, q or -q for the same one, that make neighbours close, and a note.
 
-    Parameters
-    ----------
-    orientation : array, shape (n_steps, 4), unit quaternions
-
-    Returns
-    -------
-    orientation : array, shape (n_steps, 4); the first row keeps its sign
-    note : number of changed signs in words, empty if there are none
+    The first row keeps its sign.
     """
     flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
     if not flips.any():
@@ -138,19 +112,10 @@ def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.f
 def merge_repeated_orientations(
     time: NDArray[np.float64], orientation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return one orientation per instant: the mean of the rows with the same time stamp.
+    """Return one orientation per instant: the mean of the rows with the same time stamp; `time` does not decrease.
 
     The mean is the axis nearest to all of them (Markley), which does not depend on signs; single rows stay as they
     are.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], not decreasing
-    orientation : array, shape (n_steps, 4), unit quaternions
-
-    Returns
-    -------
-    orientation : array, shape (n_distinct, 4)
     """
     first = np.flatnonzero(np.concatenate(([True], np.diff(time) > 0.0)))
     merged = orientation[first]
@@ -186,7 +151,7 @@ def check_axes(axes: Iterable[str], n_dims: int, origin: Origin = IN_MEMORY) -> 
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Shift `time`, shape (n_steps,), [s], to start at zero, and return it with a note, empty if nothing changed."""
+    """Return `time` shifted to start at zero, and a note."""
     if time[0] == 0.0:
         return time, ""
     return time - time[0], f"time shifted by {-time[0]:.9g} s to start at 0"
@@ -195,18 +160,9 @@ def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
 def merge_repeated_stamps(
     time: NDArray[np.float64], position: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
-    """Return one position per instant: the mean of the rows with the same time stamp.
+    """Return distinct times with one position each, the mean of the rows with that time stamp, and a note.
 
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], not decreasing
-    position : array, shape (n_steps, n_dims), [m]
-
-    Returns
-    -------
-    time : array, shape (n_distinct,), [s], increasing
-    position : array, shape (n_distinct, n_dims), [m]
-    note : report of the merged rows, empty if there were none
+    `time` does not decrease; the one that is returned increases.
     """
     repeated = np.diff(time) == 0.0
     if not repeated.any():
@@ -237,7 +193,7 @@ def metres(unit: str, file: object = None) -> float:
 
 
 def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
-    """Return a hint if `position`, shape (n_steps, n_dims), [unit], looks like millimetres or degrees, else ""."""
+    """Return a hint if `position`, in `unit`, looks like millimetres or degrees, else ""."""
     extent = np.ptp(position, axis=0).max()
     if extent <= _UNIT_EXTENTS.get(unit, np.inf):
         return ""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from comove.demonstrations import cleaning, formats, resampling
 from comove.demonstrations.formats import csv, lasa, npz, tables
 from comove.demonstrations.samples import IN_MEMORY, Samples
-from comove.demonstrations.segmentation import movements
+from comove.demonstrations.segmentation import Segmentation, movements
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.ties import first_largest
 
@@ -371,16 +371,8 @@ def segment(
     OptionError
         If a parameter is out of its range; names it.
     """
-    bounds = movements(
-        demonstration.time,
-        demonstration.position,
-        demonstration.orientation,
-        speed_share=speed_share,
-        min_pause=min_pause,
-        min_duration=min_duration,
-        cutoff_hz=cutoff_hz,
-        corner=corner,
-    )
+    options = Segmentation(speed_share, min_pause, min_duration, cutoff_hz, corner)
+    bounds = movements(demonstration.time, demonstration.position, demonstration.orientation, options)
     name = demonstration.name or "recording"
     parts = []
     for number, (first, stop) in enumerate(bounds.tolist()):

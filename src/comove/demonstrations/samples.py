@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +17,18 @@ from comove.errors import DemonstrationError, near_name
 def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
     """Return the error about a recording: its file, the place in it, what is wrong, and what to do."""
     return DemonstrationError(message, file=file, key=key, way_out=way_out)
+
+
+@contextmanager
+def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_out: str) -> Iterator[None]:
+    """Convert a library's exceptions on damaged bytes to a fault that says that the file is no whole `what`."""
+    try:
+        yield
+    except (DemonstrationError, Warning):
+        raise
+    except broken as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
+        raise fault(file, None, f"it is no whole {what} ({reason})", way_out) from error
 
 
 AXES = ("x", "y", "z")

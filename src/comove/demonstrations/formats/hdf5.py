@@ -17,9 +17,10 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from comove.demonstrations.samples import (
     Samples,
     as_episodes,
     by_manipulator,
+    decoding,
     even_rate,
     fault,
     one_of,
@@ -55,7 +57,6 @@ _BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, 
 """What h5py makes of damaged bytes."""
 _VERSIONS = ("v110", "v110")
 """Of the format that is written: the oldest that has checksums of all that describes the data."""
-_T = TypeVar("_T")
 _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 
 
@@ -85,19 +86,18 @@ def read(
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
         raise fault(None, "rate_hz", f"{rate_hz!r} is no rate", "give hertz")
 
-    def read_all(root: Group) -> dict[str, dict[str, Samples]]:
-        found, n_rows = {}, 0
+    found: dict[str, dict[str, Samples]] = {}
+    n_rows = 0
+    with _opened(path) as root:
         for name in one_of(_episode_names(path, root), episode, "demo_", path):
-            is_aloha = "observations" in root
-            found[name] = (
-                _read_aloha(path, root, rate_hz) if is_aloha else _read_robomimic(path, root, name, rate_hz)
-            )
+            if "observations" in root:
+                found[name] = _read_aloha(path, root, rate_hz)
+            else:
+                found[name] = _read_robomimic(path, root, name, rate_hz)
             n_rows += sum(demo.n_steps for demo in found[name].values())
             if n_rows > MAX_ROWS:
                 raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", "read episode by episode")
-        return found
-
-    return _within(path, read_all)
+    return found
 
 
 def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
@@ -109,7 +109,8 @@ def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
         The file cannot be read, or is of another layout.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
-    return tuple(_within(path, lambda root: _episode_names(path, root)))
+    with _opened(path) as root:
+        return tuple(_episode_names(path, root))
 
 
 def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
@@ -206,17 +207,13 @@ FORMAT = Format(
 )
 
 
-def _within(path: Path, read: Callable[[Group], _T]) -> _T:
-    """Call `read` with the open file; convert h5py's exceptions to a `DemonstrationError`."""
+@contextmanager
+def _opened(path: Path) -> Iterator[Group]:
+    """Lend the open file; convert h5py's exceptions to a `DemonstrationError`."""
     h5py = extra("h5py", path)
-    try:
-        with h5py.File(path, "r") as root:
-            return read(root)
-    except _BROKEN as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise fault(
-            path, None, f"it is no whole HDF5 file ({reason})", f"copy or record it again; {_LAYOUTS}"
-        ) from error
+    way_out = f"copy or record it again; {_LAYOUTS}"
+    with decoding(path, "HDF5 file", _BROKEN, way_out), h5py.File(path, "r") as root:
+        yield root
 
 
 def _episode_names(path: Path, root: Group) -> list[str]:

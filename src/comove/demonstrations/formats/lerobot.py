@@ -18,10 +18,10 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ from comove.demonstrations.samples import (
     Origin,
     Samples,
     as_episodes,
+    decoding,
     even_rate,
     fault,
     one_of,
@@ -63,7 +64,6 @@ _STAMP_TOLERANCE = 1e-4
 _PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
 _INFO, _EPISODES = "meta/info.json", "meta/episodes.jsonl"
 _COPY = "copy or record the dataset again"
-_T = TypeVar("_T")
 
 
 def read(
@@ -405,39 +405,31 @@ def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()
     parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
     existing_file(file, MAX_BYTES, "split the dataset")
 
-    def read() -> Table:
-        with parquet.ParquetFile(file, page_checksum_verification=True) as source:
-            names = source.schema_arrow.names
-            for column in columns:
-                if column not in names:
-                    raise fault(file, column, "the column is missing", near_name(column, names))
-            wanted = [*columns, *(column for column in optional if column in names)]
-            n_rows, size, batches = source.metadata.num_rows, 0, []
-            if n_rows > MAX_ROWS:
-                raise _too_large(file, f"claims {n_rows:,} rows")
-            for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
-                size += batch.nbytes
-                if size > MAX_COLUMN_BYTES:
-                    raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
-                batches.append(batch)
-            if not batches:
-                return source.schema_arrow.empty_table().select(wanted)
-            return pa.Table.from_batches(batches)
-
-    return _told(file, read, (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError))
+    broken = (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError)
+    with (
+        decoding(file, "Parquet file", broken, _COPY),
+        parquet.ParquetFile(file, page_checksum_verification=True) as source,
+    ):
+        names = source.schema_arrow.names
+        for column in columns:
+            if column not in names:
+                raise fault(file, column, "the column is missing", near_name(column, names))
+        wanted = [*columns, *(column for column in optional if column in names)]
+        n_rows, size, batches = source.metadata.num_rows, 0, []
+        if n_rows > MAX_ROWS:
+            raise _too_large(file, f"claims {n_rows:,} rows")
+        for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
+            size += batch.nbytes
+            if size > MAX_COLUMN_BYTES:
+                raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
+            batches.append(batch)
+        if not batches:
+            return source.schema_arrow.empty_table().select(wanted)
+        return pa.Table.from_batches(batches)
 
 
 def _too_large(file: Path, what: str) -> DemonstrationError:
     return fault(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
-
-
-def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:
-    """Call `read`; convert the library's exceptions to a `DemonstrationError`."""
-    try:
-        return read()
-    except broken as error:
-        reason = str(error).partition("\n")[0][:120]
-        raise fault(file, None, f"it is no whole Parquet file ({reason})", _COPY) from error
 
 
 def _column(file: Path, table: Table, name: str) -> NDArray:

@@ -33,10 +33,11 @@ from comove.demonstrations.samples import (
     Origin,
     Samples,
     by_manipulator,
+    decoding,
     fault,
     select_name,
 )
-from comove.errors import ComoveWarning, DemonstrationError
+from comove.errors import ComoveWarning
 from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
 
 MAX_METADATA_BYTES = 4 * 2**20
@@ -194,7 +195,8 @@ def _opened(path: Path) -> Iterator[_Bag]:
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    with _telling(path):
+    # A damaged bag makes the library fail in any way, assertions included.
+    with decoding(path, "bag", (Exception,), _RECORD):
         for file in sorted(path.iterdir()) if is_folder else [path]:
             if file.suffix.lower() == ".db3":
                 _check_sqlite_size(file)
@@ -208,18 +210,6 @@ def _opened(path: Path) -> Iterator[_Bag]:
             decode = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
             with rosbag2.Reader(path) as reader:
                 yield _Bag(reader, decode)
-
-
-@contextlib.contextmanager
-def _telling(path: Path) -> Iterator[None]:
-    """Convert the library's exceptions on a damaged bag, assertions included, to a `DemonstrationError`."""
-    try:
-        yield
-    except (DemonstrationError, Warning):
-        raise
-    except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
-        raise fault(path, None, f"it is no whole bag ({reason})", _RECORD) from error
 
 
 def _check_sqlite_size(file: Path) -> None:
