@@ -178,7 +178,7 @@ def cell(key: str, row: Row) -> str:
 
 def fit_rows() -> list[Row]:
     """Errors of the fits to the handwriting set, one row a number of shape weights."""
-    from comove.demonstrations.lasa import lasa_names
+    from comove.demonstrations import lasa_names
 
     demonstrations = [comove.Demonstration.from_lasa(name, 0) for name in lasa_names()]
     rows: list[Row] = []

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.demonstrations import npz
 from comove.errors import ResultError
+from comove.io import arrays
 from comove.planning.objective import Cost
 from comove.planning.solution import Solution
 from comove.results import whole_folder, write_solution
@@ -393,7 +393,7 @@ def test_huge_files_are_refused_before_they_are_read(folder, monkeypatch):
     with pytest.raises(ResultError, match="larger than 16 MB"):
         read_joints(folder)
     shutil.copy(folder / "robot.json", folder / "scene.json")
-    monkeypatch.setattr(npz, "MAX_BYTES", 1000)
+    monkeypatch.setattr(arrays, "MAX_BYTES", 1000)
     with pytest.raises(ResultError, match=r"joints\.npz"):
         read_joints(folder)
 

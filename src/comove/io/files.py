@@ -8,7 +8,7 @@ import importlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
@@ -121,9 +121,7 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
         folder = path.parent
         while not folder.exists():
             folder = folder.parent
-        for part in path.relative_to(
-            folder
-        ).parts:  # each name by itself: the system stops at the first missing
+        for part in path.relative_to(folder).parts:  # each by itself: the system stops at the first missing
             with contextlib.suppress(FileNotFoundError):
                 os.stat(folder / part)
         os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
@@ -239,28 +237,40 @@ def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
 
 
 @contextlib.contextmanager
-def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing.
+def whole_folder(
+    path: str | os.PathLike[str],
+    error: type[InputError] = DemonstrationError,
+    *,
+    check: Callable[[Path], None] | None = None,
+) -> Iterator[Path]:
+    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing to the disk.
+
+    Parameters
+    ----------
+    check : function that raises unless the folder that is at `path` may be replaced as a whole; it is called before
+        and after the writing. By default only an empty folder may be replaced
 
     Raises
     ------
-    DemonstrationError
-        If `path` exists already and is not an empty folder, or it cannot be written.
+    error
+        If something is at `path` that may not be replaced, or the folder cannot be written.
     """
     path = Path(path)
-    with telling(path, "written"):
-        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-            raise DemonstrationError("it is there already", file=path, way_out="choose another name")
-        _require_folder(path, DemonstrationError)
-        require_room(path)
+    there = error("it is there already", file=path, way_out="choose another name")
+    with telling(path, "written", error):
+        if path.exists() and (not path.is_dir() or (check is None and any(path.iterdir()))):
+            raise there
+        if check is not None and path.exists():
+            check(path)
+        _require_folder(path, error)
+        require_room(path, error)
         with drafts.draft(path) as draft:
             yield draft
-            drafts.settle(draft)
+            if check is not None and path.is_dir():
+                check(path)
             try:
-                os.rename(draft, path)  # onto nothing, or onto an empty folder
+                drafts.put(draft, path, replace=check is not None)
             except OSError as failure:
                 if failure.errno not in drafts.IN_THE_WAY:
                     raise
-                raise DemonstrationError(
-                    "it is there already", file=path, way_out="choose another name"
-                ) from failure
+                raise there from failure

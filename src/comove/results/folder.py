@@ -24,7 +24,7 @@ from comove._version import __version__
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import DemonstrationError, OptionError, ResultError, shortened
-from comove.io import drafts
+from comove.io import drafts, files
 from comove.io.arrays import read_arrays
 from comove.io.entries import (
     COUNT,
@@ -198,11 +198,10 @@ def whole_folder(folder: str | Path, contents: Contents = RESULT) -> Iterator[Pa
     try:
         with telling(folder, "written", ResultError):
             made = _make(folder.parent)
-            with drafts.draft(folder) as draft:
-                yield draft
-                if folder.is_dir():
-                    _require_only(folder, contents)  # whatever was put there meanwhile
-                drafts.put(draft, folder)
+        with files.whole_folder(
+            folder, ResultError, check=lambda path: _require_only(path, contents)
+        ) as draft:
+            yield draft
     finally:
         for parent in made:
             with suppress(OSError):

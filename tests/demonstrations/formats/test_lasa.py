@@ -6,7 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, lasa, lasa_names, read_lasa
+from comove.demonstrations import Demonstration, lasa_names, read_lasa
+from comove.demonstrations.formats import lasa
 from comove.errors import DemonstrationError
 
 

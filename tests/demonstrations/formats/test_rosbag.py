@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, read_rosbag, rosbag, rosbag_topics, write_rosbag
+from comove.demonstrations import Demonstration, read_rosbag, rosbag_topics, write_rosbag
+from comove.demonstrations.formats import rosbag
 from comove.errors import ComoveWarning, DemonstrationError
 
 pytest.importorskip("rosbags")

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from comove.demonstrations import Demonstration, csv, read_csv, write_csv
+from comove.demonstrations import Demonstration, read_csv, write_csv
+from comove.demonstrations.formats import csv
 from comove.errors import ComoveWarning, DemonstrationError
 
 GOOD = "time,x,y\n0,0,0\n0.1,0.5,1\n0.2,1,2\n"
@@ -407,7 +408,7 @@ def test_lines_that_fill_blocks_are_no_long_lines(tmp_path):
 
 
 def test_more_numbers_than_memory_is_meant_for(tmp_path, monkeypatch):
-    monkeypatch.setattr("comove.demonstrations.csv.MAX_CELLS", 1000)
+    monkeypatch.setattr("comove.demonstrations.formats.csv.MAX_CELLS", 1000)
     path = write(tmp_path, "time,x\n" + "".join(f"{i},0\n" for i in range(501)))
     with pytest.raises(DemonstrationError, match="more than 1,000 numbers; keep every n-th row"):
         read_csv(path)

@@ -1,6 +1,6 @@
 """Recordings as text tables of other programs: any separator, column names, and units of length and time.
 
-The layout is detected or given by options, in contrast to the project's own CSV (`comove.demonstrations.csv`): lines
+The layout is detected or given by options, in contrast to the project's own CSV (`formats.csv`): lines
 before the header are skipped, units may follow a name in brackets (`X [mm]`, `t (ms)`), and where columns are not
 separated by commas, numbers may have decimal commas.
 """
@@ -11,24 +11,20 @@ import contextlib
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import IN_ANY_CASE, Origin, check, unit_hint
-from comove.demonstrations.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS
-from comove.demonstrations.units import TIMES, length
-from comove.errors import DemonstrationError, OptionError, near_name
+from comove.demonstrations.cleaning import IN_ANY_CASE, TIMES, metres, unit_hint
+from comove.demonstrations.formats.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
+from comove.demonstrations.samples import AXES, MAX_ROWS, Origin, Samples, fault
+from comove.errors import OptionError, near_name
 from comove.io.files import existing_file, telling
 
 Array = NDArray[np.float64]
 
 PREAMBLE = 200  # lines before the header that are passed over at most
-POSITIONS = ("x", "y", "z")
 CLOCKS = ("time", "t", "timestamp", "stamp", "seconds", "sec", "zeit", "elapsed")
 SEPARATORS = (";", "\t", ",", " ")
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
@@ -36,22 +32,7 @@ SLOW = 0.5  # s between samples: no recording of a movement is that slow
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]")
 
 
-@dataclass(frozen=True)
-class _TableOrigin(Origin):
-    """Names samples by the line of the file."""
-
-    lines: tuple[int, ...] = ()
-    columns: tuple[str, ...] = ()
-    clock: str = ""
-
-    def time(self, sample: int) -> str:
-        return f"line {self.lines[sample]}, column {self.clock}"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"line {self.lines[sample]}, column {self.columns[dim]}"
-
-
-def read_table(
+def read(
     path: str | os.PathLike[str],
     *,
     columns: Sequence[str] | None = None,
@@ -59,8 +40,8 @@ def read_table(
     time: str | None = None,
     rate: float | None = None,
     unit: str | None = None,
-) -> Demonstration:
-    """Read one movement from a text table; its positions come back in metres.
+) -> Samples:
+    """Read one movement from a text table; its positions are in the unit that was given or that the header says.
 
     Parameters
     ----------
@@ -95,23 +76,27 @@ def read_table(
     clock, time_unit = (None, "s") if rate is not None else _clock(path, names, time)
     wanted = places if clock is None else [clock, *places]
     table = _numbers(path, rows, separator, wanted, names)
-    seconds = np.arange(len(rows)) / rate if clock is None else table[:, 0] * TIMES[time_unit]
+    seconds = np.arange(len(rows)) / rate if rate is not None else table[:, 0] * TIMES[time_unit]
     step = float(np.median(np.diff(seconds))) if len(rows) > 2 else 0.0
     if clock is not None and step > SLOW and not _says_unit(names, clock, time):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            names[clock],
             f"time passes in steps of {step:g} s, which looks like milliseconds",
-            file=path,
-            key=names[clock],
-            way_out=f"say so: time '{names[clock]} [ms]', or '{names[clock]} [s]' if it is right",
+            f"say so: time '{names[clock]} [ms]', or '{names[clock]} [s]' if it is right",
         )
     labels = tuple(names[place] for place in places)
     said = {found["unit"].strip().lower() for name in labels if (found := _UNIT.fullmatch(name))}
     own = unit if unit is not None else (said.pop() if len(said) == 1 else "m")
-    length(own, path)
-    origin = _TableOrigin(path, tuple(n for n, _ in rows), labels, "" if clock is None else names[clock])
-    seconds, position = check(seconds, table[:, -len(places) :], origin)
+    metres(own, path)
+    position = table[:, -len(places) :]
+    origin = Origin(
+        path,
+        time=lambda sample: f"line {rows[sample][0]}, column {'' if clock is None else names[clock]}",
+        position=lambda sample, dim: f"line {rows[sample][0]}, column {labels[dim]}",
+    )
     notes = (IN_ANY_CASE,) if unit == "m" and unit_hint(position) else ()
-    return Demonstration(seconds, position, path.stem, notes, unit=own).in_metres(own)
+    return Samples(seconds, position, path.stem, notes, own, origin=origin)
 
 
 def _separator(text: str) -> str:
@@ -128,20 +113,16 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DemonstrationError(
-            "the text is not UTF-8", file=path, way_out="save it again as UTF-8"
-        ) from error
+        raise fault(path, None, "the text is not UTF-8", "save it again as UTF-8") from error
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise DemonstrationError("the file is empty", file=path, way_out="name a recording")
+        raise fault(path, None, "the file is empty", "name a recording")
     if len(lines) > MAX_ROWS + PREAMBLE:
-        raise DemonstrationError(
-            f"it has more than {MAX_ROWS:,} rows", file=path, way_out="keep every n-th row"
-        )
+        raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", "keep every n-th row")
     return lines
 
 
@@ -149,7 +130,7 @@ def _header(
     path: Path, lines: list[tuple[int, str]], columns: Sequence[str] | None, delimiter: str | None
 ) -> tuple[int, str, list[str]]:
     """Return the number of the first row below the header, the separator, and the names, or numbers without names."""
-    wanted = [name for name in columns or POSITIONS[:1] if not name.isdigit()]
+    wanted = [name for name in columns or AXES[:1] if not name.isdigit()]
     seen: list[str] = []
     for number, line in lines[:PREAMBLE]:
         for separator in (delimiter,) if delimiter else SEPARATORS:
@@ -158,21 +139,21 @@ def _header(
                 return number, separator, [str(i + 1) for i in range(len(names))]
             if wanted and len(names) > 1 and all(_found(name, names) is not None for name in wanted):
                 if len(names) > MAX_COLUMNS:
-                    raise DemonstrationError(
+                    raise fault(
+                        path,
+                        f"line {number}",
                         f"there are {len(names)} columns",
-                        file=path,
-                        key=f"line {number}",
-                        way_out=f"keep {MAX_COLUMNS} at most",
+                        f"keep {MAX_COLUMNS} at most",
                     )
                 return number + 1, separator, names
             if len(names) > len(seen) and not any(map(_is_number, names)):
                 seen = names
     shown = ", ".join(name for name in seen[:12] if name)
-    raise DemonstrationError(
-        f"no line names the column{'s' * (len(wanted) > 1)} {', '.join(wanted) or POSITIONS[0]}",
-        file=path,
-        key="columns",
-        way_out=f"name those of the positions{f'; there are {shown}' if shown else ', or their numbers: 1,2,3'}",
+    raise fault(
+        path,
+        "columns",
+        f"no line names the column{'s' * (len(wanted) > 1)} {', '.join(wanted) or AXES[0]}",
+        f"name those of the positions{f'; there are {shown}' if shown else ', or their numbers: 1,2,3'}",
     )
 
 
@@ -210,15 +191,12 @@ def _found(name: str, names: list[str]) -> int | None:
 def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list[int]:
     """Return the indices of the columns of positions."""
     if columns is None:
-        places = [_found(axis, names) for axis in POSITIONS]
-        return [place for place in places if place is not None]
+        return [place for axis in AXES if (place := _found(axis, names)) is not None]
     places = []
     for name in columns:
         place = _found(name, names)
         if place is None:
-            raise DemonstrationError(
-                f"there is no column {name!r}", file=path, key="columns", way_out=near_name(name, names[:12])
-            )
+            raise fault(path, "columns", f"there is no column {name!r}", near_name(name, names[:12]))
         if place in places:
             raise OptionError(f"{name!r} stands twice", key="columns", way_out="name every column once")
         places.append(place)
@@ -234,22 +212,17 @@ def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str]:
         places = [_found(name, names) for name in CLOCKS]
         place = next((place for place in places if place is not None), None)
     if place is None:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            "time",
             "there is no column of time" if time is None else f"there is no column {time!r}",
-            file=path,
-            key="time",
-            way_out=f"name it, of {', '.join(names[:12])}; or give the rate in samples a second",
+            f"name it, of {', '.join(names[:12])}; or give the rate in samples a second",
         )
     for name in (time or "", names[place]):
         if found := _UNIT.fullmatch(name):
             unit = found["unit"].strip().lower()
             if unit not in TIMES:
-                raise DemonstrationError(
-                    f"the unit of time {unit!r} is not known",
-                    file=path,
-                    key="time",
-                    way_out=near_name(unit, TIMES),
-                )
+                raise fault(path, "time", f"the unit of time {unit!r} is not known", near_name(unit, TIMES))
             return place, unit
     return place, "s"
 
@@ -263,11 +236,9 @@ def _numbers(
 ) -> Array:
     """Return the wanted columns of all rows."""
     if len(rows) * len(wanted) > MAX_CELLS:
-        raise DemonstrationError("it has too many numbers", file=path, way_out="keep every n-th row")
+        raise fault(path, None, "it has too many numbers", "keep every n-th row")
     if not rows:
-        raise DemonstrationError(
-            "there are no rows below the header", file=path, way_out="record two at least"
-        )
+        raise fault(path, None, "there are no rows below the header", "record two at least")
     texts = [line if separator == "," else line.replace(",", ".") for _, line in rows]
     with contextlib.suppress(ValueError):
         return np.loadtxt(
@@ -276,20 +247,18 @@ def _numbers(
     for (number, _), text in zip(rows, texts, strict=True):  # the parser does not say where it stumbled
         cells = _cells(text, separator)
         if len(cells) <= max(wanted):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                f"line {number}",
                 f"it has {len(cells)} cells and the header has {len(names)}",
-                file=path,
-                key=f"line {number}",
-                way_out="fill in or remove the row",
+                "fill in or remove the row",
             )
         for place in wanted:
             if not _is_number(cells[place]):
-                raise DemonstrationError(
+                raise fault(
+                    path,
+                    f"line {number}, column {names[place]}",
                     f"{cells[place][:40]!r} is not a number" if cells[place] else "the cell is empty",
-                    file=path,
-                    key=f"line {number}, column {names[place]}",
-                    way_out="fill in what was measured, or remove the row",
+                    "fill in what was measured, or remove the row",
                 )
-    raise DemonstrationError(
-        "it cannot be read as a table of numbers", file=path, way_out="write plain numbers"
-    )
+    raise fault(path, None, "it cannot be read as a table of numbers", "write plain numbers")

@@ -19,18 +19,25 @@ import warnings
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS
-from comove.demonstrations.loading import choose_name
-from comove.demonstrations.mcap import check_mcap, seal_mcap
-from comove.errors import ComoveWarning, DemonstrationError
+from comove.demonstrations.formats.mcap import check_mcap, seal_mcap
+from comove.demonstrations.samples import (
+    MAX_ROWS,
+    Format,
+    Origin,
+    Samples,
+    by_manipulator,
+    decoding,
+    fault,
+    select_name,
+)
+from comove.errors import ComoveWarning
 from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
 
 MAX_METADATA_BYTES = 4 * 2**20
@@ -45,7 +52,7 @@ _Messages = Iterator[tuple[int, Any]]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-def read_rosbag(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, Demonstration]:
+def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, Samples]:
     """Read the movements of a bag.
 
     Parameters
@@ -72,16 +79,16 @@ def read_rosbag(path: str | os.PathLike[str], *, topic: str | None = None) -> di
     with _opened(path) as bag:
         usable = _usable(path, bag)
         if topic is not None:
-            usable = {topic: usable[choose_name(usable, topic, path, "topic")]}
+            usable = {topic: usable[select_name(usable, topic, path, "topic")]}
         tracks = {name: _read_topic(path, bag, name, kind) for name, kind in usable.items()}
     for name, track in tracks.items():
         if track.warning:
-            warnings.warn(f"{path.stem}{name}: {track.warning}", ComoveWarning, stacklevel=2)
+            warnings.warn(f"{path.stem}{name}: {track.warning}", ComoveWarning, stacklevel=3)
     first = min(int(track.stamps[0]) for track in tracks.values())
-    return {name: _movement(path, name, track, first) for name, track in tracks.items()}
+    return {name: _samples(path, name, track, first) for name, track in tracks.items()}
 
 
-def rosbag_topics(path: str | os.PathLike[str]) -> dict[str, str]:
+def topics(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return the type of each topic that can be read.
 
     Raises
@@ -94,15 +101,15 @@ def rosbag_topics(path: str | os.PathLike[str]) -> dict[str, str]:
         return _usable(path, bag)
 
 
-def write_rosbag(
+def write(
     path: str | os.PathLike[str],
-    demos: Demonstration | Mapping[str, Demonstration],
+    demos: Samples | Mapping[str, Samples],
     *,
     storage: str = "mcap",
     frame_id: str = "world",
     start_ns: int = NANO,
 ) -> None:
-    """Write movements to a bag, from which `read_rosbag` returns the same numbers, bit by bit.
+    """Write movements to a bag, from which they are read again with the same numbers, bit by bit.
 
     Time stamps are rounded to whole nanoseconds. Movements in metres become `PoseStamped`, or `PointStamped` without
     orientations, on the topics `/NAME/pose` or `/NAME/point`; all others `JointState` on `/NAME/joint_states`.
@@ -122,34 +129,42 @@ def write_rosbag(
         If ROS cannot represent a movement or a name, or the bag cannot be written.
     """
     path = Path(path)
-    demos = {"": demos} if isinstance(demos, Demonstration) else dict(demos)
-    if not demos:
-        raise DemonstrationError("there is no movement to write", file=path, way_out="give one at least")
+    demos = by_manipulator(demos, path, alike=False)
     if storage not in ("mcap", "sqlite3"):
-        raise DemonstrationError(
-            f"{storage!r} is no storage", file=path, key="storage", way_out="choose mcap or sqlite3"
-        )
+        raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
+    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns)
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
-            _write_ros1(draft, demos, path, frame_id, start_ns)
+            _write_ros1(draft, fill)
     elif suffix in (".mcap", ".db3"):
         kind = "mcap" if suffix == ".mcap" else "sqlite3"
         with whole_path(path) as draft, tempfile.TemporaryDirectory(dir=draft.parent) as folder:
-            _write_ros2(Path(folder, "bag"), demos, path, kind, frame_id, start_ns)
+            _write_ros2(Path(folder, "bag"), kind, fill)
             os.replace(Path(folder, "bag", f"bag{suffix}"), draft)
     else:
         with whole_folder(path) as draft:
-            _write_ros2(draft / path.name, demos, path, storage, frame_id, start_ns)
+            _write_ros2(draft / path.name, storage, fill)
             for file in sorted((draft / path.name).iterdir()):  # the library names files after their folder
                 os.replace(file, draft / file.name)
             (draft / path.name).rmdir()
 
 
+FORMAT = Format(
+    "rosbag2",
+    read,
+    suffixes=(".bag", ".mcap", ".db3"),
+    marker="metadata.yaml",
+    part="topic",
+    parts=topics,
+    write=write,
+)
+
+
 @dataclass(frozen=True)
 class _Track:
-    """Content of a topic: stamps (n_steps,) [ns], values, and notes."""
+    """Content of a topic: stamps (n_steps,) [ns], values, notes, and what is warned of."""
 
     stamps: NDArray[np.int64]
     position: NDArray[np.float64]
@@ -157,22 +172,6 @@ class _Track:
     axes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     warning: str = ""
-
-
-@dataclass(frozen=True)
-class _BagOrigin(Origin):
-    """Names samples by topic and message."""
-
-    topic: str = ""
-
-    def time(self, sample: int) -> str:
-        return f"{self.topic}, sample {sample}, stamp"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"{self.topic}, sample {sample}, coordinate {dim}"
-
-    def orientation(self, sample: int) -> str:
-        return f"{self.topic}, sample {sample}, orientation"
 
 
 @dataclass(frozen=True)
@@ -196,52 +195,37 @@ def _opened(path: Path) -> Iterator[_Bag]:
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    with _telling(path):
-        for file in sorted(path.glob("*.db3")) if path.is_dir() else [path]:
-            _check_sqlite_size(file)
-        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            if file.suffix.lower() == ".mcap":
+    # A damaged bag makes the library fail in any way, assertions included.
+    with decoding(path, "bag", (Exception,), _RECORD):
+        for file in sorted(path.iterdir()) if is_folder else [path]:
+            if file.suffix.lower() == ".db3":
+                _check_sqlite_size(file)
+            elif file.suffix.lower() == ".mcap":
                 check_mcap(file)
-        if path.suffix.lower() == ".bag" and not path.is_dir():
-            reader, store = rosbag1.Reader(path), get_typestore(Stores.ROS1_NOETIC)
-            decode = store.deserialize_ros1
+        if path.suffix.lower() == ".bag" and not is_folder:
+            decode = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+            with rosbag1.Reader(path) as reader:
+                yield _Bag(reader, decode)
         else:
-            reader, store = rosbag2.Reader(path), get_typestore(Stores.ROS2_HUMBLE)
-            decode = store.deserialize_cdr
-        with reader:
-            yield _Bag(reader, decode)
-
-
-@contextlib.contextmanager
-def _telling(path: Path) -> Iterator[None]:
-    """Convert the library's exceptions on a damaged bag, assertions included, to a `DemonstrationError`."""
-    try:
-        yield
-    except (DemonstrationError, Warning):
-        raise
-    except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
-        raise DemonstrationError(f"it is no whole bag ({reason})", file=path, way_out=_RECORD) from error
+            decode = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+            with rosbag2.Reader(path) as reader:
+                yield _Bag(reader, decode)
 
 
 def _check_sqlite_size(file: Path) -> None:
     """Raise if a database is truncated: SQLite itself only notices when it needs a missing page."""
-    if file.suffix.lower() != ".db3":
-        return
     with open(file, "rb") as stream:
         header = stream.read(100)
     size = file.stat().st_size
     if len(header) < 100 or not header.startswith(_SQLITE_MAGIC):
-        raise DemonstrationError("it is no SQLite database", file=file, way_out=_RECORD)
+        raise fault(file, None, "it is no SQLite database", _RECORD)
     page_size, change, pages, valid_for = (
         struct.unpack(">H", header[16:18])[0],
         *(struct.unpack(">I", header[at : at + 4])[0] for at in (24, 28, 92)),
     )
     page_size = 65536 if page_size == 1 else page_size
     if change == valid_for and size != page_size * pages:
-        raise DemonstrationError(
-            f"it has {size} bytes and its header says {page_size * pages}", file=file, way_out=_RECORD
-        )
+        raise fault(file, None, f"it has {size} bytes and its header says {page_size * pages}", _RECORD)
 
 
 def _usable(path: Path, bag: _Bag) -> dict[str, str]:
@@ -251,7 +235,7 @@ def _usable(path: Path, bag: _Bag) -> dict[str, str]:
     if not usable:
         held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:20]) or "nothing"
         known = ", ".join(kind.replace("/msg/", "/") for kind in _READERS)
-        raise DemonstrationError(f"it holds {held}", file=path, way_out=f"read are {known}")
+        raise fault(path, None, f"it holds {held}", f"read are {known}")
     return usable
 
 
@@ -260,11 +244,9 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
     connections = [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
     n_messages = sum(connection.msgcount for connection in connections)
     if n_messages > MAX_ROWS:
-        raise DemonstrationError(
-            f"it has {n_messages:,} messages", file=path, key=topic, way_out=f"up to {MAX_ROWS:,} are read"
-        )
+        raise fault(path, topic, f"it has {n_messages:,} messages", f"up to {MAX_ROWS:,} are read")
     if not n_messages:
-        raise DemonstrationError("it has no messages", file=path, key=topic, way_out="choose another topic")
+        raise fault(path, topic, "it has no messages", "choose another topic")
     n_found = 0
 
     def messages() -> _Messages:
@@ -277,30 +259,29 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
 
     track = _READERS[kind](path, topic, messages())
     if n_found != n_messages:
-        raise DemonstrationError(
-            f"it has {n_found} messages and the index says {n_messages}",
-            file=path,
-            key=topic,
-            way_out=_RECORD,
-        )
+        raise fault(path, topic, f"it has {n_found} messages and the index says {n_messages}", _RECORD)
     return track
 
 
-def _movement(path: Path, topic: str, track: _Track, first: int) -> Demonstration:
-    """Build the movement of a topic; time is counted from the stamp `first` [ns]."""
-    origin = _BagOrigin(path, topic)
-    time, position = check((track.stamps - first) / NANO, track.position, origin)
-    orientation = track.orientation
-    if orientation is not None:
-        orientation = check_orientation(orientation, len(time), origin)
-    name = f"{path.stem}{topic}"
-    unit = "rad" if track.axes else "m"
-    try:
-        return Demonstration(
-            time, position, name, track.notes, unit, orientation=orientation, axes=track.axes
-        )
-    except DemonstrationError as error:
-        raise DemonstrationError(error.message, file=path, key=topic, way_out=error.way_out) from None
+def _samples(path: Path, topic: str, track: _Track, first: int) -> Samples:
+    """Return the movement of a topic; time is counted from the stamp `first` [ns]."""
+    origin = Origin(
+        path,
+        time=lambda sample: f"{topic}, sample {sample}, stamp",
+        position=lambda sample, dim: f"{topic}, sample {sample}, coordinate {dim}",
+        orientation=lambda sample: f"{topic}, sample {sample}, orientation",
+        axes=topic,
+    )
+    return Samples(
+        (track.stamps - first) / NANO,
+        track.position,
+        f"{path.stem}{topic}",
+        track.notes,
+        "rad" if track.axes else "m",
+        orientation=track.orientation,
+        axes=track.axes,
+        origin=origin,
+    )
 
 
 def _nanoseconds(stamp: Any) -> int:
@@ -320,49 +301,48 @@ def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ..
     return received, ("headers without a stamp: time is that of the bag",)
 
 
-def _track_of_poses(stamps: NDArray[np.int64], poses: array[float], notes: tuple[str, ...]) -> _Track:
-    """Build a track from poses, each x y z and w x y z."""
-    rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
-    if not rows[:, 3:].any():
-        unset = "all quaternions are zero: orientations left out"
-        return _Track(stamps, rows[:, :3], notes=(*notes, unset))
-    return _Track(stamps, rows[:, :3], rows[:, 3:], notes=notes)
+def _track(stamps: NDArray[np.int64], rows: array[float], notes: tuple[str, ...]) -> _Track:
+    """Build a track from points x y z, or from poses x y z and w x y z."""
+    values = np.array(rows, dtype=np.float64).reshape(len(stamps), len(rows) // max(len(stamps), 1))
+    position, orientation = values[:, :3], values[:, 3:]
+    if not orientation.size:
+        return _Track(stamps, position, notes=notes)
+    if not orientation.any():
+        return _Track(stamps, position, notes=(*notes, "all quaternions are zero: orientations left out"))
+    return _Track(stamps, position, orientation, notes=notes)
 
 
-def _pose_reader(pick: Callable[[Any], tuple[Any, Any]]) -> Callable[..., _Track]:
-    """Return a reader of messages that hold one pose each."""
+def _point(p: Any) -> tuple[float, ...]:
+    return p.x, p.y, p.z
+
+
+def _pose(p: Any, q: Any) -> tuple[float, ...]:
+    return p.x, p.y, p.z, q.w, q.x, q.y, q.z
+
+
+def _stamped(pick: Callable[[Any], tuple[float, ...]]) -> Callable[..., _Track]:
+    """Return a reader of messages with headers, each of which holds one point or pose, which `pick` returns."""
 
     def read(path: Path, topic: str, messages: _Messages) -> _Track:
-        stamps, poses = array("q"), array("d")
+        stamps, rows = array("q"), array("d")
         for received, message in messages:
-            p, q = pick(message)
             stamps.extend((received, _nanoseconds(message.header.stamp)))
-            poses.extend((p.x, p.y, p.z, q.w, q.x, q.y, q.z))
+            rows.extend(pick(message))
         said, notes = _chosen_stamps(stamps)
-        return _track_of_poses(said, poses, notes)
+        return _track(said, rows, notes)
 
     return read
-
-
-def _read_points(path: Path, topic: str, messages: _Messages) -> _Track:
-    stamps, points = array("q"), array("d")
-    for received, message in messages:
-        stamps.extend((received, _nanoseconds(message.header.stamp)))
-        points.extend((message.point.x, message.point.y, message.point.z))
-    said, notes = _chosen_stamps(stamps)
-    return _Track(said, np.array(points, dtype=np.float64).reshape(-1, 3), notes=notes)
 
 
 def _read_path(path: Path, topic: str, messages: _Messages) -> _Track:
     message, notes = _last_of(messages)
     if not message.poses:
-        raise DemonstrationError("the path is empty", file=path, key=topic, way_out="choose another topic")
-    stamps = np.array([_nanoseconds(pose.header.stamp) for pose in message.poses], dtype=np.int64)
-    poses = array("d")
+        raise fault(path, topic, "the path is empty", "choose another topic")
+    stamps, rows = array("q"), array("d")
     for stamped in message.poses:
-        p, q = stamped.pose.position, stamped.pose.orientation
-        poses.extend((p.x, p.y, p.z, q.w, q.x, q.y, q.z))
-    return _track_of_poses(stamps, poses, notes)
+        stamps.append(_nanoseconds(stamped.header.stamp))
+        rows.extend(_pose(stamped.pose.position, stamped.pose.orientation))
+    return _track(np.array(stamps, dtype=np.int64), rows, notes)
 
 
 def _read_joint_states(path: Path, topic: str, messages: _Messages) -> _Track:
@@ -378,9 +358,7 @@ def _read_joint_states(path: Path, topic: str, messages: _Messages) -> _Track:
         stamps.extend((received, _nanoseconds(message.header.stamp)))
         positions.extend(message.position)
     if not kinds:
-        raise DemonstrationError(
-            "no message has positions", file=path, key=topic, way_out="choose another topic"
-        )
+        raise fault(path, topic, "no message has positions", "choose another topic")
     names = max(kinds, key=lambda kind: len(kinds[kind][0]))
     stamps, positions = kinds[names]
     said, notes = _chosen_stamps(stamps)
@@ -394,9 +372,7 @@ def _read_joint_trajectory(path: Path, topic: str, messages: _Messages) -> _Trac
     trajectory, notes = _last_of(messages)
     points, names = trajectory.points, tuple(trajectory.joint_names)
     if not points:
-        raise DemonstrationError(
-            "the trajectory is empty", file=path, key=topic, way_out="choose another topic"
-        )
+        raise fault(path, topic, "the trajectory is empty", "choose another topic")
     for sample, point in enumerate(points):
         _check_row(path, topic, sample, point.positions, names)
     stamps = np.array([_nanoseconds(point.time_from_start) for point in points], dtype=np.int64)
@@ -406,11 +382,11 @@ def _read_joint_trajectory(path: Path, topic: str, messages: _Messages) -> _Trac
 
 def _check_row(path: Path, topic: str, sample: int, row: Any, names: Any) -> None:
     if len(row) != len(names):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            f"{topic}, sample {sample}",
             f"it has {len(row)} positions of {len(names)} joints",
-            file=path,
-            key=f"{topic}, sample {sample}",
-            way_out="record every joint that is named",
+            "record every joint that is named",
         )
 
 
@@ -423,39 +399,35 @@ def _last_of(messages: _Messages) -> tuple[Any, tuple[str, ...]]:
 
 
 _READERS: dict[str, Callable[..., _Track]] = {
-    "geometry_msgs/msg/PoseStamped": _pose_reader(lambda m: (m.pose.position, m.pose.orientation)),
-    "geometry_msgs/msg/PointStamped": _read_points,
-    "geometry_msgs/msg/TransformStamped": _pose_reader(
-        lambda m: (m.transform.translation, m.transform.rotation)
+    "geometry_msgs/msg/PoseStamped": _stamped(lambda m: _pose(m.pose.position, m.pose.orientation)),
+    "geometry_msgs/msg/PointStamped": _stamped(lambda m: _point(m.point)),
+    "geometry_msgs/msg/TransformStamped": _stamped(
+        lambda m: _pose(m.transform.translation, m.transform.rotation)
     ),
-    "nav_msgs/msg/Odometry": _pose_reader(lambda m: (m.pose.pose.position, m.pose.pose.orientation)),
+    "nav_msgs/msg/Odometry": _stamped(lambda m: _pose(m.pose.pose.position, m.pose.pose.orientation)),
     "nav_msgs/msg/Path": _read_path,
     "sensor_msgs/msg/JointState": _read_joint_states,
     "trajectory_msgs/msg/JointTrajectory": _read_joint_trajectory,
 }
 
 
-def _write_ros1(
-    draft: Path, demos: Mapping[str, Demonstration], path: Path, frame_id: str, start_ns: int
-) -> None:
+def _write_ros1(draft: Path, fill: Callable[..., None]) -> None:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC)
     with Writer(draft) as writer:
-        _write_messages(writer, store, store.serialize_ros1, demos, path, frame_id, start_ns)
+        fill(writer, store, store.serialize_ros1)
 
 
-def _write_ros2(
-    draft: Path, demos: Mapping[str, Demonstration], path: Path, storage: str, frame_id: str, start_ns: int
-) -> None:
+def _write_ros2(draft: Path, storage: str, fill: Callable[..., None]) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     with Writer(draft, version=8, storage_plugin=plugin) as writer:
-        _write_messages(writer, store, store.serialize_cdr, demos, path, frame_id, start_ns)
+        fill(writer, store, store.serialize_cdr)
     for file in draft.glob("*.mcap"):
         seal_mcap(file)
 
@@ -464,7 +436,8 @@ def _write_messages(
     writer: Any,
     store: Any,
     encode: Callable[[Any, str], Any],
-    demos: Mapping[str, Demonstration],
+    *,
+    demos: Mapping[str, Samples],
     path: Path,
     frame_id: str,
     start_ns: int,
@@ -481,26 +454,29 @@ def _write_messages(
         writer.write(connection, stamp, encode(make(row, stamp), kind))
 
 
-def _topic_and_type(path: Path, name: str, demo: Demonstration) -> tuple[str, str]:
+def _topic_and_type(path: Path, name: str, demo: Samples) -> tuple[str, str]:
     if name and not _NAME.fullmatch(name):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the manipulator's name {name!r} is no name in ROS",
-            file=path,
-            way_out="begin with a letter and use letters, digits and underscores",
+            "begin with a letter and use letters, digits and underscores",
         )
     if demo.unit != "m" or demo.axes:
         last, kind = "joint_states", "sensor_msgs/msg/JointState"
         if demo.orientation is not None:
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"{name or 'the movement'} has joints and orientations",
-                file=path,
-                way_out="write them as two movements",
+                "write them as two movements",
             )
     elif demo.n_dims != 3:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"{name or 'the movement'} has {demo.n_dims} dimensions",
-            file=path,
-            way_out="a point has x, y and z in ROS: lay it into space first",
+            "a point has x, y and z in ROS: lay it into space first",
         )
     elif demo.orientation is None:
         last, kind = "point", "geometry_msgs/msg/PointStamped"
@@ -509,7 +485,7 @@ def _topic_and_type(path: Path, name: str, demo: Demonstration) -> tuple[str, st
     return f"/{name}/{last}" if name else f"/{last}", kind
 
 
-def _maker(store: Any, kind: str, demo: Demonstration, frame_id: str) -> Callable[[int, int], Any]:
+def _maker(store: Any, kind: str, demo: Samples, frame_id: str) -> Callable[[int, int], Any]:
     """Return a function that makes the message of a row at a stamp [ns]."""
     message, Header, Time = (
         store.types[name] for name in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")

@@ -17,17 +17,28 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of, together
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.samples import (
+    MAX_ROWS,
+    Episodes,
+    Format,
+    Origin,
+    Samples,
+    as_episodes,
+    by_manipulator,
+    decoding,
+    even_rate,
+    fault,
+    one_of,
+)
+from comove.errors import near_name
 from comove.io.files import existing_file, extra, whole_path
 
 if TYPE_CHECKING:
@@ -49,9 +60,9 @@ _VERSIONS = ("v110", "v110")
 _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 
 
-def read_hdf5(
+def read(
     path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
-) -> dict[str, dict[str, Demonstration]]:
+) -> dict[str, dict[str, Samples]]:
     """Read the episodes of an HDF5 file; the layout is recognised.
 
     Parameters
@@ -73,23 +84,23 @@ def read_hdf5(
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
-        raise DemonstrationError(f"{rate_hz!r} is no rate", key="rate_hz", way_out="give hertz")
+        raise fault(None, "rate_hz", f"{rate_hz!r} is no rate", "give hertz")
 
-    def read(root: Group) -> dict[str, dict[str, Demonstration]]:
-        episodes, n_rows = {}, 0
+    found: dict[str, dict[str, Samples]] = {}
+    n_rows = 0
+    with _opened(path) as root:
         for name in one_of(_episode_names(path, root), episode, "demo_", path):
-            episodes[name] = _read_episode(path, root, name, rate_hz)
-            n_rows += sum(demo.n_steps for demo in episodes[name].values())
+            if "observations" in root:
+                found[name] = _read_aloha(path, root, rate_hz)
+            else:
+                found[name] = _read_robomimic(path, root, name, rate_hz)
+            n_rows += sum(demo.n_steps for demo in found[name].values())
             if n_rows > MAX_ROWS:
-                raise DemonstrationError(
-                    f"it has more than {MAX_ROWS:,} rows", file=path, way_out="read episode by episode"
-                )
-        return episodes
-
-    return _within(path, read)
+                raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", "read episode by episode")
+    return found
 
 
-def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of the episodes of a file, in the order of their numbers.
 
     Raises
@@ -98,15 +109,14 @@ def hdf5_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
         The file cannot be read, or is of another layout.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
-    return tuple(_within(path, lambda root: _episode_names(path, root)))
+    with _opened(path) as root:
+        return tuple(_episode_names(path, root))
 
 
-def write_robomimic(
-    path: str | os.PathLike[str], episodes: Sequence[Demonstration | Mapping[str, Demonstration]]
-) -> None:
+def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
     """Write episodes in robomimic's layout.
 
-    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. The manipulators become robot0,
+    Reading returns the same numbers bit by bit, except for the time stamps. The manipulators become robot0,
     robot1, ... in their order. `actions` (n_steps, n_manipulators * (3 or 6)) are the absolute poses of the next
     sample: position [m] and, if there are orientations, rotation vector [rad].
 
@@ -120,36 +130,38 @@ def write_robomimic(
     DemonstrationError
         If the episodes do not fit into one file, or the file cannot be written.
     """
-    episodes = as_episodes(episodes, path)
-    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
-    for index, demos in enumerate(episodes):
+    written = as_episodes(episodes, path)
+    rates = [even_rate(demos, path) for demos in written]
+    for index, demos in enumerate(written):
         if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
-                file=path,
-                way_out="the file has one rate: resample the episodes",
+                "the file has one rate: resample the episodes",
             )
         for name, demo in demos.items():
             if demo.n_dims != 3 or demo.unit != "m" or demo.axes:
-                raise DemonstrationError(
+                raise fault(
+                    path,
+                    None,
                     f"{name or 'the movement'} of episode {index} has {demo.n_dims} coordinates in {demo.unit}",
-                    file=path,
-                    way_out="robomimic keeps positions x, y, z in metres",
+                    "robomimic keeps positions x, y, z in metres",
                 )
     h5py = extra("h5py", path)
     with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
         data = root.create_group("data")
         environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rates[0]}}
         data.attrs["env_args"] = np.bytes_(json.dumps(environment))  # of fixed length, where checksums reach
-        data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in episodes)
-        for index, demos in enumerate(episodes):
+        data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in written)
+        for index, demos in enumerate(written):
             _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
 
 
-def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
+def write_aloha(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
     """Write one episode in ALOHA's layout.
 
-    `read_hdf5` returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
+    Reading returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
     `action` the `qpos` of the next sample. There are no images.
 
     Parameters
@@ -163,21 +175,23 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
     DemonstrationError
         If the movements do not fit the layout, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     if len(demos) > 1 and sorted(demos) != ["left", "right"]:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the manipulators are {', '.join(map(repr, demos))}",
-            file=path,
-            way_out="ALOHA has the arms left and right, or one",
+            "ALOHA has the arms left and right, or one",
         )
     first = next(iter(demos.values()))
     if first.n_dims != len(ALOHA_JOINTS):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"an arm has {first.n_dims} coordinates",
-            file=path,
-            way_out=f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
+            f"give {len(ALOHA_JOINTS)}: {', '.join(ALOHA_JOINTS)}",
         )
-    rate = even_rate(first, path)
+    rate = even_rate(demos, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
     h5py = extra("h5py", path)
     with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
@@ -188,17 +202,18 @@ def write_aloha(path: str | os.PathLike[str], demos: Demonstration | Mapping[str
         _put(root, "action", _next(qpos))
 
 
-def _within(path: Path, read: Any) -> Any:
-    """Call `read` with the open file; convert h5py's exceptions to a `DemonstrationError`."""
+FORMAT = Format(
+    "HDF5", read, suffixes=(".hdf5", ".h5"), part="episode", parts=episodes, write=write_robomimic
+)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Group]:
+    """Lend the open file; convert h5py's exceptions to a `DemonstrationError`."""
     h5py = extra("h5py", path)
-    try:
-        with h5py.File(path, "r") as root:
-            return read(root)
-    except _BROKEN as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise DemonstrationError(
-            f"it is no whole HDF5 file ({reason})", file=path, way_out=f"copy or record it again; {_LAYOUTS}"
-        ) from error
+    way_out = f"copy or record it again; {_LAYOUTS}"
+    with decoding(path, "HDF5 file", _BROKEN, way_out), h5py.File(path, "r") as root:
+        yield root
 
 
 def _episode_names(path: Path, root: Group) -> list[str]:
@@ -208,127 +223,84 @@ def _episode_names(path: Path, root: Group) -> list[str]:
     names = [name for name in root["data"] if re.fullmatch(r"demo_\d+", name)] if "data" in root else []
     if not names:
         held = ", ".join(list(root)[:10]) or "nothing"
-        raise DemonstrationError(f"it holds {held}, and no episode", file=path, way_out=_LAYOUTS)
+        raise fault(path, None, f"it holds {held}, and no episode", _LAYOUTS)
     return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
 
 
-def _read_episode(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
-    if "observations" in root:
-        return _read_aloha(path, root, rate_hz)
-    return _read_robomimic(path, root, name, rate_hz)
-
-
-def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Demonstration]:
+def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Samples]:
     """Read one episode of a robomimic file."""
     folder = f"data/{name}/obs"
     if folder not in root:
-        raise DemonstrationError(
-            "it holds no observations", file=path, key=folder, way_out="extract them with robomimic first"
-        )
+        raise fault(path, folder, "it holds no observations", "extract them with robomimic first")
     held = list(root[folder])
     robots = sorted(key.removesuffix("_eef_pos") for key in held if re.fullmatch(r"robot\d+_eef_pos", key))
     if not robots:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            f"{folder}/robot0_eef_pos",
             "the positions of the hands are missing",
-            file=path,
-            key=f"{folder}/robot0_eef_pos",
-            way_out=near_name("robot0_eef_pos", held[:20]),
+            near_name("robot0_eef_pos", held[:20]),
         )
     rate = rate_hz or _control_rate(path, root["data"])
     n_steps = root[f"data/{name}"].attrs.get("num_samples")
     demos = {}
     for robot in robots:
-        position = _array(path, root, f"{folder}/{robot}_eef_pos", (3,))
+        place, turns = f"{folder}/{robot}_eef_pos", f"{folder}/{robot}_eef_quat"
+        position = _array(path, root, place, (3,))
         if n_steps is not None and (np.size(n_steps) != 1 or int(np.ravel(n_steps)[0]) != len(position)):
-            raise DemonstrationError(
-                f"it has {len(position)} rows and num_samples says {n_steps}",
-                file=path,
-                key=f"{folder}/{robot}_eef_pos",
-                way_out="record or convert it again",
-            )
-        turns = f"{robot}_eef_quat"
-        orientation = _array(path, root, f"{folder}/{turns}", (4,)) if turns in held else None
-        demos[robot] = _movement(
-            _Hdf5Origin(path, f"{folder}/{robot}_eef_pos", f"{folder}/{turns}"),
-            rate,
+            message = f"it has {len(position)} rows and num_samples says {n_steps}"
+            raise fault(path, place, message, "record or convert it again")
+        orientation = None
+        if f"{robot}_eef_quat" in held:
+            orientation = _array(path, root, turns, (4,))[:, [3, 0, 1, 2]]
+        demos[robot] = Samples(
+            np.arange(len(position)) / rate,
             position,
-            None if orientation is None else orientation[:, [3, 0, 1, 2]],
             f"{path.stem}.{name}.{robot}",
+            orientation=orientation,
+            origin=_origin(path, place, turns),
         )
     return demos
 
 
-def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Demonstration]:
+def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Samples]:
     """Read an ALOHA episode."""
     key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
     if key not in root:
-        raise DemonstrationError(
-            "the dataset is missing",
-            file=path,
-            key=key,
-            way_out=near_name("qpos", list(root["observations"])[:20]),
-        )
+        raise fault(path, key, "the dataset is missing", near_name("qpos", list(root["observations"])[:20]))
     qpos = _array(path, root, key)
     if qpos.shape[1] not in (n_joints, 2 * n_joints):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            key,
             f"it has {qpos.shape[1]} columns",
-            file=path,
-            key=key,
-            way_out=f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
+            f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
         )
     rate = rate_hz or _attribute_rate(path, "fps", root.attrs.get("fps"), ALOHA_RATE)
     arms = (
         {"left": qpos[:, :n_joints], "right": qpos[:, n_joints:]} if qpos.shape[1] > n_joints else {"": qpos}
     )
     return {
-        arm: _movement(
-            _Hdf5Origin(path, key, first=n_joints * index),
-            rate,
+        arm: Samples(
+            np.arange(len(position)) / rate,
             position,
-            None,
             f"{path.stem}.{arm}" if arm else path.stem,
-            unit="rad",
+            ("gripper: 0 closed, 1 open",),
+            "rad",
             axes=ALOHA_JOINTS,
-            notes=("gripper: 0 closed, 1 open",),
+            origin=_origin(path, key, first=n_joints * index),
         )
         for index, (arm, position) in enumerate(arms.items())
     }
 
 
-class _Hdf5Origin(Origin):
-    """Names samples by their indices in the datasets."""
-
-    def __init__(self, file: Path, position: str, orientation: str = "", first: int = 0):
-        super().__init__(file)
-        object.__setattr__(self, "_names", (position, orientation, first))
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"{self._names[0]}[{sample}, {self._names[2] + dim}]"
-
-    def orientation(self, sample: int) -> str:
-        return f"{self._names[1]}[{sample}]"
-
-
-def _movement(
-    origin: Origin,
-    rate: float,
-    position: NDArray,
-    orientation: NDArray | None,
-    name: str,
-    **changes: Any,
-) -> Demonstration:
-    """Build a movement from samples at a constant rate [Hz]."""
-    if len(position) < 2:
-        raise DemonstrationError(
-            f"a movement needs two rows at least, this one has {len(position)}",
-            file=origin.file,
-            key=origin.position(0, 0).partition("[")[0],
-            way_out="record more samples, or remove the episode",
-        )
-    time, position = check(np.arange(len(position)) / rate, position, origin)
-    if orientation is not None:
-        orientation = check_orientation(orientation, len(time), origin)
-    return Demonstration(time, position, name, orientation=orientation, **changes)
+def _origin(path: Path, position: str, orientation: str = "", first: int = 0) -> Origin:
+    """Name samples by their indices in the datasets; the positions begin in the column `first`."""
+    return Origin(
+        path,
+        position=lambda sample, dim: f"{position}[{sample}, {first + dim}]",
+        orientation=lambda sample: f"{orientation}[{sample}]",
+    )
 
 
 def _control_rate(path: Path, data: Group) -> float:
@@ -340,9 +312,7 @@ def _control_rate(path: Path, data: Group) -> float:
         arguments = json.loads(text)
         rate = arguments.get("env_kwargs", {}).get("control_freq")
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise DemonstrationError(
-            "it is no JSON object", file=path, key="data, attribute env_args", way_out="give rate_hz"
-        ) from error
+        raise fault(path, "data, attribute env_args", "it is no JSON object", "give rate_hz") from error
     return _attribute_rate(path, "env_args.env_kwargs.control_freq", rate, ROBOMIMIC_RATE)
 
 
@@ -351,7 +321,7 @@ def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float
         return default
     if isinstance(rate, int | float | np.number) and not isinstance(rate, bool) and 0.0 < rate < 1e6:
         return float(rate)
-    raise DemonstrationError(f"{rate!r} is no rate", file=path, key=key, way_out="give rate_hz")
+    raise fault(path, key, f"{rate!r} is no rate", "give rate_hz")
 
 
 def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
@@ -360,24 +330,27 @@ def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> ND
     parts = key.split("/")
     for depth in range(1, len(parts) + 1):
         if isinstance(root.get("/".join(parts[:depth]), getlink=True), h5py.ExternalLink):
-            raise _wrong_dataset(path, key, "it is a link into another file", "copy what it links to")
+            raise fault(path, key, "it is a link into another file", "copy what it links to")
     dataset: Dataset = root[key]
     if not isinstance(dataset, h5py.Dataset):
-        raise _wrong_dataset(path, key, "it is a group, not a dataset", _LAYOUTS)
+        raise fault(path, key, "it is a group, not a dataset", _LAYOUTS)
     if dataset.is_virtual or dataset.external:
-        raise _wrong_dataset(path, key, "its numbers lie in another file", "copy them into this one")
+        raise fault(path, key, "its numbers lie in another file", "copy them into this one")
     if dataset.dtype.kind not in "iuf":
-        raise _wrong_dataset(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
+        raise fault(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
     shape, size = dataset.shape, dataset.dtype.itemsize
     if shape is None or len(shape) != 2 or (width and shape[1:] != width):
         expected = f"(n_steps, {width[0]})" if width else "(n_steps, n_joints)"
-        raise _wrong_dataset(path, key, f"it has shape {shape}", f"give shape {expected}")
+        raise fault(path, key, f"it has shape {shape}", f"give shape {expected}")
     claimed = max(math.prod(shape), math.prod(dataset.chunks or ())) * max(size, 8)
     if shape[0] > MAX_ROWS or claimed > MAX_ARRAY_BYTES:
-        raise _wrong_dataset(
+        raise fault(
             path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
         )
     _require_filled(path, key, dataset)
+    if shape[0] < 2:
+        message = f"a movement needs two rows at least, this one has {shape[0]}"
+        raise fault(path, key, message, "record more samples, or remove the episode")
     return np.asarray(dataset[()], dtype=np.float64)
 
 
@@ -389,15 +362,13 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         per_axis = [-(-n // chunk) for n, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
         missing = dataset.id.get_num_chunks() < math.prod(per_axis)
     if missing:
-        raise _wrong_dataset(path, key, "not all of it was written", "record or copy it again")
+        raise fault(path, key, "not all of it was written", "record or copy it again")
 
 
-def _wrong_dataset(path: Path, key: str, message: str, way_out: str) -> DemonstrationError:
-    return DemonstrationError(message, file=path, key=key, way_out=way_out)
-
-
-def _write_demo(group: Group, demos: list[Demonstration]) -> None:
+def _write_demo(group: Group, demos: list[Samples]) -> None:
     """Write one episode of a robomimic file."""
+    from scipy.spatial.transform import Rotation
+
     n_steps = demos[0].n_steps
     group.attrs["num_samples"] = n_steps
     actions = []
@@ -405,8 +376,9 @@ def _write_demo(group: Group, demos: list[Demonstration]) -> None:
         _put(group, f"obs/robot{index}_eef_pos", demo.position)
         actions.append(_next(demo.position))
         if demo.orientation is not None:
-            _put(group, f"obs/robot{index}_eef_quat", demo.orientation[:, [1, 2, 3, 0]])
-            actions.append(_next(demo.rotation.as_rotvec()))
+            turned = demo.orientation[:, [1, 2, 3, 0]]
+            _put(group, f"obs/robot{index}_eef_quat", turned)
+            actions.append(_next(Rotation.from_quat(turned).as_rotvec()))
     _put(group, "actions", np.concatenate(actions, axis=1))
     group["rewards"] = np.zeros(n_steps)
     group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)

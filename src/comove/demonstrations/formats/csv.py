@@ -16,21 +16,26 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, together
+from comove.demonstrations.samples import (
+    AXES,
+    MAX_ROWS,
+    QUATERNION,
+    Columns,
+    Format,
+    Origin,
+    Samples,
+    by_manipulator,
+    fault,
+)
 from comove.errors import ComoveWarning, DemonstrationError, near_name
 from comove.io.files import existing_file, telling, whole_file
 
-AXES = ("x", "y", "z")
-QUATERNION = ("qw", "qx", "qy", "qz")
 MAX_BYTES = 512 * 2**20
 MAX_LINE = 2**20
 """Bytes of one line."""
@@ -50,7 +55,7 @@ _PLAIN = "write commas between columns and points in numbers"
 _EXAMPLE = "begin the file with a line such as time,x,y"
 
 
-def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
+def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
     """Read all movements of a CSV file.
 
     Parameters
@@ -77,22 +82,19 @@ def read_csv(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
         names = _read_header(path)
         groups = _group(path, names)
         table = _read_table(path, names)
-    demos = {}
-    for manipulator, group in groups.items():
-        origin = _CsvOrigin(path, tuple(names[column] for column in group.position + group.orientation))
-        time, position = check(table[:, 0], table[:, group.position], origin)
-        orientation = None
-        if group.orientation:
-            orientation = check_orientation(table[:, group.orientation], len(time), origin)
-        name = f"{path.stem}.{manipulator}" if manipulator else path.stem
-        demos[manipulator] = Demonstration(
-            time, position, name, unit=group.unit, orientation=orientation, axes=group.axes
+    return {
+        manipulator: Samples(
+            table[:, 0],
+            name=f"{path.stem}.{manipulator}" if manipulator else path.stem,
+            origin=_origin(path, [names[column] for column in group.position + group.orientation]),
+            **group.of(table),
         )
-    return demos
+        for manipulator, group in groups.items()
+    }
 
 
-def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write movements to a CSV file, from which `read_csv` returns the same numbers, bit by bit.
+def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+    """Write movements to a CSV file, from which they are read again with the same numbers, bit by bit.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
     DemonstrationError
         The movements do not fit into one file, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     header, columns = ["time"], [next(iter(demos.values())).time]
     for name, demo in demos.items():
         _check_writable(path, name, demo)
@@ -126,13 +128,17 @@ def write_csv(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
 
 
-def _check_writable(path: object, name: str, demo: Demonstration) -> None:
+FORMAT = Format("CSV", read, suffixes=(".csv",), write=write)
+
+
+def _check_writable(path: object, name: str, demo: Samples) -> None:
     """Raise if the header cannot name the coordinates, the manipulator or the unit."""
     if demo.n_dims > len(AXES) and not demo.axes:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"{demo.n_dims} dimensions without names have no columns in CSV",
-            file=path,
-            way_out="name its axes, or use write_npz",
+            "name its axes, or use write_npz",
         )
     for what, text, marks in [
         ("manipulator's name", name, _MARKS),
@@ -141,40 +147,26 @@ def _check_writable(path: object, name: str, demo: Demonstration) -> None:
     ]:
         named = bool(text) or what == "manipulator's name"
         if not named or text != text.strip(' "') or any(mark in text for mark in marks):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"the {what} {text!r} cannot stand in a header",
-                file=path,
-                way_out="use letters, digits and underscores",
+                "use letters, digits and underscores",
             )
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Columns of one manipulator in the table: positions in the order of `axes`, quaternions w x y z."""
+def _origin(path: Path, columns: list[str]) -> Origin:
+    """Name samples by their row and column in the file."""
 
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-    unit: str
+    def row(sample: int) -> int:
+        return next(islice(_lines(path), 1 + sample, None))[0]
 
-
-@dataclass(frozen=True)
-class _CsvOrigin(Origin):
-    """Names samples by their row and column in the file."""
-
-    columns: tuple[str, ...] = ()
-
-    def time(self, sample: int) -> str:
-        return f"row {self._row(sample)}, column time"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"row {self._row(sample)}, column {self.columns[dim]}"
-
-    def orientation(self, sample: int) -> str:
-        return f"row {self._row(sample)}, columns {self.columns[-4]} to {self.columns[-1]}"
-
-    def _row(self, sample: int) -> int:
-        return next(islice(_lines(self.file), 1 + sample, None))[0]
+    return Origin(
+        path,
+        time=lambda sample: f"row {row(sample)}, column time",
+        position=lambda sample, dim: f"row {row(sample)}, column {columns[dim]}",
+        orientation=lambda sample: f"row {row(sample)}, columns {columns[-4]} to {columns[-1]}",
+    )
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -193,18 +185,18 @@ def _check_length(path: Path) -> None:
             ends = [found for found in (chunk.find(b"\n"), chunk.find(b"\r")) if found >= 0]
             line += min(ends, default=len(chunk))
             if line > MAX_LINE:
-                raise DemonstrationError(
+                raise fault(
+                    path,
+                    f"row {max(feeds, returns) + 1}",
                     f"it has more than {MAX_LINE:,} characters",
-                    file=path,
-                    key=f"row {max(feeds, returns) + 1}",
-                    way_out=f"write a row a sample, of up to {MAX_COLUMNS} columns",
+                    f"write a row a sample, of up to {MAX_COLUMNS} columns",
                 )
             if ends:
                 line = len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r"))
             feeds += chunk.count(b"\n")
             returns += chunk.count(b"\r")
     if max(feeds, returns) > MAX_ROWS + 1:
-        raise DemonstrationError(f"it has more than {MAX_ROWS:,} rows", file=path, way_out=_TOO_LONG)
+        raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", _TOO_LONG)
 
 
 def _read_header(path: Path) -> list[str]:
@@ -216,7 +208,7 @@ def _read_header(path: Path) -> list[str]:
 
     def wrong(message: str, way_out: str, column: str = "") -> DemonstrationError:
         key = f"header, column {column}" if column else f"row {row}"
-        return DemonstrationError(message, file=path, key=key, way_out=way_out)
+        return fault(path, key, message, way_out)
 
     if not line:
         raise wrong("the file is empty", _EXAMPLE)
@@ -244,7 +236,7 @@ def _read_header(path: Path) -> list[str]:
     return names
 
 
-def _group(path: Path, names: list[str]) -> dict[str, _Group]:
+def _group(path: Path, names: list[str]) -> dict[str, Columns]:
     """Return the columns of each manipulator, which is "" if the header names none."""
     columns: dict[str, dict[str, int]] = {}
     units: dict[str, dict[str, str | None]] = {}
@@ -253,25 +245,23 @@ def _group(path: Path, names: list[str]) -> dict[str, _Group]:
         manipulator, dot, axis = (named["name"] if named else name).rpartition(".")
         if not (named or axis in AXES or axis in QUATERNION) or not axis or bool(dot) != bool(manipulator):
             known = [f"{manipulator}{dot}{axis}" if manipulator else axis for axis in (*AXES, *QUATERNION)]
-            raise DemonstrationError(
+            raise fault(
+                path,
+                f"header, column {column + 1}",
                 f"the name {_short(name)} is not known",
-                file=path,
-                key=f"header, column {column + 1}",
-                way_out=f"{near_name(name.lower(), known)}, or a name with its unit such as elbow [rad]",
+                f"{near_name(name.lower(), known)}, or a name with its unit such as elbow [rad]",
             )
         if axis in columns.setdefault(manipulator, {}):
-            raise DemonstrationError(
-                f"{axis!r} stands twice", file=path, key=f"header, column {column + 1}", way_out="rename one"
-            )
+            raise fault(path, f"header, column {column + 1}", f"{axis!r} stands twice", "rename one")
         columns[manipulator][axis] = column
         if axis not in QUATERNION or named:
             units.setdefault(manipulator, {})[axis] = named["unit"].strip() if named else None
     if "" in columns and len(columns) > 1:
-        raise DemonstrationError(
+        raise fault(
+            path,
+            "header",
             "some columns name a manipulator and some do not",
-            file=path,
-            key="header",
-            way_out="write NAME.x, NAME.y for every manipulator",
+            "write NAME.x, NAME.y for every manipulator",
         )
     groups = {name: _one_group(path, name, found, units.get(name, {})) for name, found in columns.items()}
     shapes = {name: (len(group.position), len(group.orientation)) for name, group in groups.items()}
@@ -284,31 +274,31 @@ def _group(path: Path, names: list[str]) -> dict[str, _Group]:
 
 def _one_group(
     path: Path, manipulator: str, found: Mapping[str, int], units: Mapping[str, str | None]
-) -> _Group:
+) -> Columns:
     """Return the columns of one manipulator in order; columns without a unit are x, y, z in metres."""
     turned = [axis for axis in QUATERNION if axis in found and axis not in units]
     (first, unit), *others = ((axis, unit or "m") for axis, unit in units.items()) if units else [("", "m")]
     for axis, other in others:
         if other != unit:
-            raise DemonstrationError(
+            raise fault(
+                path,
+                "header",
                 f"{first!r} is in {unit} and {axis!r} in {other}",
-                file=path,
-                key="header",
-                way_out="give all coordinates of a manipulator one unit",
+                "give all coordinates of a manipulator one unit",
             )
     bare = None in units.values()
     axes = tuple(sorted(units)) if bare else tuple(units)
     if len(turned) not in (0, 4) or not axes or (bare and axes != AXES[: len(axes)]):
         raise _wrong_columns(path, manipulator, found)
-    return _Group([found[axis] for axis in axes], [found[axis] for axis in turned], axes, unit)
+    return Columns([found[axis] for axis in axes], [found[axis] for axis in turned], axes, unit)
 
 
 def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> DemonstrationError:
-    return DemonstrationError(
+    return fault(
+        path,
+        "header",
         f"{manipulator or 'the movement'} has the columns {', '.join(sorted(found))}",
-        file=path,
-        key="header",
-        way_out="give x, or x and y, or x, y and z, and all of qw, qx, qy, qz or none, the same for every "
+        "give x, or x and y, or x, y and z, and all of qw, qx, qy, qz or none, the same for every "
         "manipulator",
     )
 
@@ -331,23 +321,19 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
                     blocks.append(table)
                     cells += table.size
                     if cells > MAX_CELLS:
-                        raise DemonstrationError(
-                            f"it has more than {MAX_CELLS:,} numbers",
-                            file=path,
-                            way_out="keep every n-th row",
+                        raise fault(
+                            path, None, f"it has more than {MAX_CELLS:,} numbers", "keep every n-th row"
                         )
                 row += len(lines)
     except UnicodeDecodeError:
         raise _not_utf8(path) from None
     if not blocks:
-        raise DemonstrationError(
-            "there are no rows below the header", file=path, way_out="record two rows at least"
-        )
+        raise fault(path, None, "there are no rows below the header", "record two rows at least")
     if line.strip() and not line.startswith("#") and not line.endswith("\n"):
         warnings.warn(
             f"{path}: row {row - 1}: the last line has no end, so its last number may be cut",
             ComoveWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     return np.concatenate(blocks)
 
@@ -380,7 +366,7 @@ def _bad_cell(path: Path, names: list[str], block: list[tuple[int, str]]) -> Dem
         for name, cell in zip(names, cells, strict=True):
             if not _is_number(cell) or not np.isfinite(float(cell)):
                 return _not_a_number(path, f"row {row}, column {name}", cell)
-    return DemonstrationError("it cannot be read as a table of numbers", file=path, way_out=_PLAIN)
+    return fault(path, None, "it cannot be read as a table of numbers", _PLAIN)
 
 
 def _ragged(path: Path, row: int, cells: list[str], names: list[str]) -> DemonstrationError:
@@ -388,12 +374,7 @@ def _ragged(path: Path, row: int, cells: list[str], names: list[str]) -> Demonst
         way_out = f"these look like decimal commas or other separators: {_PLAIN}"
     else:
         way_out = "fill in or remove the row"
-    return DemonstrationError(
-        f"it has {len(cells)} cells and the header has {len(names)}",
-        file=path,
-        key=f"row {row}",
-        way_out=way_out,
-    )
+    return fault(path, f"row {row}", f"it has {len(cells)} cells and the header has {len(names)}", way_out)
 
 
 def _not_a_number(path: Path, key: str, cell: str) -> DemonstrationError:
@@ -405,7 +386,7 @@ def _not_a_number(path: Path, key: str, cell: str) -> DemonstrationError:
         message, way_out = f"{cell} is not a finite number", "fill in what was measured, or remove the row"
     else:
         message, way_out = f"{_short(cell)} is not a number", _PLAIN
-    return DemonstrationError(message, file=path, key=key, way_out=way_out)
+    return fault(path, key, message, way_out)
 
 
 def _not_utf8(path: Path) -> DemonstrationError:
@@ -414,9 +395,7 @@ def _not_utf8(path: Path) -> DemonstrationError:
         for line in file:
             line.decode()
             good += 1
-    return DemonstrationError(
-        "the text is not UTF-8", file=path, key=f"row {good + 1}", way_out="save it again as UTF-8"
-    )
+    return fault(path, f"row {good + 1}", "the text is not UTF-8", "save it again as UTF-8")
 
 
 def _is_number(cell: str) -> bool:

@@ -18,17 +18,30 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import MAX_DIMS, Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of
+from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.samples import (
+    AXES,
+    MAX_ROWS,
+    QUATERNION,
+    Columns,
+    Episodes,
+    Format,
+    Origin,
+    Samples,
+    as_episodes,
+    decoding,
+    even_rate,
+    fault,
+    one_of,
+)
 from comove.errors import DemonstrationError, near_name
 from comove.io.files import existing_file, extra, telling, whole_folder
 
@@ -48,21 +61,18 @@ CHUNK_EPISODES = 1000
 """Episodes of one folder `data/chunk-...`."""
 _STAMP_TOLERANCE = 1e-4
 """How far LeRobot lets stamps lie from even ones [s]."""
-_AXES = ("x", "y", "z")
-_QUATERNION = ("qw", "qx", "qy", "qz")
 _PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
 _INFO, _EPISODES = "meta/info.json", "meta/episodes.jsonl"
 _COPY = "copy or record the dataset again"
-_T = TypeVar("_T")
 
 
-def read_lerobot(
+def read(
     path: str | os.PathLike[str],
     *,
     episode: str | int | None = None,
     feature: str = STATE,
     unit: str | None = None,
-) -> dict[str, dict[str, Demonstration]]:
+) -> dict[str, dict[str, Samples]]:
     """Read the episodes of a dataset.
 
     Parameters
@@ -86,33 +96,31 @@ def read_lerobot(
     names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
     n_rows = sum(dataset.lengths[int(name)] for name in names)
     if n_rows > MAX_ROWS:
-        raise DemonstrationError(
-            f"its episodes have {n_rows:,} rows",
-            file=path,
-            way_out=f"read one by one: up to {MAX_ROWS:,} are read",
+        raise fault(
+            path, None, f"its episodes have {n_rows:,} rows", f"read one by one: up to {MAX_ROWS:,} are read"
         )
-    columns = _coordinates(dataset, feature)
-    episodes, tables = {}, {}
+    columns = _coordinates(dataset, feature, unit)
+    found: dict[str, dict[str, Samples]] = {}
+    tables: dict[Path, Table] = {}
     for name in names:
-        file = dataset.files[int(name)]
+        file, task = dataset.files[int(name)], dataset.tasks[int(name)]
         if file not in tables:
             tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
-        samples = _episode(dataset, file, tables[file], int(name), feature)
-        episodes[name] = {
-            manipulator: _movement(
-                samples,
-                group,
-                _ParquetOrigin(file, feature, samples.first, tuple(group.position + group.orientation)),
-                ".".join(filter(None, (dataset.folder.name, name, manipulator))),
-                dataset.tasks[int(name)],
-                unit,
+        rows = _episode(dataset, file, tables[file], int(name), feature)
+        found[name] = {
+            manipulator: Samples(
+                rows.time,
+                name=".".join(filter(None, (dataset.folder.name, name, manipulator))),
+                notes=(f"task: {task}",) if task else (),
+                origin=_origin(file, feature, rows.first, group.position + group.orientation),
+                **group.of(rows.values),
             )
             for manipulator, group in columns.items()
         }
-    return episodes
+    return found
 
 
-def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the numbers of the episodes of a dataset.
 
     Raises
@@ -123,9 +131,9 @@ def lerobot_episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     return tuple(str(number) for number in _Dataset.open(Path(path)).lengths)
 
 
-def write_lerobot(
+def write(
     path: str | os.PathLike[str],
-    episodes: Sequence[Demonstration | Mapping[str, Demonstration]],
+    episodes: Episodes,
     *,
     task: str = "move together",
     robot_type: str = "unknown",
@@ -149,25 +157,21 @@ def write_lerobot(
     DemonstrationError
         The episodes do not fit into one dataset, or the folder cannot be written.
     """
-    episodes = as_episodes(episodes, path)
+    written = as_episodes(episodes, path)
     if dtype not in ("float32", "float64"):
-        raise DemonstrationError(
-            f"{dtype!r} is no kind of number",
-            file=path,
-            key="dtype",
-            way_out=near_name(dtype, ["float32", "float64"]),
+        raise fault(
+            path, "dtype", f"{dtype!r} is no kind of number", near_name(dtype, ["float32", "float64"])
         )
-    fps = _common_fps(path, episodes)
-    names = _names(path, episodes[0])
+    fps = _common_fps(path, written)
+    names = _names(path, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
-    lengths, first = [], 0
+    lengths: list[int] = []
     with whole_folder(path) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
-            for number, demos in enumerate(episodes):
-                columns = _columns(demos, fps, number, first, dtype)
+            for number, demos in enumerate(written):
+                columns = _columns(demos, fps, number, sum(lengths), dtype)
                 lengths.append(len(columns["index"]))
-                first += lengths[-1]
                 file = draft / f"data/chunk-{number // CHUNK_EPISODES:03d}/episode_{number:06d}.parquet"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 arrays = {
@@ -177,7 +181,11 @@ def write_lerobot(
                 parquet.write_table(pa.table(arrays), file, write_page_checksum=True)
                 stats = {key: _statistics(values) for key, values in columns.items()}
                 statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
-        _write_meta(draft, lengths, names, fps, task, robot_type, dtype)
+        feature = {"dtype": dtype, "shape": [len(names)], "names": names}
+        _write_meta(draft, lengths, feature, fps, task, robot_type)
+
+
+FORMAT = Format("LeRobot", read, marker=_INFO, part="episode", parts=episodes, write=write)
 
 
 @dataclass(frozen=True)
@@ -207,15 +215,15 @@ class _Dataset:
         (info,) = _json(file, lines=False)
         version = _value(file, info, "codebase_version", str)
         if not re.fullmatch(r"v?[23]\.\d+", version):
-            raise _wrong(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
+            raise fault(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
         fps = _value(file, info, "fps", int | float)
         if not 0.0 < fps < 1e6:
-            raise _wrong(file, "fps", f"{fps!r} is no rate", "give frames a second")
+            raise fault(file, "fps", f"{fps!r} is no rate", "give frames a second")
         _value(file, info, "features", dict)
         rows = _episodes_v3(folder) if version.lstrip("v").startswith("3") else _json(folder / _EPISODES)
         total = _value(file, info, "total_episodes", int)
         if len(rows) != total or not rows:
-            raise _wrong(
+            raise fault(
                 file, "total_episodes", f"it says {total}, and {len(rows)} episodes are described", _COPY
             )
         lengths, files, tasks = {}, {}, {}
@@ -223,7 +231,7 @@ class _Dataset:
             where = folder / ("meta/episodes" if "data/file_index" in row else _EPISODES)
             number, length = _value(where, row, "episode_index", int), _value(where, row, "length", int)
             if number in lengths or number < 0 or length < 0:
-                raise _wrong(
+                raise fault(
                     where, "episode_index", f"episode {number} of length {length} stands there", _COPY
                 )
             lengths[number] = length
@@ -236,7 +244,7 @@ def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
     """Read the table of episodes of version 3."""
     files = sorted((folder / "meta" / "episodes").glob("*/*.parquet"))
     if not files:
-        raise _wrong(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
+        raise fault(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
     wanted = ("episode_index", "length", "data/chunk_index", "data/file_index")
     rows = [row for file in files for row in _read_table(file, wanted, ("tasks",)).to_pylist()]
     return sorted(rows, key=lambda row: (row["episode_index"] is None, row["episode_index"]))
@@ -261,7 +269,7 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
         or Path(pattern).is_absolute()
         or not all(isinstance(places[name], int) for name in used)
     ):
-        raise _wrong(
+        raise fault(
             file,
             "data_path",
             f"{pattern!r} names no file in the dataset",
@@ -270,45 +278,36 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
     return pattern.format(**places)
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Columns of one manipulator in a vector feature; the quaternion in the order w x y z."""
-
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-
-
-def _coordinates(dataset: _Dataset, feature: str) -> dict[str, _Group]:
+def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str, Columns]:
     """Return the columns of a feature by manipulator, according to the names of the columns."""
     file, features = dataset.folder / _INFO, dataset.info["features"]
     if feature not in features or not isinstance(features[feature], dict):
-        raise _wrong(file, "features", f"there is no {feature!r}", near_name(feature, features))
+        raise fault(file, "features", f"there is no {feature!r}", near_name(feature, features))
     shape, names = features[feature].get("shape"), features[feature].get("names")
     key = f"features.{feature}"
     if not (isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0):
-        raise _wrong(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
+        raise fault(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
     while isinstance(names, dict) and names:
         names = next(iter(names.values()))
     if not names:
         names = [f"{feature}_{index}" for index in range(shape[0])]
     if not isinstance(names, list) or len(set(map(str, names))) != len(names) or len(names) != shape[0]:
-        raise _wrong(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
+        raise fault(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
     groups = {
         manipulator: _group(
-            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}
+            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}, unit
         )
         for manipulator, axes in _divided([str(name) for name in names]).items()
     }
     for group in groups.values():
         if len(group.position) > MAX_DIMS:
-            raise _wrong(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
+            raise fault(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
     return groups
 
 
 def _divided(names: list[str]) -> dict[str, list[str]]:
     """Return the names of the axes by manipulator, or all under "" if the names contain no manipulator."""
-    cartesian = {*_AXES, *_QUATERNION}
+    cartesian = {*AXES, *QUATERNION}
     split = [name.rpartition("_") for name in names]
     if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
         split = [name.partition("_") for name in names]
@@ -322,17 +321,19 @@ def _divided(names: list[str]) -> dict[str, list[str]]:
     return divided
 
 
-def _group(columns: Mapping[str, int]) -> _Group:
+def _group(columns: Mapping[str, int], unit: str | None) -> Columns:
     """Separate the columns of quaternions from those of positions."""
-    turned = [columns[axis] for axis in _QUATERNION if axis in columns]
-    axes = tuple(axis for axis in columns if len(turned) < 4 or axis not in _QUATERNION)
-    if len(turned) < 4 or not axes:
-        return _Group(list(columns.values()), [], tuple(columns))
-    return _Group([columns[axis] for axis in axes], turned, axes)
+    axes = tuple(axis for axis in columns if axis not in QUATERNION)
+    turned = [columns[axis] for axis in QUATERNION if axis in columns]
+    if not axes or len(turned) < 4:
+        axes, turned = tuple(columns), []
+    if unit is None:
+        unit = "m" if set(axes) <= set(AXES) else "rad"
+    return Columns([columns[axis] for axis in axes], turned, axes, unit)
 
 
 @dataclass(frozen=True)
-class _Samples:
+class _Rows:
     """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), and their first row in the table."""
 
     time: NDArray[np.float64]
@@ -340,66 +341,44 @@ class _Samples:
     first: int
 
 
-@dataclass(frozen=True)
-class _ParquetOrigin(Origin):
-    """Names samples by their row and column in the table."""
-
-    feature: str = ""
-    first: int = 0
-    columns: tuple[int, ...] = ()
-
-    def time(self, sample: int) -> str:
-        return f"row {self.first + sample}, column timestamp"
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"row {self.first + sample}, {self.feature}[{self.columns[dim]}]"
-
-    def orientation(self, sample: int) -> str:
-        return f"row {self.first + sample}, {self.feature}[{self.columns[-4]}] to [{self.columns[-1]}]"
+def _origin(file: Path, feature: str, first: int, columns: list[int]) -> Origin:
+    """Name samples by their row and column in the table."""
+    return Origin(
+        file,
+        time=lambda sample: f"row {first + sample}, column timestamp",
+        position=lambda sample, dim: f"row {first + sample}, {feature}[{columns[dim]}]",
+        orientation=lambda sample: f"row {first + sample}, {feature}[{columns[-4]}] to [{columns[-1]}]",
+    )
 
 
-def _movement(
-    samples: _Samples, group: _Group, origin: Origin, name: str, task: str, unit: str | None
-) -> Demonstration:
-    """Build the movement of one manipulator."""
-    time, position = check(samples.time, samples.values[:, group.position], origin)
-    orientation = None
-    if group.orientation:
-        orientation = check_orientation(samples.values[:, group.orientation], len(time), origin)
-    if unit is None:
-        unit = "m" if set(group.axes) <= set(_AXES) else "rad"
-    notes = (f"task: {task}",) if task else ()
-    return Demonstration(time, position, name, notes, unit, orientation=orientation, axes=group.axes)
-
-
-def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Samples:
+def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Rows:
     """Return the rows of one episode in a table."""
     pc = extra("pyarrow.compute", file)
     chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
     expected = dataset.lengths[number]
     if len(chosen) != expected or (expected and chosen[-1] - chosen[0] != expected - 1):
-        raise _wrong(
+        raise fault(
             file,
             None,
             f"it holds {len(chosen)} rows of episode {number}, and {expected} were recorded",
             _COPY,
         )
     if expected < 2:
-        raise _wrong(
+        raise fault(
             file, None, f"a movement needs two rows at least, episode {number} has {expected}", "leave it out"
         )
     rows = table.slice(int(chosen[0]), expected)
     vectors = rows.column(feature).combine_chunks()
     width = dataset.info["features"][feature]["shape"][0]
     if vectors.null_count:
-        raise _wrong(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
+        raise fault(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
     if hasattr(vectors, "flatten") and str(vectors.type).startswith(
         ("list", "fixed_size_list", "large_list")
     ):
         lengths = pc.list_value_length(vectors).to_numpy(zero_copy_only=False)
         if (lengths != width).any():
             row = int(np.argmax(lengths != width))
-            raise _wrong(
+            raise fault(
                 file,
                 f"row {chosen[row]}, {feature}",
                 f"it has {lengths[row]} numbers, and {width} are described",
@@ -408,14 +387,14 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
         vectors = vectors.flatten()
     values = _numeric(file, feature, vectors)
     if len(values) != width * expected:
-        raise _wrong(file, feature, f"it has one number a row, and {width} are described", _COPY)
+        raise fault(file, feature, f"it has one number a row, and {width} are described", _COPY)
     frames = _column(file, rows, "frame_index")
     stamps = _column(file, rows, "timestamp").astype(np.float64)
     even = frames / dataset.fps
     near = np.array_equal(frames, frames[0] + np.arange(expected)) and (
         np.abs(stamps - stamps[0] - even + even[0]).max() <= _STAMP_TOLERANCE
     )
-    return _Samples(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
+    return _Rows(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
@@ -426,55 +405,47 @@ def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()
     parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
     existing_file(file, MAX_BYTES, "split the dataset")
 
-    def read() -> Table:
-        with parquet.ParquetFile(file, page_checksum_verification=True) as source:
-            names = source.schema_arrow.names
-            for column in columns:
-                if column not in names:
-                    raise _wrong(file, column, "the column is missing", near_name(column, names))
-            wanted = [*columns, *(column for column in optional if column in names)]
-            n_rows, size, batches = source.metadata.num_rows, 0, []
-            if n_rows > MAX_ROWS:
-                raise _too_large(file, f"claims {n_rows:,} rows")
-            for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
-                size += batch.nbytes
-                if size > MAX_COLUMN_BYTES:
-                    raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
-                batches.append(batch)
-            if not batches:
-                return source.schema_arrow.empty_table().select(wanted)
-            return pa.Table.from_batches(batches)
-
-    return _told(file, read, (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError))
+    broken = (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError)
+    with (
+        decoding(file, "Parquet file", broken, _COPY),
+        parquet.ParquetFile(file, page_checksum_verification=True) as source,
+    ):
+        names = source.schema_arrow.names
+        for column in columns:
+            if column not in names:
+                raise fault(file, column, "the column is missing", near_name(column, names))
+        wanted = [*columns, *(column for column in optional if column in names)]
+        n_rows, size, batches = source.metadata.num_rows, 0, []
+        if n_rows > MAX_ROWS:
+            raise _too_large(file, f"claims {n_rows:,} rows")
+        for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
+            size += batch.nbytes
+            if size > MAX_COLUMN_BYTES:
+                raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
+            batches.append(batch)
+        if not batches:
+            return source.schema_arrow.empty_table().select(wanted)
+        return pa.Table.from_batches(batches)
 
 
 def _too_large(file: Path, what: str) -> DemonstrationError:
-    return _wrong(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
-
-
-def _told(file: Path, read: Callable[[], _T], broken: tuple[type[Exception], ...]) -> _T:
-    """Call `read`; convert the library's exceptions to a `DemonstrationError`."""
-    try:
-        return read()
-    except broken as error:
-        reason = str(error).partition("\n")[0][:120]
-        raise _wrong(file, None, f"it is no whole Parquet file ({reason})", _COPY) from error
+    return fault(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
 
 
 def _column(file: Path, table: Table, name: str) -> NDArray:
     """Return a column of scalars, shape (n_rows,)."""
     column = table.column(name)
     if column.null_count:
-        raise _wrong(file, name, f"{column.null_count} rows are empty", _COPY)
+        raise fault(file, name, f"{column.null_count} rows are empty", _COPY)
     return _numeric(file, name, column.combine_chunks())
 
 
 def _numeric(file: Path, name: str, array: Any) -> NDArray:
     values = np.asarray(array.to_numpy(zero_copy_only=False)) if str(array.type) in _NUMBERS else None
     if values is None:
-        raise _wrong(file, name, f"it holds {array.type}, not numbers", "give real numbers")
+        raise fault(file, name, f"it holds {array.type}, not numbers", "give real numbers")
     if array.null_count:
-        raise _wrong(file, name, f"{array.null_count} numbers are missing", _COPY)
+        raise fault(file, name, f"{array.null_count} numbers are missing", _COPY)
     return values
 
 
@@ -497,9 +468,9 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
             row = json.loads(line.decode())
         except (ValueError, RecursionError) as error:
             key = f"line {number}" if lines else None
-            raise _wrong(file, key, f"it is no JSON ({error})", _COPY) from error
+            raise fault(file, key, f"it is no JSON ({error})", _COPY) from error
         if not isinstance(row, dict):
-            raise _wrong(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
+            raise fault(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
         rows.append(row)
     return rows
 
@@ -507,49 +478,45 @@ def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
 def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
     """Return one value of an object after a check of its type."""
     if key not in row:
-        raise _wrong(file, key, "it is missing", near_name(key, list(row)[:20]))
+        raise fault(file, key, "it is missing", near_name(key, list(row)[:20]))
     if not isinstance(row[key], kind) or isinstance(row[key], bool):
-        raise _wrong(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
+        raise fault(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
     return row[key]
 
 
-def _wrong(file: Path, key: str | None, message: str, way_out: str) -> DemonstrationError:
-    return DemonstrationError(message, file=file, key=key, way_out=way_out)
-
-
-def _common_fps(path: object, episodes: list[dict[str, Demonstration]]) -> int:
+def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
     """Return the common sampling rate of all episodes, a whole number [Hz]."""
-    rates = [even_rate(next(iter(demos.values())), path) for demos in episodes]
+    rates = [even_rate(demos, path) for demos in episodes]
     for number, rate in enumerate(rates):
         if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                None,
                 f"episode {number} runs at {rate:.6g} Hz",
-                file=path,
-                way_out="LeRobot has one whole number of frames a second: resample the episodes",
+                "LeRobot has one whole number of frames a second: resample the episodes",
             )
     return round(rates[0])
 
 
-def _names(path: object, demos: Mapping[str, Demonstration]) -> list[str]:
+def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
     """Return the names of the coordinates of all manipulators."""
     names = []
     for manipulator, demo in demos.items():
-        axes = demo.axes or (
-            _AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
-        )
-        axes = [*axes, *(_QUATERNION if demo.orientation is not None else ())]
+        unnamed = AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
+        axes = [*(demo.axes or unnamed), *(QUATERNION if demo.orientation is not None else ())]
         names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
     if list(demos) != list(_divided(names)):
-        raise DemonstrationError(
+        raise fault(
+            path,
+            None,
             f"the names {', '.join(names[:8])} would not be read as {', '.join(map(repr, demos))}",
-            file=path,
-            way_out="call the manipulators left and right, or give positions x, y, z",
+            "call the manipulators left and right, or give positions x, y, z",
         )
     return names
 
 
 def _columns(
-    demos: Mapping[str, Demonstration], fps: int, number: int, first: int, dtype: str
+    demos: Mapping[str, Samples], fps: int, number: int, first: int, dtype: str
 ) -> dict[str, NDArray]:
     """Return the columns of an episode that begins at row `first` of the dataset."""
     blocks = [
@@ -584,10 +551,9 @@ def _statistics(values: NDArray) -> dict[str, list]:
 
 
 def _write_meta(
-    folder: Path, lengths: list[int], names: list[str], fps: int, task: str, robot_type: str, dtype: str
+    folder: Path, lengths: list[int], vector: dict[str, Any], fps: int, task: str, robot_type: str
 ) -> None:
-    """Write the files that describe the tables."""
-    vector = {"dtype": dtype, "shape": [len(names)], "names": names}
+    """Write the files that describe the tables; `vector` describes state and action."""
     scalars = {"timestamp": "float32"} | dict.fromkeys(
         ("frame_index", "episode_index", "index", "task_index"), "int64"
     )

@@ -6,7 +6,8 @@ import os
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, hdf5, hdf5_episodes, read_hdf5, write_aloha, write_robomimic
+from comove.demonstrations import Demonstration, hdf5_episodes, read_hdf5, write_aloha, write_robomimic
+from comove.demonstrations.formats import hdf5
 from comove.errors import DemonstrationError
 
 h5py = pytest.importorskip("h5py")

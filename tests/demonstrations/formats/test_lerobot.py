@@ -8,7 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, lerobot, lerobot_episodes, read_lerobot, write_lerobot
+from comove.demonstrations import Demonstration, lerobot_episodes, read_lerobot, write_lerobot
+from comove.demonstrations.formats import lerobot
 from comove.errors import DemonstrationError
 
 pa = pytest.importorskip("pyarrow")
@@ -317,7 +318,7 @@ def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand):
     code = """
 import sys
 from pathlib import Path
-from comove.demonstrations.lerobot import read_lerobot
+from comove.demonstrations import read_lerobot
 from comove.errors import DemonstrationError
 
 file = Path(sys.argv[2])

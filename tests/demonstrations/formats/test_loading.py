@@ -9,7 +9,7 @@ import pytest
 
 from comove.demonstrations import (
     Demonstration,
-    loading,
+    write,
     write_aloha,
     write_csv,
     write_lerobot,
@@ -17,6 +17,8 @@ from comove.demonstrations import (
     write_robomimic,
     write_rosbag,
 )
+from comove.demonstrations.formats import FORMATS
+from comove.demonstrations.samples import select_name
 from comove.errors import DemonstrationError
 
 
@@ -114,9 +116,9 @@ def test_what_has_to_be_chosen_is_listed(recordings, refused, name, choice, key,
 
 def test_long_lists_are_cut():
     with pytest.raises(DemonstrationError, match=r"holds 99 episodes; name one of 0, .*, 19 and 79 more$"):
-        loading.choose_name({str(i): None for i in range(99)}, None, "file", "episode")
+        select_name({str(i): None for i in range(99)}, None, "file", "episode")
     with pytest.raises(DemonstrationError, match=r"and 79 more$"):
-        loading.choose_name({str(i): None for i in range(99)}, "x", "file", "episode")
+        select_name({str(i): None for i in range(99)}, "x", "file", "episode")
 
 
 def test_folders_and_kinds_that_are_none_are_told(tmp_path, refused):
@@ -132,7 +134,7 @@ def test_folders_and_kinds_that_are_none_are_told(tmp_path, refused):
         Demonstration.load, path, key=None, says="kind '.pkl' is not known", way_out=r"known: \.csv, \.npz"
     )
     refused(Demonstration.load_all, path, key=None, says="kind '.pkl' is not known", way_out="known")
-    for suffix in loading.SUFFIXES:
+    for suffix in (suffix for format in FORMATS for suffix in format.suffixes):
         path = tmp_path / f"none{suffix}"
         refused(Demonstration.load, path, key=None, says="no such file", way_out="check the path")
 
@@ -148,3 +150,23 @@ def test_plain_files_need_no_further_library(tmp_path, hand):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     run = {"cwd": tmp_path, "capture_output": True, "text": True, "check": True, "env": environment}
     assert subprocess.run([sys.executable, "-c", code], **run).stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.NPZ", "a.h5", "a.mcap"])
+def test_every_kind_with_a_suffix_is_written_by_one_call(tmp_path, hand, name):
+    for library in ("h5py", "rosbags"):
+        pytest.importorskip(library)
+    write(tmp_path / name, hand())
+    (again,) = Demonstration.load_all(tmp_path / name)
+    assert again.position.tobytes() == hand().position.tobytes()
+
+
+def test_kinds_that_nobody_writes_are_told(tmp_path, hand, refused):
+    refused(
+        lambda path: write(path, hand()),
+        tmp_path / "a.cvs",
+        key=None,
+        says=r"kind '\.cvs' is not written",
+        way_out=r"did you mean '\.csv'",
+    )
+    assert not list(tmp_path.iterdir())
