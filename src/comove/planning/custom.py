@@ -36,8 +36,8 @@ def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> 
     for _ in range(MOST_RUNS):
         start = _minimised(search, own, start, margin)
         if search.judge(start).verified is None:
-            margin = next(margins, None)
-            if margin is None:
+            margin = next(margins, np.inf)
+            if margin == np.inf:
                 break
             continue
         verified, value = True, search.worth(start)

@@ -261,14 +261,14 @@ class Search:
         if self.asked is None:
             return motion
         if self._handed is None or self._handed[0] is not motion:
-            self._handed = motion, self._on_time(motion)
+            self._handed = motion, self._on_time(motion, self.asked)
         return self._handed[1]
 
-    def _on_time(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        if self.asked.is_timed:
-            return motion.on(self.asked)
+    def _on_time(self, motion: CoordinatedMotion, asked: Scene) -> CoordinatedMotion:
+        if asked.is_timed:
+            return motion.on(asked)
         least = 0.0 if self.carrier is None else self.carrier.shortest(motion)
-        return in_least_time(motion, self.asked, least if least < np.inf else 0.0)  # the checks tell the rest
+        return in_least_time(motion, asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
         """Return how far a rejected motion is from being verified; contact counts more than limits."""

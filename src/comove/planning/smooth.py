@@ -16,7 +16,7 @@ from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
-from comove.planning.search import Search
+from comove.planning.search import Carrier, Search
 from comove.primitives.basis import motion_basis
 from comove.verification.verify import verify
 
@@ -49,7 +49,7 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     """
     programme, z, reference = _along(search, way, boundary)
     if search.carrier is not None:
-        return _carried(search, programme, z, reference)
+        return _carried(search, search.carrier, programme, z, reference)
     return _verified(search, programme, z, reference)
 
 
@@ -124,7 +124,9 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
     return verified
 
 
-def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Array) -> bool:
+def _carried(
+    search: Search, carrier: Carrier, programme: ConvexProgramme, z: Array, reference: Array
+) -> bool:
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
     The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
@@ -139,16 +141,17 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         free = squares(search.scene, smooth, None, len(anchor))
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.room)
+    along: Array | None = reference
     for cost in costs:
         search.check_time()
-        outcome = optimise(programme, cost, z, settings, reference, search.over)
-        z, reference = outcome.z, None
+        outcome = optimise(programme, cost, z, settings, along, search.over)
+        z, along = outcome.z, None
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
         if not search.checks:  # then only the carrier knows what is possible
             nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STEPS)))[0]
-            if not search.carrier.ask(nodes[None])[1].all():
+            if not carrier.ask(nodes[None])[1].all():
                 continue
         verdict = search.judge(motion)
         if verdict.verified is not None:

@@ -242,7 +242,8 @@ def _searched(problem: Problem) -> Solution:
 
 def _solution(problem: Problem, search: Search) -> Solution:
     """Return the solution of a search that has ended."""
-    if search.best is not None:
+    verdict: Verdict | None
+    if search.best is not None and search.best_motion is not None:
         motion, verdict = search.best_motion, search.best
     else:
         motion = search.attempt or CoordinatedMotion.straight(search.scene, search.objective.coordinates)

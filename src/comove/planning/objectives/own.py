@@ -104,6 +104,8 @@ class OwnFunctions:
         OptionError
             If the function fails, or does not return a number.
         """
+        if self.function is None:
+            raise OptionError("no function was given", key="objective", way_out="give a function of Samples")
         value = _called(self.function, samples, "objective")
         if value.shape != () or np.isnan(value):
             raise OptionError(
@@ -149,7 +151,7 @@ def name_of(function: object) -> str:
     return getattr(inner, "__name__", type(inner).__name__)
 
 
-def own(objective: object, constraints: Sequence[object]) -> OwnFunctions | None:
+def own(objective: object, constraints: Sequence[Callable[[Samples], object]]) -> OwnFunctions | None:
     """Return the user's functions, None if there are none.
 
     Raises
