@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from comove.errors import ComoveWarning, near_name
+from comove.io.messages import Flaw, KeyPath, counted, show
+from comove.io.yaml_reader import MAX_NAMES, near_files
 from comove.scenes.constraints import ROUNDING, distance_tolerance
-from comove.scenes.messages import Flaw, KeyPath, counted, show
 from comove.scenes.model import SceneFile
-from comove.scenes.yaml_reader import MAX_NAMES, near_files
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""

@@ -25,8 +25,7 @@ from pydantic import (
     model_validator,
 )
 
-from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
-from comove.scenes.keys import (
+from comove.io.keys import (
     UNTURNED,
     Name,
     NotNegative,
@@ -43,7 +42,8 @@ from comove.scenes.keys import (
     no_minus_zero,
     safe_name,
 )
-from comove.scenes.messages import Contract, Family, counted, show
+from comove.io.messages import Contract, Family, counted, show
+from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
 from comove.scenes.moving import Motion
 
 CHOICES = ("episode", "topic")

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
-from comove.scenes.keys import NotNegative, Part, Positive, Vector, Wrong, as_tuple
-from comove.scenes.messages import counted, show
+from comove.io.keys import NotNegative, Part, Positive, Vector, Wrong, as_tuple
+from comove.io.messages import counted, show
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from comove.scenes.messages import counted, show
+from comove.io.messages import counted, show
 
 MAX_NAME = 100
 SMALLEST, LARGEST = 1e-9, 1e9
