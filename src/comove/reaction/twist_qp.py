@@ -38,7 +38,6 @@ from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_
 from comove.reaction.control_points import load_points
 from comove.reaction.qp_workspace import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.twists import HandPoses, group_nodes
-from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
@@ -352,7 +351,7 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
     """Return the degrees of freedom of the groups of a scene."""
     n_dims, n_groups, up = scene.n_dims, len(scene.groups), scene.n_dims - 1
     node_group, node_point = group_nodes(scene)
-    level, (pairs, apart) = _level_with(scene), scene.kept_apart
+    level, (pairs, apart) = scene.level_with(scene.groups), scene.kept_apart
     shared: dict[int, int] = {}
     basis = np.zeros((n_groups, 6, 6 * n_groups))
     axis, scale = np.full(n_groups, -1, dtype=np.int64), np.ones(n_groups)
@@ -399,14 +398,3 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
         apart + RESERVE,
         *scene.workspace,
     )
-
-
-def _level_with(scene: Scene) -> list[int]:
-    """Return, for every group, the first group that must be at the same height."""
-    group_of = {hand: g for g, group in enumerate(scene.groups) for hand in group.members}
-    level = list(range(len(scene.groups)))
-    for c in scene.constraints:
-        if isinstance(c, SameHeightConstraint):
-            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
-            level = [new if g == old else g for g in level]
-    return level
