@@ -97,3 +97,27 @@ print(held.verified, held.report.constraint_excess_max, met, type(held.objective
     assert (verified, objective) == ("True", "LeastJerk")
     assert float(met) <= float(excess) <= 0.0
     assert float(excess) <= float(met) + 1e-3
+
+
+def test_an_execution_keeps_it():
+    """The third hand climbs over a circle: the bar, which could stay where it is, makes way for it."""
+    out = run(
+        """
+from comove.execution import Executor
+from comove.verification.record import judge
+data = scene().file.model_dump(mode="json")
+data["manipulators"][2] |= {"start": [0.1, 0.3], "goal": [0.9, 0.3]}
+data["obstacles"] = [{"shape": "circle", "center": [0.5, 0.26], "radius": 0.1}]
+for height in (0.05, 0.16):
+    data["constraints"][0]["height"] = height
+    record = Executor(Scene.from_dict(data)).run(8.0)
+    apart = record.position[:, :2, 1].min(axis=1) - record.position[:, 2, 1]
+    report = judge(record)
+    print(apart.min(), report.constraint_excess_max, report.reasons)
+"""
+    )
+    free, held = (line.split(maxsplit=2) for line in out.strip().splitlines())
+    assert float(free[0]) < 0.15
+    assert float(held[0]) >= 0.16 - 0.001
+    assert float(held[1]) <= 0.0
+    assert held[2] == "()"
