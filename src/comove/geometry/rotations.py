@@ -123,7 +123,7 @@ def angular_velocity(vectors: Array, rates: Array) -> Array:
 def rates_of(vector: Array, angular: Array) -> Array:
     """Compute r' from a rotation vector r and its angular velocity, shape (3,): the inverse of `angular_velocity`."""
     jacobian = np.stack([angular_velocity(vector, unit) for unit in np.eye(3)], axis=1)
-    return np.linalg.solve(jacobian, angular)
+    return np.asarray(np.linalg.solve(jacobian, angular), dtype=np.float64)
 
 
 def matrices(quaternions: Array) -> Array:

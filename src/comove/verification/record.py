@@ -221,6 +221,7 @@ def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
         end_speed=float(speeds[-1].max()),
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
+        reasons=(),
         **{"distance_error_max": 0.0, **measures(findings)},
     )
     reasons = _contact(record, clearance)
