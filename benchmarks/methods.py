@@ -42,6 +42,7 @@ from comove.experiments.systems import (
     measured,
 )
 from comove.planning import Comove, Paper, Projection
+from comove.scenes import demonstration_of
 
 SCENES = ("wide", "narrow", "complex")
 N_BASIS, SIGMA = 16, 0.05
@@ -93,7 +94,7 @@ def run(job: tuple[str, str, int, float]) -> tuple[SystemOutcome | None, float]:
     name, system, seed, budget = job
     warnings.simplefilter("ignore")
     scene = example(name)
-    problem = SystemProblem(scene, scene.taught, seed, budget)
+    problem = SystemProblem(scene, demonstration_of(scene), seed, budget)
     return measured(SYSTEMS[system], problem), scene.distances[0].tolerance
 
 

@@ -98,9 +98,7 @@ def best_movement(
     for first in range(0, len(names), PIECE):
         dmps = [suited[name] for name in names[first : first + PIECE]]
         carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in dmps]
-        values.append(
-            cost.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried]))
-        )
+        values.append(cost.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])))
         if time.perf_counter() - begun > budget:
             break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))

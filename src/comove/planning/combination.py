@@ -176,9 +176,7 @@ class _Span:
         far = first_largest(np.linalg.norm(scene.goal - scene.start, axis=1))
         ends = scene.start[far], scene.goal[far]
         carried = [
-            refitted(
-                modulate(dmp, *ends), n_basis=N_BASIS, phase=LinearPhase(), variant=Variant.CLOSED_FORM
-            )
+            refitted(modulate(dmp, *ends), n_basis=N_BASIS, phase=LinearPhase(), variant=Variant.CLOSED_FORM)
             for dmp in movements.values()
         ]
         common = replace(carried[0], weights=np.zeros_like(carried[0].weights), duration=scene.duration)

@@ -124,19 +124,32 @@ class Comove(Method):
             search.check_time()
 
     def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> None:
-        """Find smooth motions without the user's functions, then optimise these functions from the best motions."""
-        checks = tuple(check for check in search.checks if check != own.reasons)
-        base = replace(search, own=None, checks=checks, kept=[])
+        """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
+        optimise with all of it from the best motions.
+        """
+        base = replace(
+            search,
+            own=None,
+            checks=tuple(check for check in search.checks if check != own.reasons),
+            kept=[],
+            objective=replace(search.objective, scene=_unsampled(search.scene)),
+            asked=None if search.asked is None else _unsampled(search.asked),
+        )
         base.deadline = min(base.deadline, base.started + SMOOTHING_SHARE * (base.deadline - base.started))
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
         search.needed = base.needed
-        search.attempt, search.attempt_verdict = base.attempt, base.attempt_verdict
-        for motion in base.kept:
+        if base.attempt is not None:
+            search.attempt, search.attempt_verdict = (
+                replace(base.attempt, scene=search.scene),
+                base.attempt_verdict,
+            )
+        kept = [replace(motion, scene=search.scene) for motion in base.kept]
+        for motion in kept:
             search.judge(motion)
         search.stage = "minimising the objective given"
-        for motion in reversed(base.kept[-N_STARTS:]):
+        for motion in reversed(kept[-N_STARTS:]):
             search.check_time()
             improve_own(search, own, motion)
 
@@ -231,7 +244,9 @@ class Comove(Method):
             met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
             if search.best_cost < (1 + WORTH_ANOTHER) * least_worth(search):
                 break
-        if search.best_motion is not None and hasty and search.carrier is None:  # of which arms know other limits
+        if (
+            search.best_motion is not None and hasty and search.carrier is None
+        ):  # of which arms know other limits
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0
@@ -380,6 +395,11 @@ class Guide(Quick):
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+
+
+def _unsampled(scene: Scene) -> Scene:
+    """Return a scene without the constraints that a search has to sample."""
+    return replace(scene, constraints=tuple(c for c in scene.constraints if not c.sampled))
 
 
 def _planner(search: Search, space: Space, ends: Array) -> Targets:

@@ -31,6 +31,7 @@ from comove.experiments.bench.store import Configuration, Figures, Machine, Run,
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.experiments.workers import ONE_THREAD
 from comove.primitives.dmp import DMP
+from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
 
 KILLS = 3  # of workers, before a run is given up
@@ -298,10 +299,10 @@ def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, 
     why = job.system.refuses(scene)
     if why:
         return "refused", why, None
-    taught = scene.taught
-    if not (taught is None or isinstance(taught, DMP)):
+    demonstration = demonstration_of(scene)
+    if not (demonstration is None or isinstance(demonstration, DMP)):
         return "refused", "It begins from one movement, and the scene names several or one of poses.", None
-    problem = SystemProblem(scene, taught, c.seed, c.budget)
+    problem = SystemProblem(scene, demonstration, c.seed, c.budget)
     job.system.warm_up(problem)
     start_clock()
     with _alarm(job.allowed):

@@ -31,6 +31,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.constraints import SameHeightConstraint
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError
 from comove.experiments.compared.common import (
@@ -47,7 +48,6 @@ from comove.planning.method import Method
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number, require_positive
 from comove.primitives.online import rate_for_lag
-from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -23,6 +23,7 @@ from comove.experiments.workers import run_all
 from comove.planning import load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
+from comove.scenes import recording_of
 
 Movement = DMP | dict[str, DMP] | None
 """A movement, one for each hand by its name, or None for straight lines."""
@@ -206,7 +207,7 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
         ("given", scene, movement, given_to_both(alone[movement], scene))
         for scene, movement in INITIAL.items()
     ] + [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
-    recording = example("narrow").demonstration
+    recording = recording_of(example("narrow"))
     assert recording is not None
     return Runs(
         seeds=seeds,

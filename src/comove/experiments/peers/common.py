@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import ExtraError
@@ -18,7 +19,6 @@ from comove.experiments.systems import Offers, System, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance
 from comove.planning.seeds import minimum_jerk, steady
 from comove.primitives.basis import motion_basis
-from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.scene import Scene
 from comove.verification.record import END_SPEED
 
