@@ -30,7 +30,8 @@ from comove.demonstrations.cleaning import MAX_DIMS, Origin, check, check_orient
 from comove.demonstrations.demonstration import Demonstration
 from comove.demonstrations.episodes import MAX_ROWS, as_episodes, even_rate, one_of
 from comove.errors import DemonstrationError, near_name
-from comove.io.files import existing_file, extra, telling, whole_folder
+from comove.io.files import existing_file, extra, telling
+from comove.io.folders import Contents, whole_folder
 
 if TYPE_CHECKING:
     from pyarrow import Table
@@ -161,7 +162,7 @@ def write_lerobot(
     names = _names(path, episodes[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
     lengths, first = [], 0
-    with whole_folder(path) as draft:
+    with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
             for number, demos in enumerate(episodes):

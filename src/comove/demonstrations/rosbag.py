@@ -31,7 +31,8 @@ from comove.demonstrations.episodes import MAX_ROWS
 from comove.demonstrations.loading import choose_name
 from comove.demonstrations.mcap import check_mcap, seal_mcap
 from comove.errors import ComoveWarning, DemonstrationError
-from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
+from comove.io.files import existing_file, extra, telling, whole_path
+from comove.io.folders import Contents, whole_folder
 
 MAX_METADATA_BYTES = 4 * 2**20
 """Largest `metadata.yaml` [bytes]."""
@@ -140,7 +141,7 @@ def write_rosbag(
             _write_ros2(Path(folder, "bag"), demos, path, kind, frame_id, start_ns)
             os.replace(Path(folder, "bag", f"bag{suffix}"), draft)
     else:
-        with whole_folder(path) as draft:
+        with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
             _write_ros2(draft / path.name, demos, path, storage, frame_id, start_ns)
             for file in sorted((draft / path.name).iterdir()):  # the library names files after their folder
                 os.replace(file, draft / file.name)

@@ -22,7 +22,8 @@ from comove.export.parts import (
     require_rate,
 )
 from comove.export.tables import write_csv, write_npz
-from comove.io.files import whole_file, whole_folder, whole_path
+from comove.io.files import whole_file, whole_path
+from comove.io.folders import Contents, whole_folder
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
 
@@ -205,7 +206,11 @@ def _require_new(paths: list[Path]) -> None:
 
 
 def _draft(path: Path, format: Format) -> contextlib.AbstractContextManager[Path]:
-    return whole_path(path, ExportError, replace=False) if format.suffix else whole_folder(path)
+    return (
+        whole_path(path, ExportError, replace=False)
+        if format.suffix
+        else whole_folder(path, Contents("bag", error=ExportError))
+    )
 
 
 def _told(part: MotionPart, rate: float) -> dict[str, object]:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.errors import RobotError
-from comove.results.folder import checksum, motion_arrays
+from comove.results.sealed import checksum
+from comove.results.solution import motion_arrays
+from comove.robots.files import joint_arrays
 from comove.robots.motion import JointMotion
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -214,12 +216,6 @@ def _provenance(motion: VerifiedJointMotion, part: str) -> MotionProvenance:
         robot=robot.name,
         robot_sha256=robot.sha256,
         motion_sha256=checksum(motion_arrays(motion.motion.motion)),
-        joints_sha256=_joints_sha256(motion.joints),
+        joints_sha256=checksum(joint_arrays(motion.joints)),
         part=part,
     )
-
-
-def _joints_sha256(joints: JointMotion) -> str:
-    names = ("time", "position", "velocity", "acceleration")
-    arrays = {name: getattr(joints, name) for name in names}
-    return checksum({**arrays, "joint_names": np.array(joints.joint_names)})

@@ -1,7 +1,7 @@
 """Simulators that play a joint motion, by geometry alone or in MuJoCo."""
 
 from comove.simulators.execution import Contact, Execution
-from comove.simulators.files import read_simulation, write_simulation
+from comove.simulators.files import SIMULATION, write_simulation
 from comove.simulators.friction import Friction
 from comove.simulators.grasps import Connect, GraspModel, Weld
 from comove.simulators.lighting import ABOVE, FRONT, View
@@ -14,6 +14,7 @@ from comove.simulators.simulate import simulate
 __all__ = [
     "ABOVE",
     "FRONT",
+    "SIMULATION",
     "View",
     "Connect",
     "Contact",
@@ -27,7 +28,6 @@ __all__ = [
     "draw_film",
     "draw_sheet",
     "play",
-    "read_simulation",
     "simulate",
     "write_simulation",
 ]

@@ -8,6 +8,7 @@ from comove.views.motion import (
     draw_progress_side_by_side,
     draw_side_by_side,
     save,
+    save_picture,
 )
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
@@ -27,4 +28,5 @@ __all__ = [
     "draw_run",
     "draw_side_by_side",
     "save",
+    "save_picture",
 ]

@@ -14,8 +14,10 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
 from comove.geometry import distances as sd
 from comove.geometry.polytopes import vertices_in
+from comove.io.files import whole_path
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -40,6 +42,18 @@ def new_figure(width: float, height: float) -> Figure:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
     figure.savefig(path, dpi=110)
+
+
+def save_picture(figure: Figure, path: Path) -> None:
+    """Write a figure to a place of the user's choice, whole or not at all.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be written there.
+    """
+    with whole_path(path, OptionError) as draft:
+        save(figure, draft)
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:

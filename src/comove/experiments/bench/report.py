@@ -22,7 +22,7 @@ from comove.experiments.statistics import (
     median_interval,
     wilson,
 )
-from comove.results.folder import Contents, whole_folder
+from comove.io.folders import Contents, whole_folder
 from comove.views.motion import save
 
 Array = NDArray[np.float64]

@@ -24,13 +24,13 @@ from comove.experiments.bench.pictures import Growth, draw_growth
 from comove.experiments.bench.runner import machine
 from comove.experiments.markdown import table
 from comove.experiments.statistics import Interval, slope_interval
+from comove.io.folders import Contents, whole_folder
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
-from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
 from comove.views.motion import save
 

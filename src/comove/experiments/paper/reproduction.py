@@ -13,7 +13,7 @@ from comove.experiments.paper.figures import BAXTER, FIGURES, draw_all
 from comove.experiments.paper.page import Effort, write_page
 from comove.experiments.paper.runs import run_everything
 from comove.experiments.paper.tables import all_runs
-from comove.results import Contents
+from comove.io.folders import Contents
 
 PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
 CONTENTS = Contents(
