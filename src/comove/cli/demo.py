@@ -30,6 +30,7 @@ def demo(
     for folder, _, _ in jobs:
         check_target(out / folder, RESULT)
     recording = example("narrow").demonstration
+    assert recording is not None
     dmp = DMP.fit(recording)
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"

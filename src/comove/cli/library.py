@@ -124,7 +124,9 @@ def list_primitives(
 
 
 def _rows_of(primitives: Sequence[Primitive]) -> list[tuple[str, ...]]:
-    rows = [("name", "kind", "dims", "duration", "variant", "weights", "fit error (rms)", "learned from")]
+    rows: list[tuple[str, ...]] = [
+        ("name", "kind", "dims", "duration", "variant", "weights", "fit error (rms)", "learned from")
+    ]
     for p in primitives:
         dmp, learned = p.positions, p.provenance
         error = "-" if learned is None else f"{learned.error_rms:.3g} {p.unit}"

@@ -45,11 +45,11 @@ def run(
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import comparison_text, run_text
     from comove.execution import Executor, Pace, write_run
+    from comove.experiments.modulation.comparison import Compared, write_comparison
     from comove.experiments.modulation.comparison import compare as compare_all
-    from comove.experiments.modulation.comparison import write_comparison
     from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import load_kernels, solve
+    from comove.planning import load_kernels, movements_of, solve
     from comove.results import RESULT
     from comove.scenes import Scene
     from comove.verification.record import judge
@@ -67,15 +67,19 @@ def run(
     with progress_bar():
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(loaded, demonstration=loaded.taught, seed=seed, budget=PLANNING)
+            planned = solve(
+                loaded, demonstration=movements_of(loaded.taught, loaded), seed=seed, budget=PLANNING
+            )
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene
         budget = budget or LONGEST * loaded.duration
         check_steps(budget, period)
-        executor = Executor(loaded, seed=seed, pace=pace, demonstration=loaded.taught)
+        movements = movements_of(loaded.taught, loaded)
+        executor = Executor(loaded, seed=seed, pace=pace, demonstration=movements)
         record = executor.run(budget)
-        report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
+        report, interrupted = judge(record, executor.blocker), executor.interrupted
+        compared: list[Compared] = []
         if compare and not interrupted:
             compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)
     with whole_folder(out, RESULT) as draft:

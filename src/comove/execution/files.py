@@ -18,10 +18,10 @@ from comove._version import __version__
 from comove.coordination.coordinates import load_coordinates
 from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
-from comove.results.sealed import Sealed, Summary, finite
+from comove.results.sealed import ResultKind, Summary, finite
 from comove.verification.record import Record, RecordReport
 
-RUN = Sealed(
+RUN = ResultKind(
     summary="run.json",
     arrays="run.npz",
     checksum="motion_sha256",

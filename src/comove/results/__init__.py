@@ -1,6 +1,6 @@
 """Results in folders, which are written as a whole, sealed by checksums, and can be verified anew."""
 
-from comove.results.sealed import Sealed
+from comove.results.sealed import ResultKind
 from comove.results.solution import (
     RESULT,
     StoredResult,
@@ -13,7 +13,7 @@ from comove.results.solution import (
 
 __all__ = [
     "RESULT",
-    "Sealed",
+    "ResultKind",
     "StoredResult",
     "changes_to",
     "filled_in",

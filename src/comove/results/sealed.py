@@ -77,7 +77,7 @@ def _accept(summary: Summary, file: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Sealed:
+class ResultKind:
     """A kind of result: the names of its files, and what is in them.
 
     Attributes

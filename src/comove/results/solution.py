@@ -22,7 +22,7 @@ from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
-from comove.results.sealed import Arrays, Sealed, Summary, finite, read_json
+from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
@@ -79,7 +79,7 @@ _TYPES = (
     | {field.name: NUMBER.or_nothing for field in fields(Report)}
 )
 
-SOLUTION = Sealed(
+SOLUTION = ResultKind(
     summary="solution.json",
     arrays="solution.npz",
     checksum="motion_sha256",
@@ -214,7 +214,7 @@ def rebuild(arrays: Arrays, scene: Scene) -> CoordinatedMotion:
     ResultError
         If the arrays do not describe a motion on this scene.
     """
-    name = str(arrays["coordinates"])
+    name: Any = str(arrays["coordinates"])
     if name not in COORDINATES:
         raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out=AGAIN)
     try:

@@ -22,7 +22,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
 from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
-from comove.results.sealed import Arrays, Sealed, Summary, checksum, finite, read_json
+from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite, read_json
 from comove.results.solution import (
     AGAIN,
     SCENE,
@@ -50,7 +50,7 @@ _TYPES = {"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT} |
     JointReport().asdict(), NUMBER.or_nothing
 )
 
-JOINTS = Sealed(
+JOINTS = ResultKind(
     summary="robot.json",
     arrays="joints.npz",
     checksum="joints_sha256",
@@ -225,7 +225,6 @@ def verify_stored(
     robot = _robot(stored) if robot is None else robot
     scene = stored.scene if scene is None else scene
     uncertainty = robot.description.uncertainty if uncertainty is None else uncertainty
-    assumed = {"uncertainty": uncertainty, "mass_shares": mass_shares}
     hands = verify_result(solution, scene)
     edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
     edits += _other_assumptions(stored.summary, uncertainty, mass_shares)
@@ -234,7 +233,11 @@ def verify_stored(
     flaws = _misshapen(stored.arrays) or unfit_joints(robot, scene, stored.joints)
     try:
         motion = rebuild(solution.arrays, scene)
-        verdict = verify_joints(robot, motion, stored.joints, **assumed) if not flaws else _NOTHING
+        verdict = _NOTHING
+        if not flaws:
+            verdict = verify_joints(
+                robot, motion, stored.joints, uncertainty=uncertainty, mass_shares=mass_shares
+            )
     except (InputError, ValueError) as error:
         flaws, verdict = [*flaws, " ".join(str(error).split())], _NOTHING
     if not flaws:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from comove._version import __version__
-from comove.results.sealed import Sealed, Summary, checksum, finite
+from comove.results.sealed import ResultKind, Summary, checksum, finite
 from comove.simulators.execution import Execution
 
 TOOLS = ("mujoco", "pin", "numpy")
 
-SIMULATION = Sealed(
+SIMULATION = ResultKind(
     summary="simulation.json",
     arrays="simulation.npz",
     checksum="series_sha256",

@@ -23,7 +23,7 @@ from comove.experiments.statistics import (
     wilson,
 )
 from comove.io.folders import Contents, whole_folder
-from comove.views.motion import save
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
-from comove.views.motion import save
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 
