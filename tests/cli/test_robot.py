@@ -195,6 +195,10 @@ def test_simulate_delivers(copy):
     assert result.exit_code == 0, text_of(result)
     summary = json.loads((copy / "simulation.json").read_text())
     assert summary["delivered"] is True and not summary["contacts"]
+    assert result.stdout.strip() in run("show", copy).stdout
+    summary["lag_max"] = 0.0
+    (copy / "simulation.json").write_text(json.dumps(summary))
+    assert "its own checksum does not fit" in text_of(run("show", copy))
 
 
 @pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz"])

@@ -8,10 +8,28 @@ from pathlib import Path
 from typing import Any
 
 from comove._version import __version__
+from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
 from comove.results.sealed import ResultKind, Summary, checksum, finite
 from comove.simulators.execution import Execution
 
 TOOLS = ("mujoco", "pin", "numpy")
+
+
+def _require_entries(summary: Summary, file: Path) -> None:
+    """Refuse a summary whose entries are not of their types."""
+    types = {"delivered": TRUTH, "reasons": TEXTS, "scene": TEXT, "robot": TEXT, "grasp": MAPPING}
+    for name in (
+        "end_error",
+        "distance_error_max",
+        "lag_max",
+        "slip_max",
+        "internal_force_max",
+        "torque_share_max",
+    ):
+        types[name] = NUMBER.or_nothing
+    require_types(summary, types, file)
+    require_types(summary["grasp"], {"kind": TEXT}, file, "grasp.")
+
 
 SIMULATION = ResultKind(
     summary="simulation.json",
@@ -32,6 +50,7 @@ SIMULATION = ResultKind(
     ),
     optional=("fingers", "distance_error", "slip", "internal", "squeeze"),
     unsealed=("steps_per_second",),
+    require_entries=_require_entries,
     outdated=("simulation.png", "simulation.mp4", "simulation.gif"),  # the last where nothing encodes films
 )
 
