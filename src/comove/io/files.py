@@ -8,7 +8,7 @@ import importlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
@@ -234,43 +234,3 @@ def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
         raise error(
             "it is there already", file=path, way_out="choose another name, or replace it"
         ) from failure
-
-
-@contextlib.contextmanager
-def whole_folder(
-    path: str | os.PathLike[str],
-    error: type[InputError] = DemonstrationError,
-    *,
-    check: Callable[[Path], None] | None = None,
-) -> Iterator[Path]:
-    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing to the disk.
-
-    Parameters
-    ----------
-    check : function that raises unless the folder that is at `path` may be replaced as a whole; it is called before
-        and after the writing. By default only an empty folder may be replaced
-
-    Raises
-    ------
-    error
-        If something is at `path` that may not be replaced, or the folder cannot be written.
-    """
-    path = Path(path)
-    there = error("it is there already", file=path, way_out="choose another name")
-    with telling(path, "written", error):
-        if path.exists() and (not path.is_dir() or (check is None and any(path.iterdir()))):
-            raise there
-        if check is not None and path.exists():
-            check(path)
-        _require_folder(path, error)
-        require_room(path, error)
-        with drafts.draft(path) as draft:
-            yield draft
-            if check is not None and path.is_dir():
-                check(path)
-            try:
-                drafts.put(draft, path, replace=check is not None)
-            except OSError as failure:
-                if failure.errno not in drafts.IN_THE_WAY:
-                    raise
-                raise there from failure

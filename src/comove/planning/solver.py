@@ -32,7 +32,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
 from comove.scenes.scene import Scene
-from comove.verification.verify import Check, verify
+from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 def solve(
     scene: Scene,
     *,
-    demonstration: DMP | PoseDMP | Demonstration | Mapping[str, DMP | Demonstration] | None = None,
+    demonstration: DMP | PoseDMP | Demonstration | Mapping | tuple[DMP, ...] | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,

@@ -11,7 +11,7 @@ from comove.robots.carry import RobotSolution, carry
 from comove.robots.check import RobotCheck, RobotMotion
 from comove.robots.description import bundled_robots, find_description
 from comove.robots.effort import DEFAULT_MASS
-from comove.robots.files import StoredJoints, read_joints, verify_stored, write_joints
+from comove.robots.files import StoredJoints, read_joints, verified_motion, verify_stored, write_joints
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.carrying import Carrying, robot_method
@@ -44,6 +44,7 @@ __all__ = [
     "robot_method",
     "shortest_duration",
     "track",
+    "verified_motion",
     "verify_joints",
     "verify_stored",
     "write_joints",

@@ -417,11 +417,8 @@ def test_what_does_not_fit_is_not_written(path, refused, hand):
     assert os.listdir(path.parent) == []
     path.mkdir()
     write_lerobot(path, [hand()])
-    refused(
-        lambda p: write_lerobot(p, [hand()]), path, key=None, says="there already", way_out="another name"
-    )
-    nowhere = path / "no" / "dataset"
-    refused(lambda p: write_lerobot(p, [hand()]), nowhere, key=None, says="no folder", way_out="check")
+    refused(lambda p: write_lerobot(p, [hand()]), path, key=None, says="not empty", way_out="name another")
+    write_lerobot(path.parent / "new" / "dataset", [hand()])
 
 
 def test_what_is_no_dataset_is_told(path):

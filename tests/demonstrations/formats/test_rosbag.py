@@ -428,7 +428,7 @@ def test_what_does_not_fit_is_not_written(tmp_path, refused, hand):
     assert read_rosbag(path)["/pose"].position.tobytes() == hand(1).position.tobytes()
     folder = tmp_path / "folder"
     write_rosbag(folder, hand())
-    refused(lambda p: write_rosbag(p, hand()), folder, key=None, says="there already", way_out="another name")
+    refused(lambda p: write_rosbag(p, hand()), folder, key=None, says="not empty", way_out="name another")
     nowhere = tmp_path / "no" / "one.bag"
     refused(lambda p: write_rosbag(p, hand()), nowhere, key=None, says="written", way_out="check")
     assert sorted(os.listdir(tmp_path)) == ["folder", "one.mcap"]

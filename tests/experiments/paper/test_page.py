@@ -26,8 +26,8 @@ from comove.experiments.paper.runs import (
     recordings,
 )
 from comove.experiments.paper.tables import all_runs
+from comove.io.folders import check_target
 from comove.primitives import DMP
-from comove.results import check_target
 from tests.experiments.paper.ideal import ideal_runs
 
 

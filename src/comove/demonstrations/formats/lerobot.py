@@ -43,7 +43,8 @@ from comove.demonstrations.samples import (
     one_of,
 )
 from comove.errors import DemonstrationError, near_name
-from comove.io.files import existing_file, extra, telling, whole_folder
+from comove.io.files import existing_file, extra, telling
+from comove.io.folders import Contents, whole_folder
 
 if TYPE_CHECKING:
     from pyarrow import Table
@@ -166,7 +167,7 @@ def write(
     names = _names(path, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
     lengths: list[int] = []
-    with whole_folder(path) as draft:
+    with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
             for number, demos in enumerate(written):

@@ -37,8 +37,9 @@ from comove.demonstrations.samples import (
     fault,
     select_name,
 )
-from comove.errors import ComoveWarning
-from comove.io.files import existing_file, extra, telling, whole_folder, whole_path
+from comove.errors import ComoveWarning, DemonstrationError
+from comove.io.files import existing_file, extra, telling, whole_path
+from comove.io.folders import Contents, whole_folder
 
 MAX_METADATA_BYTES = 4 * 2**20
 """Largest `metadata.yaml` [bytes]."""
@@ -144,7 +145,7 @@ def write(
             _write_ros2(Path(folder, "bag"), kind, fill)
             os.replace(Path(folder, "bag", f"bag{suffix}"), draft)
     else:
-        with whole_folder(path) as draft:
+        with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
             _write_ros2(draft / path.name, storage, fill)
             for file in sorted((draft / path.name).iterdir()):  # the library names files after their folder
                 os.replace(file, draft / file.name)

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.views.motion import COLOURS, draw_legend, new_figure
+from comove.views.motion import draw_legend
+from comove.views.style import COLOURS, new_figure
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from comove.experiments.summaries import (
     table,
     wilson,
 )
-from comove.results.folder import Contents, whole_folder
-from comove.views.motion import save
+from comove.io.folders import Contents, whole_folder
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 

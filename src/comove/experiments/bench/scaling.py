@@ -24,15 +24,15 @@ from comove.experiments.bench.pictures import Growth, draw_growth
 from comove.experiments.bench.runner import machine
 from comove.experiments.examples import scene_contents, wall
 from comove.experiments.summaries import Interval, slope_interval, table
+from comove.io.folders import Contents, whole_folder
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
-from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
-from comove.views.motion import save
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 

@@ -19,18 +19,10 @@ from PIL import Image
 from comove.experiments.modulation.comparison import Compared
 from comove.geometry.distances import CENTER
 from comove.scenes.scene import Scene
-from comove.views.motion import (
-    COLOURS,
-    FINE,
-    MOVING,
-    OFF,
-    TOUCHES,
-    draw_frame,
-    new_figure,
-    outline,
-    views_of,
-)
+from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, views_of
 from comove.views.run import load_lines
+from comove.views.shapes import outline
+from comove.views.style import COLOURS, MOVING, new_figure
 
 Array = NDArray[np.float64]
 

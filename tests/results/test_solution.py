@@ -15,10 +15,12 @@ from hypothesis import strategies as st
 
 import comove
 from comove import PaperCost, Projection
-from comove.cli.show import summary_text
+from comove.cli.texts import summary_text
 from comove.errors import ResultError
-from comove.results import check_target, read_result, verify_result, whole_folder, write_solution
-from comove.results.folder import _summary_checksum, checksum, rebuild, require_whole
+from comove.io.folders import check_target, whole_folder
+from comove.results import RESULT, read_result, verify_result, write_solution
+from comove.results.sealed import checksum
+from comove.results.solution import SOLUTION, rebuild
 from comove.scenes import Scene
 from tests.killing import killed_at
 from tests.solved import example, solved
@@ -71,7 +73,7 @@ def edit_summary(folder, signed=False, **changes):
     path = folder / "solution.json"
     summary = json.loads(path.read_text()) | changes
     if signed:
-        summary["summary_sha256"] = _summary_checksum(summary)
+        summary["summary_sha256"] = SOLUTION.seal(summary)
     path.write_text(json.dumps(summary))
 
 
@@ -361,7 +363,7 @@ def test_what_is_shown_has_its_type(folder, name, value):
     """Whatever stands there is shown, or refused in a sentence that names it."""
     edit_summary(folder, signed=True, **{name: value})
     try:
-        text = summary_text(require_whole(read_result(folder)).summary, folder)
+        text = summary_text(SOLUTION.read(folder, whole=True)[0], folder)
         assert text
     except ResultError as error:
         assert error.key.startswith(name)
@@ -369,16 +371,16 @@ def test_what_is_shown_has_its_type(folder, name, value):
 
 
 def test_what_was_edited_is_not_shown(folder):
-    assert require_whole(read_result(folder)).summary["seed"] == 0
+    assert SOLUTION.read(folder, whole=True)[0]["seed"] == 0
     text = (folder / "solution.json").read_text()
     (folder / "solution.json").write_text(text.replace('"seed": 0', '"seed": 1'))
     with pytest.raises(ResultError, match="was edited: its own checksum does not fit"):
-        require_whole(read_result(folder))
+        SOLUTION.read(folder, whole=True)
     (folder / "solution.json").write_text(text)
     arrays = arrays_of(folder)
     np.savez(folder / "solution.npz", **(arrays | {"position": arrays["position"] + 1e-3}))
     with pytest.raises(ResultError, match=r"solution\.npz: its checksum is not the one"):
-        require_whole(read_result(folder))
+        SOLUTION.read(folder, whole=True)
 
 
 def test_missing_files(folder, tmp_path):
@@ -489,7 +491,7 @@ def names_in(folder):
 
 def test_a_folder_appears_as_a_whole(tmp_path):
     target = tmp_path / "a" / "b" / "result"
-    with whole_folder(target) as draft:
+    with whole_folder(target, RESULT) as draft:
         (draft / "solution.json").write_text("{}")
         assert not target.exists()
     assert names_in(target) == ["solution.json"]
@@ -500,7 +502,7 @@ def test_a_folder_appears_as_a_whole(tmp_path):
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit, OSError])
 def test_nothing_is_left_behind_by_a_failure(tmp_path, error):
     expected = ResultError if error is OSError else error
-    with pytest.raises(expected), whole_folder(tmp_path / "result") as draft:
+    with pytest.raises(expected), whole_folder(tmp_path / "result", RESULT) as draft:
         (draft / "half.txt").write_text("half")
         raise error("no")
     assert names_in(tmp_path) == []
@@ -509,7 +511,7 @@ def test_nothing_is_left_behind_by_a_failure(tmp_path, error):
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 def test_a_failure_leaves_the_old_result_alone(folder, error):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(error), whole_folder(folder) as draft:
+    with pytest.raises(error), whole_folder(folder, RESULT) as draft:
         (draft / "solution.json").write_text("{}")
         raise error
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
@@ -518,7 +520,7 @@ def test_a_failure_leaves_the_old_result_alone(folder, error):
 
 def test_a_result_is_replaced_as_a_whole(folder):
     (folder / "motion.png").write_bytes(b"old")
-    with whole_folder(folder) as draft:
+    with whole_folder(folder, RESULT) as draft:
         write_solution(solved("wide"), draft, 1.0)
     assert names_in(folder) == ["solution.json", "solution.npz"]
     assert json.loads((folder / "solution.json").read_text())["scene"] == "wide"
@@ -527,7 +529,7 @@ def test_a_result_is_replaced_as_a_whole(folder):
 
 def test_an_empty_folder_is_filled(tmp_path):
     (tmp_path / "empty").mkdir()
-    with whole_folder(tmp_path / "empty") as draft:
+    with whole_folder(tmp_path / "empty", RESULT) as draft:
         (draft / "solution.json").write_text("{}")
     assert names_in(tmp_path / "empty") == ["solution.json"]
 
@@ -536,19 +538,19 @@ def test_other_folders_are_refused(tmp_path):
     foreign = tmp_path / "thesis"
     foreign.mkdir()
     (foreign / "chapter1.tex").write_text("x")
-    with pytest.raises(ResultError, match="not empty"), whole_folder(foreign):
+    with pytest.raises(ResultError, match="not empty"), whole_folder(foreign, RESULT):
         pytest.fail("the body must not run")
     assert names_in(foreign) == ["chapter1.tex"]
     with pytest.raises(ResultError, match="is a file"):
-        check_target(foreign / "chapter1.tex")
+        check_target(foreign / "chapter1.tex", RESULT)
     with pytest.raises(ResultError, match=r"chapter1\.tex"):
-        check_target(foreign / "chapter1.tex" / "result")
+        check_target(foreign / "chapter1.tex" / "result", RESULT)
     assert names_in(tmp_path) == ["thesis"]
 
 
 def test_a_folder_that_holds_more_than_a_result_is_not_deleted(folder):
     (folder / "thesis.tex").write_text("years of work")
-    with pytest.raises(ResultError), whole_folder(folder) as draft:
+    with pytest.raises(ResultError), whole_folder(folder, RESULT) as draft:
         (draft / "solution.json").write_text("{}")
     assert (folder / "thesis.tex").exists()
 
@@ -557,14 +559,14 @@ def test_a_folder_that_holds_more_than_a_result_is_not_deleted(folder):
 def test_a_folder_that_is_not_writable(tmp_path):
     (tmp_path / "locked").mkdir(mode=0o500)
     with pytest.raises(ResultError, match="not writable"):
-        check_target(tmp_path / "locked" / "result")
+        check_target(tmp_path / "locked" / "result", RESULT)
     with pytest.raises(ResultError, match="not writable"):
-        check_target(tmp_path / "locked" / "further" / "result")
+        check_target(tmp_path / "locked" / "further" / "result", RESULT)
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="needs a file system that refuses folders")
 def test_a_file_system_that_takes_no_folders():
-    with pytest.raises(ResultError, match="written"), whole_folder("/proc/comove-result"):
+    with pytest.raises(ResultError, match="written"), whole_folder("/proc/comove-result", RESULT):
         pytest.fail("the body must not run")
 
 
@@ -578,7 +580,7 @@ def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_pat
         monkeypatch.setattr("comove.io.drafts.exchanged", lambda *_: False)
 
     def again():
-        with whole_folder(folder) as draft:
+        with whole_folder(folder, RESULT) as draft:
             for name in ("solution.npz", "solution.json"):
                 (draft / name).write_bytes((folder / name).read_bytes().replace(b"narrow", b"narrew"))
 
@@ -590,7 +592,7 @@ def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_pat
             name = read_result(folder).summary["scene"]
         assert name in ("narrow", "narrew")
         assert (name == "narrew") or not said
-        with whole_folder(folder) as draft:
+        with whole_folder(folder, RESULT) as draft:
             shutil.copytree(folder, draft, dirs_exist_ok=True)
             (draft / "solution.json").write_bytes(old)
         assert names_in(tmp_path) == ["result"]
@@ -600,7 +602,7 @@ def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_pat
 def test_a_link_to_a_result_is_replaced_without_litter(folder, tmp_path):
     link = tmp_path / "link"
     link.symlink_to(folder, target_is_directory=True)
-    with whole_folder(link) as draft:
+    with whole_folder(link, RESULT) as draft:
         write_solution(solved("wide"), draft, 1.0)
     assert json.loads((link / "solution.json").read_text())["scene"] == "wide"
     assert names_in(tmp_path) == sorted(["link", folder.name])
