@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
-from comove.scenes import recording_of
 
 
 @verb
@@ -25,6 +24,7 @@ def demo(
     from comove.planning import LeastJerk, solve
     from comove.primitives import DMP
     from comove.results import RESULT
+    from comove.scenes import recording_of
 
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))

@@ -34,7 +34,7 @@ from comove.experiments.paper.runs import (
     run_everything,
 )
 from comove.experiments.summaries import table
-from comove.results import Contents
+from comove.io.folders import Contents
 from comove.views.motion import N_STATES
 
 MINUTE = 60.0  # s
