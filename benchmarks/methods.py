@@ -29,29 +29,31 @@ from timing import number, on_one_thread, print_table
 
 from comove import optimisers
 from comove.experiments.examples import example
-from comove.experiments.peers import PEERS
-from comove.experiments.peers.common import PeerOutOfTime, load_clearances, refusal
+from comove.experiments.peers.common import Peer, PeerOutOfTime
 from comove.experiments.peers.shapes import Shapes
-from comove.experiments.systems import Offers, OwnSystem, System, SystemOutcome, SystemProblem, measured
+from comove.experiments.registry import PEERS
+from comove.experiments.systems import (
+    Offers,
+    OwnSystem,
+    System,
+    SystemOutcome,
+    SystemProblem,
+    cost_of,
+    measured,
+)
 from comove.planning import Comove, Paper, Projection
+from comove.scenes import demonstration_of
 
 SCENES = ("wide", "narrow", "complex")
 N_BASIS, SIGMA = 16, 0.05
 
 
 @dataclass(frozen=True)
-class Optimised(System):
+class Optimised(Peer):
     """One of comove's optimisers, by its name, on shape weights."""
 
     name: str
-
-    def refuses(self, scene) -> str:
-        """What no peer can be told."""
-        return refusal(scene)
-
-    def warm_up(self, problem: SystemProblem) -> None:
-        """Compile the distances."""
-        load_clearances(problem.scene)
+    modules = ()
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J."""
@@ -59,7 +61,7 @@ class Optimised(System):
 
         def cost(points: np.ndarray) -> np.ndarray:
             hands = shapes.hands(points)
-            costs, asked = shapes.costs(hands), shapes.demands(hands)
+            costs, asked = cost_of(problem.scene, hands), shapes.demands(hands)
             for k, x in enumerate(np.atleast_2d(points)):
                 shapes.note(x, float(costs[k]), asked, k)
             return costs
@@ -92,7 +94,7 @@ def run(job: tuple[str, str, int, float]) -> tuple[SystemOutcome | None, float]:
     name, system, seed, budget = job
     warnings.simplefilter("ignore")
     scene = example(name)
-    problem = SystemProblem(scene, scene.taught, seed, budget)
+    problem = SystemProblem(scene, demonstration_of(scene), seed, budget)
     return measured(SYSTEMS[system], problem), scene.distances[0].tolerance
 
 

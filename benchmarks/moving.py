@@ -23,11 +23,11 @@ import warnings
 
 import numpy as np
 from dodging import dodge, news
+from random_scenes import moving_scene
 
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
 from comove.experiments.modulation import Sharing
 from comove.experiments.modulation.comparison import MODULATED, loose_run
-from comove.experiments.random_scenes import moving_scene
 from comove.planning import load_kernels
 from comove.scenes import Scene
 from comove.verification.record import Record, judge

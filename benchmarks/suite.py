@@ -1,9 +1,8 @@
 """How often, how fast and how well comove solves its sets of scenes; one row a set.
 
-Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space
-(`comove.experiments.random_scenes`), and the example scenes under many seeds of the solver. A name that
-ends in ``-no-planner`` turns the planner off,
-one in ``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
+Sets (`--sets`, all unless given): random planar scenes, bars and triangles in space (`random_scenes.py`), and the
+example scenes under many seeds of the solver. A name that ends in ``-no-planner`` turns the planner off, one in
+``-paper`` takes the paper's method. For random sets `--first-seed` says which scenes are drawn (the
 solver's own seed is 0); for examples it is the first seed of the solver.
 
 Columns: motions verified; time to the first verified motion (from scene in memory and kernels loaded) and
@@ -30,11 +29,12 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+from random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from timing import number, on_one_thread, print_table, quantile
 
 import comove
-from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from comove.planning import Paper
+from comove.scenes import recording_of
 
 Problem = tuple[comove.Scene, int]
 Row = dict[str, str | int | float | None]
@@ -111,7 +111,7 @@ def solutions(name: str, count: int | None, first: int, budget: float) -> Iterat
     chosen = SETS[name]
     for index in range(first, first + (count or chosen.count)):
         scene, seed = chosen.problem(index)
-        taught = scene.demonstration
+        taught = recording_of(scene)
         yield comove.solve(
             scene,
             demonstration=None if taught is None else comove.DMP.fit(taught),
@@ -179,7 +179,7 @@ def cell(key: str, row: Row) -> str:
 
 def fit_rows() -> list[Row]:
     """Errors of the fits to the handwriting set, one row a number of shape weights."""
-    from comove.demonstrations.lasa import lasa_names
+    from comove.demonstrations import lasa_names
 
     demonstrations = [comove.Demonstration.from_lasa(name, 0) for name in lasa_names()]
     rows: list[Row] = []

@@ -19,7 +19,7 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove.errors import InputError
-from comove.experiments.peers import PEERS
+from comove.experiments.registry import PEERS
 from comove.experiments.systems import SystemProblem, measured
 
 SIDE, THICK, WIDTH = 3.0, 0.02, (0.05, 0.4)  # m

@@ -39,5 +39,5 @@ with tempfile.TemporaryDirectory() as folder:
         print(f"  {coefficients[0]:+.2f}, {coefficients[1]:+.2f} of {name}")
     print("the combination is verified:", combination.verified)
 
-    back = op.sequence(combination.dmp, op.reversed(combination.dmp))
+    back = op.sequence(combination.dmp, op.reverse(combination.dmp))
     print("there and back ends at", back.rollout().position[-1].round(9))

@@ -4,7 +4,7 @@ from functools import cache
 from importlib.resources import files
 
 import comove
-from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
+from benchmarks.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from comove.scenes import Scene
 
 EXAMPLES = files("comove") / "examples"

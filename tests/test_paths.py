@@ -4,6 +4,7 @@ import os
 import signal
 import warnings
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 
@@ -23,11 +24,12 @@ from comove.demonstrations import (
 )
 from comove.errors import ComoveError
 from comove.experiments.bench.store import RunStore
+from comove.io.folders import check_target
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
-from comove.results import check_target, read_result
+from comove.results import RESULT, read_result
 from comove.robots import Robot, read_joints
 from comove.scenes import Scene
-from comove.simulators import read_simulation
+from comove.simulators import SIMULATION
 
 KINDS = ("", ".csv", ".npz", ".hdf5", ".bag", ".mcap", ".db3", ".json", ".yaml", ".dmp.json", ".sqlite")
 DEMO = Demonstration([0.0, 1.0, 2.0], [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])
@@ -60,7 +62,7 @@ READERS += [
     read_result,
     read_joints,
 ]
-READERS += [read_simulation, Robot.load, RunStore.open]
+READERS += [SIMULATION.read, Robot.load, RunStore.open]
 WRITERS = {
     "csv": lambda path: write_csv(path, DEMO),
     "npz": lambda path: write_npz(path, DEMO),
@@ -68,7 +70,7 @@ WRITERS = {
     "lerobot": lambda path: write_lerobot(path, Demonstration([0, 1], [[0, 0, 0], [1, 1, 1]])),
     "primitive": lambda path: write_primitive(path, PRIMITIVE),
     "library": add_to_library,
-    "folder": check_target,
+    "folder": partial(check_target, contents=RESULT),
     "store": RunStore.create,
 }
 # What a path may lead to, that no reader can use.

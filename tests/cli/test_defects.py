@@ -11,9 +11,9 @@ from comove.errors import InputError, near_name, plain, readable, shortened
 
 BREAKING = """
 import sys
-import comove.results
-def read_result(folder): {statement}
-comove.results.read_result = read_result
+from comove.results import ResultKind
+def read(self, folder, **options): {statement}
+ResultKind.read = read
 sys.argv = ["comove", "show", "x"]
 from comove.cli import main
 main()
@@ -27,7 +27,7 @@ def ended_by(statement, **options):
 
 
 @pytest.mark.parametrize(
-    "statement", ["1 / 0", "raise AssertionError", "read_result(folder)", "import no_such"]
+    "statement", ["1 / 0", "raise AssertionError", "read(self, folder)", "import no_such"]
 )
 def test_a_defect_is_told_in_one_sentence_and_reported_in_a_file(tmp_path, statement):
     outcome = ended_by(statement, env={"TMPDIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)})

@@ -190,7 +190,7 @@ def test_pictures(filled):
 
 
 def test_the_recording_is_drawn_where_it_is_the_same(filled):
-    from comove.cli.recordings import recording_of
+    from comove.primitives.recordings import recording_of
 
     assert recording_of(filled["Sine-0"]).name == "Sine 0"
     assert recording_of(filled["swing"]).n_steps == 21

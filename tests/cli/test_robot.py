@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from comove.cli import app as _  # noqa: F401
 from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
-from comove.cli.robot import export
 from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
@@ -96,10 +95,10 @@ def test_the_hands_carry_the_stick(solved):
 
 def edited(folder, **changes):
     """Edit robot.json, and bring its checksum along."""
-    from comove.robots.files import _summary_checksum
+    from comove.robots.files import JOINTS
 
     summary = json.loads((folder / "robot.json").read_text()) | changes
-    summary["summary_sha256"] = _summary_checksum(summary)
+    summary["summary_sha256"] = JOINTS.seal(summary)
     (folder / "robot.json").write_text(json.dumps(summary))
 
 
@@ -177,7 +176,7 @@ def test_export_writes_what_it_says_and_nothing_twice(copy):
 
 
 def test_the_formats_that_the_help_names_are_those_there_are():
-    assert tuple(FORMATS) == export.FORMATS
+    assert tuple(FORMATS) == robot.FORMATS
 
 
 @pytest.mark.parametrize(
@@ -196,6 +195,10 @@ def test_simulate_delivers(copy):
     assert result.exit_code == 0, text_of(result)
     summary = json.loads((copy / "simulation.json").read_text())
     assert summary["delivered"] is True and not summary["contacts"]
+    assert result.stdout.strip() in run("show", copy).stdout
+    summary["lag_max"] = 0.0
+    (copy / "simulation.json").write_text(json.dumps(summary))
+    assert "its own checksum does not fit" in text_of(run("show", copy))
 
 
 @pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz"])

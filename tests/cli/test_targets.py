@@ -11,7 +11,8 @@ import pytest
 
 from comove.cli import bench, demo, learn, library, reproduce, robot, run, show, solve, verify  # noqa: F401
 from comove.errors import ResultError
-from comove.results import check_target
+from comove.io.folders import check_target
+from comove.results import RESULT
 from tests.cli.test_cli import SCENE, SWING, invoke
 from tests.cli.test_cli import run as started
 
@@ -127,7 +128,7 @@ def test_a_library_that_nothing_can_be_added_to(place):
 def test_the_folder_that_one_is_in_is_not_replaced(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ResultError, match="the folder that you are in"):
-        check_target(".")
+        check_target(".", RESULT)
 
 
 def test_a_full_disk_is_told_before_any_work(place, monkeypatch):
@@ -170,7 +171,7 @@ def test_a_disk_that_is_full(place, disk):
 def test_a_disk_that_fills_up_while_a_result_is_written(tmp_path, disk, monkeypatch):
     (tmp_path / "scene.yaml").write_text(SCENE)
     folder = disk("size=40k")
-    monkeypatch.setattr("comove.results.folder.ROOM", 0)
+    monkeypatch.setattr("comove.io.folders.ROOM", 0)
     outcome = invoke("solve", tmp_path / "scene.yaml", "--out", folder / "new")
     assert outcome.exit_code == 2
     assert "it cannot be written: the disk is full, 0." in outcome.stderr

@@ -15,8 +15,8 @@ from comove.coordination.coordinates import (
     unit_motion,
 )
 from comove.errors import OptionError
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.scenes import Scene
-from comove.scenes.groups import quaternion_of_rotation
 
 from .examples import (
     LEVEL,

@@ -126,7 +126,7 @@ def test_signs_follow_the_neighbour_and_turns_stay_the_same(seed):
     smooth = np.cumsum(rng.normal(scale=0.05, size=(30, 4)), axis=0) + [1.0, 0.0, 0.0, 0.0]
     smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
     signs = rng.choice([-1.0, 1.0], size=(30, 1))
-    found, note = cleaning.same_hemisphere(smooth * signs)
+    found, note = cleaning.without_sign_changes(smooth * signs)
     np.testing.assert_array_equal(found, smooth * signs[0])
     n_flips = int((np.diff(signs[:, 0]) != 0.0).sum())
     assert note == (f"{n_flips} changes of sign between quaternions undone" if n_flips else "")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.random_scenes import moving_scene
 from comove.errors import OptionError
 from comove.execution import Clouds, Executor, Known, Scanned, Scanner
 from comove.execution.clouds import surface
-from comove.experiments.random_scenes import moving_scene
 from comove.geometry import distances as sd
 from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.random_scenes import moving_scene
 from comove.coordination import load_coordinates
 from comove.execution.evasion import MOMENT, N_MOMENTS, _followed, _hands, evasive_course, prospect
-from comove.experiments.random_scenes import moving_scene
 from comove.planning.objective import Objective
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
 from tests.execution.test_executor import crossing, disc

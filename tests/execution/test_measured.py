@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.random_scenes import moving_scene
 from comove.errors import OptionError
 from comove.execution import Executor, Known, Measured, Observed, Sensor
 from comove.execution.measured import SIGMAS
-from comove.experiments.random_scenes import moving_scene
 from comove.verification.record import judge
 from tests.execution.test_executor import crossing, disc
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from comove.errors import ExtraError
-from comove.experiments.peers import PEERS
 from comove.experiments.peers.common import (
     clearance_slopes,
     clearances,
@@ -15,7 +14,8 @@ from comove.experiments.peers.common import (
     timed,
 )
 from comove.experiments.peers.shapes import N_STEPS, Shapes
-from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, measured
+from comove.experiments.registry import PEERS
+from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
 from comove.scenes import Scene
 
 MODULES = {
@@ -207,7 +207,7 @@ def test_slopes_of_shape_weights(n_dims):
 
     def at(x):
         hands = shapes.hands(x[None])
-        return shapes.costs(hands)[0], shapes.constraints(shapes.demands(hands)), hands[0]
+        return cost_of(problem.scene, hands)[0], shapes.constraints(shapes.demands(hands)), hands[0]
 
     (more, constrained_more, _), (less, constrained_less, _) = at(x + step * shift), at(x - step * shift)
     assert shapes.cost_slope(at(x)[2]) @ shift == pytest.approx((more - less) / (2 * step), rel=1e-5)

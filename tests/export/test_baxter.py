@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comove.export import FORMATS, ExportError, export, parts_of
-from comove.export.baxter import require_baxter
+from comove.export.tables import require_baxter
 from tests.export.playback import play, require_playable
 
 BAXTER = FORMATS["baxter-csv"]

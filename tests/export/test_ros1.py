@@ -259,7 +259,7 @@ def test_when_comove_ends_all_arms_stop(robot, brief, master):
     """Even when it is killed: the bridge's input ends."""
     servers, _ = robot()
     code = (
-        "import sys, time; from comove.export.ros1 import BRIDGE, Ros1Client; from comove.export.send import Goal;"
+        "import sys, time; from comove.export import JointSamples as Goal, Ros1Client;"
         "import numpy as np; n = np.arange(3) * 10**10; names = sys.argv[1:];"
         "client = Ros1Client(); arms = {a: tuple(x for x in names if x.startswith(a)) for a in ('left', 'right')};"
         "client.connect(arms, 20.0);"

@@ -84,7 +84,7 @@ def test_all_goes_well(verified):
     assert outcome.apart == 0.0 and outcome.deviation < 1e-9 and not outcome.reason
     for arm in verified.robot.arms:
         goal, columns = fake.goals[arm.name], arm.columns
-        assert goal.joints == tuple(verified.robot.joint_names[c] for c in columns)
+        assert goal.joint_names == tuple(verified.robot.joint_names[c] for c in columns)
         samples = parts_of(verified)["carry"].samples(100.0)
         assert (goal.position == samples.position[:, columns]).all()
         assert (np.diff(goal.nanoseconds) > 0).all()

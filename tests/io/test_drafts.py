@@ -122,7 +122,7 @@ WRITER = """
 import sys
 sys.path.insert(0, {root!r})
 from pathlib import Path
-from tests.demonstrations.test_drafts import drafts, replace
+from tests.io.test_drafts import drafts, replace
 if {renames}:
     drafts.exchanged = lambda *_: False
 while True:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.random_scenes import moving_scene
 from comove.coordination import load_coordinates
-from comove.experiments.random_scenes import moving_scene
 from comove.planning import solve
 from comove.planning.configurations import configuration_space, span
 from comove.planning.spacetime import _eased, plan_in_time, spacetime, targets_in_time

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comove.demonstrations import lasa_names
 from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.lasa import lasa_names
 from comove.errors import DemonstrationError, OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase
 

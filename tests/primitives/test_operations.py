@@ -190,7 +190,7 @@ def test_movements_in_different_bases_are_refitted_to_blend():
 @given(seeds, ending, phases)
 def test_reversed_ends_are_exact(seed, variant, phase):
     dmp = random_dmp(seed, variant, phase=phase, still=False)
-    there, back = path(dmp), path(op.reversed(dmp))
+    there, back = path(dmp), path(op.reverse(dmp))
     size = 1e-10 * max(1.0, np.abs(there.position).max())
     assert np.abs(back.position[[0, -1]] - there.position[[-1, 0]]).max() <= size
     assert np.abs(back.velocity[[0, -1]] + there.velocity[[-1, 0]]).max() <= 1e3 * size
@@ -201,10 +201,10 @@ def test_reversed_ends_are_exact(seed, variant, phase):
 def test_reversed_handwriting_runs_backwards_and_twice_forwards(shape, variant):
     dmp = DMP.fit(Demonstration.from_lasa(shape), variant=variant)
     near = 2e-3 if variant == "dmp++" else 2e-4
-    there, once = path(dmp, 801).position, op.reversed(dmp)
+    there, once = path(dmp, 801).position, op.reverse(dmp)
     extent = np.ptp(there, axis=0).max()
     assert np.abs(path(once, 801).position - there[::-1]).max() < near * extent
-    assert np.abs(path(op.reversed(once), 801).position - there).max() < 2 * near * extent
+    assert np.abs(path(op.reverse(once), 801).position - there).max() < 2 * near * extent
 
 
 # --- One after the other ---
@@ -281,7 +281,7 @@ A, SPATIAL, CYCLE = random_dmp(0), random_dmp(0, n_dims=3), random_dmp(0, Varian
     ("wrong", "message"),
     [
         (lambda: op.mirror(POSE, "x"), "PoseDMP is no DMP of positions"),
-        (lambda: op.reversed(POSE), "PoseDMP is no DMP of positions"),
+        (lambda: op.reverse(POSE), "PoseDMP is no DMP of positions"),
         (lambda: op.blend(A, POSE, 0.5), "PoseDMP is no DMP of positions"),
         (lambda: op.mirror(A, "z"), "normal = 'z'"),
         (lambda: op.mirror(A, "xy"), "normal = 'xy'"),
@@ -298,7 +298,7 @@ A, SPATIAL, CYCLE = random_dmp(0), random_dmp(0, n_dims=3), random_dmp(0, Varian
         (lambda: op.scale(A, -1), "factor = -1"),
         (lambda: op.scale(A, True), "factor = True"),
         (lambda: op.retime(A, 0), "duration = 0"),
-        (lambda: op.reversed(CYCLE), "never ends"),
+        (lambda: op.reverse(CYCLE), "never ends"),
         (lambda: op.sequence(A, CYCLE), "never ends"),
         (lambda: op.sequence(), "no movement"),
         (lambda: op.sequence(A, SPATIAL), "dimensions"),
@@ -323,6 +323,6 @@ def test_refused(wrong, message):
 
 def test_nothing_is_changed_in_place():
     dmp, before = random_dmp(3), path(random_dmp(3)).position
-    op.mirror(dmp, "x"), op.rotate(dmp, 1.0), op.scale(dmp, 2.0), op.blend(dmp, A, 0.5), op.reversed(dmp)
+    op.mirror(dmp, "x"), op.rotate(dmp, 1.0), op.scale(dmp, 2.0), op.blend(dmp, A, 0.5), op.reverse(dmp)
     op.sequence(dmp, A)
     assert np.array_equal(path(dmp).position, before)

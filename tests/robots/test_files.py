@@ -10,15 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.demonstrations import npz
 from comove.errors import ResultError
+from comove.io import arrays as archives
+from comove.io.folders import whole_folder
 from comove.planning.objective import Cost
 from comove.planning.solution import Solution
-from comove.results import whole_folder, write_solution
-from comove.results.folder import _summary_checksum, checksum
+from comove.results import RESULT, write_solution
+from comove.results.sealed import checksum
+from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
-from comove.robots.files import read_joints, verify_stored, write_joints
+from comove.robots.files import JOINTS, read_joints, verify_stored, write_joints
 from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
@@ -49,7 +51,7 @@ def write(folder, motion=None, joints=None, **told):
     known_motion, known = known_carry()
     motion, joints = motion or known_motion, joints or known
     verdict = verify_joints(baxter(), motion, joints, **told)
-    with whole_folder(folder) as draft:
+    with whole_folder(folder, RESULT) as draft:
         write_solution(solution_of(motion), draft, wall_time_s=1.0)
         write_joints(draft, joints, verdict, baxter(), motion)
     return folder
@@ -91,10 +93,8 @@ def edit_summary(folder, **changes):
 
 def sign(folder):
     """Bring all checksums along, as a forger would."""
-    from comove.robots.files import _summary_checksum
-
     edit_summary(folder, joints_sha256=checksum(arrays_of(folder)))
-    edit_summary(folder, summary_sha256=_summary_checksum(summary_of(folder)))
+    edit_summary(folder, summary_sha256=JOINTS.seal(summary_of(folder)))
 
 
 def test_what_was_written_is_read_back_and_verified_alone(folder, tmp_path):
@@ -294,7 +294,7 @@ def test_a_looser_scene_in_the_folder_is_told(folder):
     edit_summary(folder, scene_sha256=looser.sha256)
     sign(folder)
     solution = json.loads((folder / "solution.json").read_text()) | {"scene_sha256": looser.sha256}
-    solution["summary_sha256"] = _summary_checksum(solution)
+    solution["summary_sha256"] = SOLUTION.seal(solution)
     (folder / "solution.json").write_text(json.dumps(solution))
     reasons = verify_stored(folder, scene=scene).reasons
     assert any("scene.json is not the scene that it is judged on" in reason for reason in reasons)
@@ -393,7 +393,7 @@ def test_huge_files_are_refused_before_they_are_read(folder, monkeypatch):
     with pytest.raises(ResultError, match="larger than 16 MB"):
         read_joints(folder)
     shutil.copy(folder / "robot.json", folder / "scene.json")
-    monkeypatch.setattr(npz, "MAX_BYTES", 1000)
+    monkeypatch.setattr(archives, "MAX_BYTES", 1000)
     with pytest.raises(ResultError, match=r"joints\.npz"):
         read_joints(folder)
 

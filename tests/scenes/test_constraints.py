@@ -8,16 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.errors import ComoveWarning, SceneError
-from comove.scenes import (
+from comove.constraints import (
     DistanceConstraint,
     RelativePoseConstraint,
     SameHeightConstraint,
-    Scene,
     SeparationConstraint,
     UprightConstraint,
 )
-from comove.scenes.groups import levelling, tilt_between
+from comove.errors import ComoveWarning, SceneError
+from comove.geometry.rotations import levelling
+from comove.scenes import Scene
+from comove.scenes.groups import tilt_between
 from tests import brute_force
 
 from .test_scene import BAR, FRAME, TRIANGLE, apart, quiet, refused, scene_of

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.simulators import Friction, Perturbation, Weld, read_simulation, simulate, write_simulation
+from comove.simulators import SIMULATION, Friction, Perturbation, Weld, simulate, write_simulation
 from tests.simulators.benchmark import posts, standing
 
 
@@ -20,7 +20,7 @@ def execution(grasp):
 @pytest.mark.parametrize("grasp", [Weld(), Friction()])
 def test_what_is_written_is_read_again(tmp_path, grasp):
     written = write_simulation(execution(grasp), tmp_path, seed=5)
-    summary, series = read_simulation(tmp_path)
+    summary, series = SIMULATION.read(tmp_path, whole=True)
     assert summary == json.loads(json.dumps(written))
     for name, array in execution(grasp).series().items():
         assert np.array_equal(series[name], array)
@@ -50,13 +50,13 @@ def test_edited_series_are_refused(tmp_path):
         series = dict(archive)
     series["lag"] = series["lag"] * 0.5
     np.savez(tmp_path / "simulation.npz", **series)
-    with pytest.raises(ResultError, match="checksum differs"):
-        read_simulation(tmp_path)
+    with pytest.raises(ResultError, match=r"its checksum is not the one in simulation\.json"):
+        SIMULATION.read(tmp_path, whole=True)
 
 
 def test_a_folder_without_a_simulation_is_told(tmp_path):
     with pytest.raises(ResultError, match=r"holds no simulation.json"):
-        read_simulation(tmp_path)
+        SIMULATION.read(tmp_path, whole=True)
 
 
 def test_a_folder_that_is_not_there_is_told(tmp_path):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.simulators import draw_film, draw_sheet, film, play
+from comove.simulators import draw_film, draw_sheet, play
 from comove.simulators.engine import NO_PICTURES, drawing_backend
-from comove.simulators.pictures import camera
+from comove.simulators.pictures import camera, encoder
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import posts, standing
 
@@ -60,12 +60,12 @@ def test_a_sheet_has_a_picture_for_every_instant(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(film.encoder() is None, reason="no ffmpeg")
+@pytest.mark.skipif(encoder() is None, reason="no ffmpeg")
 def test_a_film_lasts_as_long_as_the_motion(tmp_path):
     path = draw_film(still(), tmp_path / "film", rate=20.0, width=160)
     assert path == tmp_path / "film.mp4"
     frames = subprocess.run(
-        [film.encoder(), "-i", str(path), "-f", "framecrc", "-"], capture_output=True, text=True, check=True
+        [encoder(), "-i", str(path), "-f", "framecrc", "-"], capture_output=True, text=True, check=True
     ).stdout
     assert sum(not line.startswith("#") for line in frames.splitlines()) == 4
 

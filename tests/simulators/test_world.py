@@ -190,7 +190,7 @@ def test_the_stick_weighs_what_the_scene_says():
 def test_the_floor_is_under_the_robot():
     """Baxter's base frame is 0.92 m above the floor."""
     robot, motion = standing()
-    from comove.simulators.bodies import lower_floor
+    from comove.simulators.world import lower_floor
 
     world, data = in_state(robot, motion.position[0])
     lower_floor(world.model, data)
@@ -225,7 +225,7 @@ def test_a_stick_that_is_too_wide_for_the_fingers_is_refused():
 
 def test_a_visual_mesh_that_is_missing_hinders_nothing(crane, tmp_path):
     from comove.errors import ComoveWarning
-    from comove.simulators.lighting import furnish
+    from comove.simulators.pictures import furnish
 
     robot = crane()
     path = Path(tmp_path / "crane.urdf")

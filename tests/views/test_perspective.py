@@ -5,7 +5,8 @@ import pytest
 
 from comove.scenes import Scene
 from comove.views import draw_motion
-from comove.views.perspective import _obstacles, hull_faces
+from comove.views.perspective import _obstacles
+from comove.views.shapes import hull_faces
 from tests import brute_force
 from tests.solved import example, solved
 

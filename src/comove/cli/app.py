@@ -19,7 +19,7 @@ from comove.errors import ComoveError, ComoveWarning, plain, readable, shortened
 
 VERIFIED, NOT_VERIFIED, BAD_INPUT, DEFECT, INTERRUPTED = 0, 1, 2, 70, 130
 
-STYLE = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
+STYLE: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 
 app = typer.Typer(
     name="comove",
@@ -45,7 +45,7 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
     def register(function: Command) -> Callable[..., None]:
         @wraps(function)
         def command(*args: Any, **options: Any) -> None:
-            warnings.showwarning = _tell_warning
+            warnings.showwarning = _tell_warning  # type: ignore[assignment]  # mypy wants parameters by name
             warnings.simplefilter("always", ComoveWarning)
             try:
                 code = function(*args, **options)

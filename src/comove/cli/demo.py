@@ -19,16 +19,18 @@ def demo(
     from comove.cli.progress import progress_bar
     from comove.cli.solve import write_result
     from comove.experiments.examples import EXAMPLES, copy_examples, example
-    from comove.experiments.figures import draw_figures
+    from comove.experiments.paper.figures import draw_demo
+    from comove.io.folders import check_target, whole_folder
     from comove.planning import LeastJerk, solve
     from comove.primitives import DMP
-    from comove.results import check_target, whole_folder
+    from comove.results import RESULT
+    from comove.scenes import recording_of
 
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
     for folder, _, _ in jobs:
-        check_target(out / folder)
-    recording = example("narrow").demonstration
+        check_target(out / folder, RESULT)
+    recording = recording_of(example("narrow"))
     dmp = DMP.fit(recording)
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"
@@ -39,7 +41,7 @@ def demo(
         taught = dmp if scene.n_dims == recording.n_dims else None
         with progress_bar(30.0) as progress:
             solution = solve(scene, demonstration=taught, seed=seed, objective=objective, progress=progress)
-        with whole_folder(out / folder) as draft:
+        with whole_folder(out / folder, RESULT) as draft:
             summary = write_result(solution, draft, None if solution.followed is None else dmp)
         solutions[folder] = solution
         verdict = "verified" if solution.verified else "NOT VERIFIED"
@@ -58,7 +60,7 @@ def demo(
     print(
         f"\nmain result: {out / 'narrow'} (solution.npz, solution.json, motion.png, progress.png)\npictures:"
     )
-    for name, caption in draw_figures(out, solutions, dmp).items():
+    for name, caption in draw_demo(out, solutions, dmp).items():
         print(f"  {out / name}: {caption}")
     copy_examples(out)
     print(

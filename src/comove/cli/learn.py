@@ -13,7 +13,9 @@ from comove.cli.app import verb
 
 @verb
 def learn(
-    demo: Annotated[str, r.DemoArgument],
+    demo: Annotated[
+        str, typer.Argument(metavar="DEMO", help="Recording: a file, or lasa:SHAPE or lasa:SHAPE:DEMO.")
+    ],
     out: Annotated[Path, typer.Option(help="File for the primitive (JSON).")],
     n_basis: r.NBasis = 20,
     variant: r.VariantName = "closed-form",
@@ -31,17 +33,18 @@ def learn(
     clean: r.Clean = False,
 ) -> int:
     """Fit a movement primitive to DEMO and save it."""
+    from comove.cli.texts import learned_text
     from comove.primitives import learn, write_primitive
+    from comove.primitives.recordings import read_recording, require_metres
 
     r.check_target(out)
-    reading = r.reading_options(unit, columns, delimiter, time, rate, clean)
-    recording, source, _ = r.read_recording(demo, manipulator, episode, topic, reading)
+    reading = r.reading_options(columns, clean, unit=unit, delimiter=delimiter, time=time, rate=rate)
+    recording = read_recording(demo, manipulator, episode, topic, **reading)
     if unit is None:
-        r.require_metres(recording, demo)
-    options = r.learning_options(n_basis, variant, phase, period, poses)
-    name = r.file_name(out.name.removesuffix(".json").removesuffix(".dmp"))
-    primitive = learn(recording, name=name, source=source, **options)
+        require_metres(recording.demonstration, demo)
+    options = r.learning_options(phase, n_basis=n_basis, variant=variant, period=period, poses=poses)
+    primitive = learn(recording.demonstration, name=r.name_of_file(out), source=recording.source, **options)
     write_primitive(out, primitive)
-    print(r.learned_text(primitive))
+    print(learned_text(primitive))
     print(f"  saved as       {out}")
     return 0

@@ -21,11 +21,11 @@ def reproduce(
     ] = None,
 ) -> int:
     """Run every experiment of the paper and of the systems it names; write one page with all figures."""
-    from comove.experiments.paper import reproduce as reproduce_all
     from comove.experiments.paper.claims import ClaimVerdict
-    from comove.experiments.paper.reproduction import CONTENTS, PAGE
+    from comove.experiments.paper.page import CONTENTS, PAGE
+    from comove.experiments.paper.page import reproduce as reproduce_all
+    from comove.io.folders import whole_folder
     from comove.primitives.arguments import require_count
-    from comove.results import whole_folder
 
     processes = len(os.sched_getaffinity(0)) if processes is None else processes
     require_count("--seeds", seeds)

@@ -11,6 +11,7 @@ import io
 import os
 import select
 import sys
+from typing import Any, TextIO
 
 CLOSED_PIPE, FULL_OUTPUT = 141, 74
 _IN, _OUT, _ERR = 0, 1, 2
@@ -19,7 +20,7 @@ _IN, _OUT, _ERR = 0, 1, 2
 class _Output(io.FileIO):
     """Standard output whose failures end the process, with an exit code of their own."""
 
-    def write(self, data) -> int:
+    def write(self, data: Any) -> int:
         while True:
             try:
                 written = super().write(data)
@@ -43,7 +44,7 @@ class _Output(io.FileIO):
 class _Messages(io.FileIO):
     """Standard error that drops messages which cannot be written."""
 
-    def write(self, data) -> int:
+    def write(self, data: Any) -> int:
         try:
             return super().write(data) or 0
         except OSError:
@@ -66,7 +67,7 @@ def guard_streams() -> None:
     sys.stdout = _text(_Output(_OUT, "w", closefd=False), sys.stdout, line_buffering=os.isatty(_OUT))
 
 
-def _text(raw: io.FileIO, before: io.TextIOBase | None, *, line_buffering: bool) -> io.TextIOWrapper:
+def _text(raw: io.FileIO, before: TextIO | None, *, line_buffering: bool) -> io.TextIOWrapper:
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding=getattr(before, "encoding", None) or "utf-8",

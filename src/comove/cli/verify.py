@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
-from comove.cli.changes import Acceleration, Clearance, Duration, Jerk, Speed, changes_of
 from comove.errors import OptionError
 
-LIMITS = ("speed", "acceleration", "jerk", "clearance")
+if TYPE_CHECKING:
+    from comove.robots import JointVerdict
+    from comove.scenes import Scene
 
 
 @verb
 def verify(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")],
+    scene: o.SceneFile,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
     robot: Annotated[
         str | None,
@@ -28,19 +28,19 @@ def verify(
             "unless given."
         ),
     ] = None,
-    duration: Duration = None,
-    speed: Speed = None,
-    acceleration: Acceleration = None,
-    jerk: Jerk = None,
-    clearance: Clearance = None,
+    duration: o.Duration = None,
+    speed: o.Speed = None,
+    acceleration: o.Acceleration = None,
+    jerk: o.Jerk = None,
+    clearance: o.Clearance = None,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.progress import progress_bar
-    from comove.cli.show import FURTHER
-    from comove.results import filled_in, read_result, verify_result
+    from comove.cli.texts import FURTHER, joints_text
+    from comove.results import changes_to, filled_in, read_result, verify_result
     from comove.scenes import Scene
 
-    changes = changes_of(duration, speed, acceleration, jerk, clearance)
+    changes = o.changes_of(duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance)
     with progress_bar():
         stored = read_result(folder)
         loaded = filled_in(Scene.load(scene, changes), stored)
@@ -51,7 +51,8 @@ def verify(
         print(f"{folder}: rejected", file=sys.stderr)
         for reason in dict.fromkeys(reasons):
             print(f"  - {reason}", file=sys.stderr)
-        if options := _options_of(stored, scene, loaded):
+        if changed := changes_to(loaded, stored, scene):
+            options = " ".join(f"--{key} {value}" for key, value in changed.items())
             print(f"  it was solved with {options}: give that again", file=sys.stderr)
         return NOT_VERIFIED
     report = verdict.report
@@ -66,47 +67,14 @@ def verify(
     )
     if report.jerk_max is not None:
         print(f"  jerk                         <= {report.jerk_max:.3f} m/s^3")
-    if joints is not None:
-        from comove.cli.robot.report import joints_text
-
+    if joints is not None and joints.verified is not None:
         print(joints_text(joints.verified.robot.name, joints.report.asdict()))
     elif loaded.file.robot is not None:
         print("  the hands alone: the folder holds no motion of a robot's joints")
     return VERIFIED
 
 
-def _options_of(stored, scene: Path, loaded) -> str | None:
-    """Return the options that turn a scene file into the scene that was solved; None if there are none."""
-    from comove.errors import InputError
-    from comove.results.folder import SCENE
-    from comove.scenes import Scene
-
-    solved = stored.summary.get("scene_sha256")
-    if loaded.sha256 == solved:
-        return None
-    try:
-        found = json.loads((stored.folder / SCENE).read_text(encoding="utf-8"))
-        limits, own = found.get("limits") or {}, loaded.file.limits
-        options = {
-            key: limits[key] for key in LIMITS if limits.get(key, math.nan) not in (None, getattr(own, key))
-        }
-        if found.get("duration") != loaded.file.duration:
-            options = {"duration": found.get("duration")} | options
-        if Scene.load(scene, changes_of(**({"duration": None} | options))).sha256 != solved:
-            return None
-    except (
-        OSError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        KeyError,
-        InputError,
-    ):  # the folder is not trusted
-        return None
-    return " ".join(f"--{key} {value}" for key, value in options.items())
-
-
-def _joints_verdict(folder: Path, scene, file: Path, named: str | None):
+def _joints_verdict(folder: Path, scene: Scene, file: Path, named: str | None) -> JointVerdict | None:
     """Return the verdict on a robot's motion, None if the folder holds none.
 
     The robot is the one that the command or the scene names. A folder may name only a bundled robot: a description of
@@ -121,17 +89,18 @@ def _joints_verdict(folder: Path, scene, file: Path, named: str | None):
                 way_out="leave it out, or name the folder of `comove robot solve`",
             )
         return None
-    from comove.cli.robot.report import robot_named
+    from comove.cli.robot import robot_named
     from comove.errors import RobotError
     from comove.robots import bundled_robots, read_joints, verify_stored
 
-    source = read_joints(folder).summary.get("robot_file")
-    if named is None and scene.file.robot is None and source not in bundled_robots():
-        raise RobotError(
-            "neither the scene nor the command names a robot, and the folder's is no bundled one",
-            file=file,
-            key="robot",
-            way_out="give its description by --robot FILE, once you have read it",
-        )
-    robot, _ = robot_named(source if named is None and scene.file.robot is None else named, scene, file)
+    if named is None and scene.file.robot is None:
+        named = read_joints(folder).summary.get("robot_file")
+        if named not in bundled_robots():
+            raise RobotError(
+                "neither the scene nor the command names a robot, and the folder's is no bundled one",
+                file=file,
+                key="robot",
+                way_out="give its description by --robot FILE, once you have read it",
+            )
+    robot, _ = robot_named(named, scene, file)
     return verify_stored(folder, robot, scene=scene)

@@ -4,14 +4,24 @@ A file becomes a :class:`Demonstration`, which is clean by construction: finite,
 every instant once. Its `notes` report every change that was made.
 """
 
-from comove.demonstrations.csv import read_csv, write_csv
-from comove.demonstrations.demonstration import Demonstration
-from comove.demonstrations.hdf5 import hdf5_episodes, read_hdf5, write_aloha, write_robomimic
-from comove.demonstrations.lasa import lasa_names, read_lasa
-from comove.demonstrations.lerobot import lerobot_episodes, read_lerobot, write_lerobot
-from comove.demonstrations.npz import read_npz, write_npz
-from comove.demonstrations.rosbag import read_rosbag, rosbag_topics, write_rosbag
-from comove.demonstrations.segmentation import segment
+from comove.demonstrations.demonstration import Demonstration, each, each_episode, segment
+from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag, write
+from comove.demonstrations.formats.csv import write as write_csv
+from comove.demonstrations.formats.hdf5 import episodes as hdf5_episodes
+from comove.demonstrations.formats.hdf5 import write_aloha, write_robomimic
+from comove.demonstrations.formats.lasa import names as lasa_names
+from comove.demonstrations.formats.lerobot import episodes as lerobot_episodes
+from comove.demonstrations.formats.lerobot import write as write_lerobot
+from comove.demonstrations.formats.npz import write as write_npz
+from comove.demonstrations.formats.rosbag import topics as rosbag_topics
+from comove.demonstrations.formats.rosbag import write as write_rosbag
+
+read_csv = each(csv.read)
+read_npz = each(npz.read)
+read_rosbag = each(rosbag.read)
+read_hdf5 = each_episode(hdf5.read)
+read_lerobot = each_episode(lerobot.read)
+read_lasa = Demonstration.from_lasa
 
 __all__ = [
     "Demonstration",
@@ -26,6 +36,7 @@ __all__ = [
     "read_rosbag",
     "rosbag_topics",
     "segment",
+    "write",
     "write_aloha",
     "write_csv",
     "write_lerobot",

@@ -1,18 +1,24 @@
 """Checks of recordings, and the few repairs that are made and reported.
 
 A check raises, because only the user can correct the fault; a repair returns a note beside the arrays, which is
-empty if there was nothing to repair.
+empty if there was nothing to repair. Throughout, `time` is an array (n_steps,) [s], `position` is (n_steps, n_dims)
+[m], `orientation` is (n_steps, 4), quaternions w x y z; an `origin` names samples in messages.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.errors import DemonstrationError
+from comove.demonstrations.samples import AXES, IN_MEMORY, Origin, fault
+from comove.errors import DemonstrationError, OptionError, near_name
 
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+"""Metres of each unit."""
+TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+"""Seconds of each unit."""
 MAX_DIMS = 64
 LARGEST = 1e12
 """Numbers beyond this are no measurement, and their squares overflow."""
@@ -37,47 +43,10 @@ _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
 """Norms this near to one are left alone, so that what was normalised once stays as it is, bit by bit."""
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Holds the origin of samples, and names samples in messages as the user knows them.
-
-    Attributes
-    ----------
-    file : the file from which they were read, None for arrays in memory
-    """
-
-    file: object = None
-
-    def time(self, sample: int) -> str:
-        """Return the name of the time stamp of a sample, counted from 0."""
-        return f"time[{sample}]"
-
-    def position(self, sample: int, dim: int) -> str:
-        """Return the name of one coordinate of a sample."""
-        return f"position[{sample}, {dim}]"
-
-    def orientation(self, sample: int) -> str:
-        """Return the name of the quaternion of a sample."""
-        return f"orientation[{sample}]"
-
-
-IN_MEMORY = Origin()
-
-
 def check(
     time: ArrayLike, position: ArrayLike, origin: Origin = IN_MEMORY
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time and position as arrays, and raise unless they are a recorded movement.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s]
-    position : array, shape (n_steps, n_dims), [m]
-    origin : names samples in messages
-
-    Returns
-    -------
-    time, position : new arrays of the same shapes
+    """Return time and position as new arrays, and raise unless they are a recorded movement.
 
     Raises
     ------
@@ -95,17 +64,7 @@ def check(
 def check_orientation(
     orientation: ArrayLike, n_steps: int, origin: Origin = IN_MEMORY
 ) -> NDArray[np.float64]:
-    """Return orientations with unit norm, and raise unless they are valid quaternions.
-
-    Parameters
-    ----------
-    orientation : array, shape (n_steps, 4), quaternions w x y z
-    n_steps : number of rows of the positions
-    origin : names samples in messages
-
-    Returns
-    -------
-    orientation : new array of the same shape, unit norm to rounding
+    """Return orientations as a new array with unit norm to rounding, and raise unless they are valid quaternions.
 
     Raises
     ------
@@ -115,38 +74,31 @@ def check_orientation(
     """
     orientation = _numbers(orientation, "orientation", origin)
     if orientation.shape != (n_steps, 4):
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            "orientation",
             f"has shape {orientation.shape} and position has {n_steps} rows",
-            file=origin.file,
-            key="orientation",
-            way_out="give one quaternion w x y z a row, shape (n_steps, 4)",
+            "give one quaternion w x y z a row, shape (n_steps, 4)",
         )
     norm = np.linalg.norm(np.clip(orientation, -LARGEST, LARGEST), axis=1)
     bad = ~(np.abs(norm - 1.0) <= NORM_TOLERANCE)
     if bad.any():
         row = int(np.argmax(bad))
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.orientation(row),
             f"the quaternion {orientation[row].tolist()} has norm {norm[row]:.4g}, not 1",
-            file=origin.file,
-            key=origin.orientation(row),
-            way_out="give unit quaternions in the order w x y z",
+            "give unit quaternions in the order w x y z",
         )
     off = np.abs(norm - 1.0) > _NORM_ROUNDING
     orientation[off] /= norm[off, None]
     return orientation
 
 
-def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Choose the signs of the quaternions, q or -q for the same orientation, so that neighbours are close.
+def without_sign_changes(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Return the orientations with signs, q or -q for the same one, that make neighbours close, and a note.
 
-    Parameters
-    ----------
-    orientation : array, shape (n_steps, 4), unit quaternions
-
-    Returns
-    -------
-    orientation : array, shape (n_steps, 4); the first row keeps its sign
-    note : number of changed signs in words, empty if there are none
+    The first row keeps its sign.
     """
     flips = np.einsum("ij,ij->i", orientation[1:], orientation[:-1]) < 0.0
     if not flips.any():
@@ -160,19 +112,10 @@ def same_hemisphere(orientation: NDArray[np.float64]) -> tuple[NDArray[np.float6
 def merge_repeated_orientations(
     time: NDArray[np.float64], orientation: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return one orientation per instant: the mean of the rows with the same time stamp.
+    """Return one orientation per instant: the mean of the rows with the same time stamp; `time` does not decrease.
 
     The mean is the axis nearest to all of them (Markley), which does not depend on signs; single rows stay as they
     are.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], not decreasing
-    orientation : array, shape (n_steps, 4), unit quaternions
-
-    Returns
-    -------
-    orientation : array, shape (n_distinct, 4)
     """
     first = np.flatnonzero(np.concatenate(([True], np.diff(time) > 0.0)))
     merged = orientation[first]
@@ -185,7 +128,7 @@ def merge_repeated_orientations(
     return merged
 
 
-def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
+def check_axes(axes: Iterable[str], n_dims: int, origin: Origin = IN_MEMORY) -> tuple[str, ...]:
     """Return the names of `n_dims` coordinates, and raise if they are invalid; for x, y, z return ().
 
     Raises
@@ -194,7 +137,7 @@ def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
         If there are not as many names as coordinates, or a name is empty or repeated.
     """
     names = (axes,) if isinstance(axes, str) else tuple(axes)
-    if names in ((), ("x", "y", "z")[:n_dims]):
+    if names in ((), AXES[:n_dims]):
         return ()
     if len(names) != n_dims:
         message = f"{len(names)} names stand for {n_dims} coordinates"
@@ -204,11 +147,11 @@ def check_axes(axes: object, n_dims: int) -> tuple[str, ...]:
         message = f"the name {next(name for name in names if names.count(name) > 1)!r} stands twice"
     else:
         return tuple(map(str, names))
-    raise DemonstrationError(message, key="axes", way_out="give each coordinate a name of its own, or none")
+    raise fault(origin.file, origin.axes, message, "give each coordinate a name of its own, or none")
 
 
 def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Shift `time`, shape (n_steps,), [s], to start at zero, and return it with a note, empty if nothing changed."""
+    """Return `time` shifted to start at zero, and a note."""
     if time[0] == 0.0:
         return time, ""
     return time - time[0], f"time shifted by {-time[0]:.9g} s to start at 0"
@@ -217,18 +160,9 @@ def start_at_zero(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
 def merge_repeated_stamps(
     time: NDArray[np.float64], position: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
-    """Return one position per instant: the mean of the rows with the same time stamp.
+    """Return distinct times with one position each, the mean of the rows with that time stamp, and a note.
 
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], not decreasing
-    position : array, shape (n_steps, n_dims), [m]
-
-    Returns
-    -------
-    time : array, shape (n_distinct,), [s], increasing
-    position : array, shape (n_distinct, n_dims), [m]
-    note : report of the merged rows, empty if there were none
+    `time` does not decrease; the one that is returned increases.
     """
     repeated = np.diff(time) == 0.0
     if not repeated.any():
@@ -243,8 +177,23 @@ def merge_repeated_stamps(
     return time[first], mean, note
 
 
+def metres(unit: str, file: object = None) -> float:
+    """Return the length of a unit in metres.
+
+    Raises
+    ------
+    OptionError
+        If the unit is unknown.
+    """
+    if unit not in LENGTHS:
+        raise OptionError(
+            f"the unit {unit!r} is not known", file=file, key="unit", way_out=near_name(unit, LENGTHS)
+        )
+    return LENGTHS[unit]
+
+
 def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
-    """Return a hint if `position`, shape (n_steps, n_dims), [unit], looks like millimetres or degrees, else ""."""
+    """Return a hint if `position`, in `unit`, looks like millimetres or degrees, else ""."""
     extent = np.ptp(position, axis=0).max()
     if extent <= _UNIT_EXTENTS.get(unit, np.inf):
         return ""
@@ -255,19 +204,17 @@ def _numbers(values: ArrayLike, name: str, origin: Origin) -> NDArray[np.float64
     try:
         array = np.asarray(values)
     except ValueError:
-        raise DemonstrationError(
-            "its rows differ in length", file=origin.file, key=name, way_out="give every row the same columns"
+        raise fault(
+            origin.file, name, "its rows differ in length", "give every row the same columns"
         ) from None
     if array.dtype.kind not in "iuf":
-        raise DemonstrationError(
-            f"holds {array.dtype.name}, not numbers", file=origin.file, key=name, way_out="give real numbers"
-        )
+        raise fault(origin.file, name, f"holds {array.dtype.name}, not numbers", "give real numbers")
     return np.array(array, dtype=np.float64)
 
 
 def _check_shapes(time: NDArray[np.float64], position: NDArray[np.float64], origin: Origin) -> None:
     def wrong(key: str, message: str, way_out: str) -> DemonstrationError:
-        return DemonstrationError(message, file=origin.file, key=key, way_out=way_out)
+        return fault(origin.file, key, message, way_out)
 
     if time.ndim != 1:
         raise wrong("time", f"has shape {time.shape}", "give one stamp a row, shape (n_steps,)")
@@ -294,11 +241,11 @@ def _check_finite(time: NDArray[np.float64], position: NDArray[np.float64], orig
         return
     sample, column = np.argwhere(bad)[0]
     is_time = column == 0
-    raise DemonstrationError(
+    raise fault(
+        origin.file,
+        origin.time(sample) if is_time else origin.position(sample, column - 1),
         f"{time[sample] if is_time else position[sample, column - 1]} is not a number below {LARGEST:g}",
-        file=origin.file,
-        key=origin.time(sample) if is_time else origin.position(sample, column - 1),
-        way_out="remove the row or fill in what was measured",
+        "remove the row or fill in what was measured",
     )
 
 
@@ -306,18 +253,18 @@ def _check_time(time: NDArray[np.float64], origin: Origin) -> None:
     backwards = np.diff(time) < 0.0
     if backwards.any():
         row = int(np.argmax(backwards)) + 1
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.time(row),
             f"time goes back from {time[row - 1]} s to {time[row]} s",
-            file=origin.file,
-            key=origin.time(row),
-            way_out="sort the rows, or cut the recording there",
+            "sort the rows, or cut the recording there",
         )
     duration = time[-1] - time[0]
     if duration < SHORTEST:
         what = "stands still" if duration == 0.0 else f"passes only {duration:.3g} s in all, from here"
-        raise DemonstrationError(
+        raise fault(
+            origin.file,
+            origin.time(1),
             f"time {what} at {time[1]} s",
-            file=origin.file,
-            key=origin.time(1),
-            way_out="write the time of each row, in seconds",
+            "write the time of each row, in seconds",
         )

@@ -1,29 +1,32 @@
-"""The class of recorded movements."""
+"""The class of recorded movements, and what cuts a recording into its movements."""
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from typing import TYPE_CHECKING, ParamSpec, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import cleaning, resampling, units
+from comove.demonstrations import cleaning, formats, resampling
+from comove.demonstrations.formats import csv, lasa, npz, tables
+from comove.demonstrations.samples import IN_MEMORY, Samples
+from comove.demonstrations.segmentation import Segmentation, movements
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-_END_SAMPLES = 7
-_END_SHARE = 0.01
+_P = ParamSpec("_P")
 
 
 @dataclass(frozen=True, eq=False)
-class Demonstration:
+class Demonstration(Samples):
     """One recorded movement, clean by construction.
 
     Time starts at zero and increases, in even or uneven steps; all numbers are finite. Time stamps are shifted to
@@ -39,6 +42,7 @@ class Demonstration:
     unit : unit of `position`; only "m" is checked for numbers that look like millimetres, only "rad" for degrees
     orientation : array, shape (n_steps, 4), unit quaternions w x y z; None if none was recorded
     axes : names of the coordinates, such as those of joints; () if they are x, y, z or have no names
+    origin : names of the places of the samples in their file, for errors; forgotten after the checks
 
     All arrays are read-only copies.
 
@@ -53,50 +57,33 @@ class Demonstration:
         If positions were merged, or look like millimetres or degrees.
     """
 
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    name: str = ""
-    notes: tuple[str, ...] = ()
-    unit: str = "m"
-    orientation: NDArray[np.float64] | None = field(default=None, kw_only=True)
-    axes: tuple[str, ...] = field(default=(), kw_only=True)
-
     def __post_init__(self) -> None:
-        time, position = cleaning.check(self.time, self.position)
-        axes = cleaning.check_axes(self.axes, position.shape[1])
+        origin = self.origin
+        time, position = cleaning.check(self.time, self.position, origin)
         orientation, flipped = self.orientation, ""
         if orientation is not None:
-            orientation = cleaning.check_orientation(orientation, len(time))
-            orientation, flipped = cleaning.same_hemisphere(orientation)
+            orientation = cleaning.check_orientation(orientation, len(time), origin)
+            orientation, flipped = cleaning.without_sign_changes(orientation)
+        axes = cleaning.check_axes(self.axes, position.shape[1], origin)
         time, shifted = cleaning.start_at_zero(time)
         if orientation is not None:
             orientation = cleaning.merge_repeated_orientations(time, orientation)
         time, position, merged = cleaning.merge_repeated_stamps(time, position)
-        hint = self._unit_hint(position)
-        for array in (time, position, orientation):
+        told = any(hint in note for note in self.notes for hint in cleaning.UNIT_HINTS.values())
+        hint = "" if told else cleaning.unit_hint(position, self.unit)
+        notes = (*self.notes, *filter(None, (shifted, merged, flipped, hint)))
+        for name, array in (("time", time), ("position", position), ("orientation", orientation)):
             if array is not None:
                 array.setflags(write=False)
-        object.__setattr__(self, "time", time)
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "orientation", orientation)
-        object.__setattr__(self, "axes", axes)
-        object.__setattr__(self, "notes", (*self.notes, *filter(None, (shifted, merged, flipped, hint))))
+            object.__setattr__(self, name, array)
+        for name, value in (("axes", axes), ("notes", notes), ("origin", IN_MEMORY)):
+            object.__setattr__(self, name, value)
         _warn(self.name, merged, hint, stacklevel=4)
 
-    @property
-    def n_steps(self) -> int:
-        """Return the number of samples."""
-        return self.position.shape[0]
-
-    @property
-    def n_dims(self) -> int:
-        """Return the number of coordinates."""
-        return self.position.shape[1]
-
-    @property
-    def duration(self) -> float:
-        """Return the time of the last sample [s]."""
-        return float(self.time[-1])
+    @classmethod
+    def of(cls, samples: Samples) -> Self:
+        """Return the movement that a reader found, checked; errors name the places in its file."""
+        return cls(**vars(samples))
 
     @property
     def start(self) -> NDArray[np.float64]:
@@ -119,12 +106,12 @@ class Demonstration:
 
     @property
     def start_velocity(self) -> NDArray[np.float64]:
-        """Return the velocity at the first sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
+        """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
         return _end_velocity(self.time, self.position)
 
     @property
     def goal_velocity(self) -> NDArray[np.float64]:
-        """Return the velocity at the last sample, shape (n_dims,), [m/s]; see `_end_velocity`."""
+        """Return the velocity at the last sample, shape (n_dims,), [m/s]."""
         return -_end_velocity(self.duration - self.time[::-1], self.position[::-1])
 
     def resampled(self, n_steps: int) -> Demonstration:
@@ -142,9 +129,9 @@ class Demonstration:
         time = np.linspace(0.0, self.duration, n_steps)
         position = resampling.resample(self.time, self.position, time)
         position[[0, -1]] = self.position[[0, -1]]
-        orientation = self.orientation
-        if orientation is not None:
-            orientation = resampling.slerp(self.time, orientation, time)
+        orientation = (
+            None if self.orientation is None else resampling.slerp(self.time, self.orientation, time)
+        )
         note = f"resampled from {self.n_steps} to {n_steps} even time steps"
         return self._changed(time, position, orientation, note)
 
@@ -172,9 +159,9 @@ class Demonstration:
         moved = np.linalg.norm(position - self.position, axis=1).max()
         filter_name = f"zero-phase Butterworth, {cutoff_hz:g} Hz"
         note = f"smoothed ({filter_name}): samples moved by up to {moved:.3g} {self.unit}"
-        orientation = self.orientation
-        if orientation is not None:
-            orientation = resampling.smooth_orientation(self.time, orientation, cutoff_hz)
+        orientation = None
+        if self.orientation is not None:
+            orientation = resampling.smooth_orientation(self.time, self.orientation, cutoff_hz)
             apart = np.linalg.norm(orientation - self.orientation, axis=1).max()
             note += f" and turned by up to {4.0 * np.arcsin(min(1.0, apart / 2.0)):.3g} rad"
         _warn(self.name, note, stacklevel=3)
@@ -190,7 +177,7 @@ class Demonstration:
         """
         if unit is None:
             return self
-        factor = units.length(unit)
+        factor = cleaning.metres(unit)
         if self.unit not in ("m", unit):
             raise OptionError(
                 f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
@@ -213,8 +200,6 @@ class Demonstration:
         DemonstrationError
             If nothing moves in it.
         """
-        from comove.demonstrations.segmentation import segment
-
         parts = segment(self)
         if not parts:
             raise DemonstrationError(
@@ -279,7 +264,7 @@ class Demonstration:
         episode : name or number of the recording, if the file holds several
         topic : topic of a bag
         unit : unit of lengths, such as "mm"; by default the file's, or metres
-        columns, delimiter, time, rate : options for text tables of other programs, see `tables.read_table`
+        columns, delimiter, time, rate : options for text tables of other programs, see `formats.tables.read`
         clean : whether to return the movement between the pauses, without noise (see `cleaned`)
 
         Raises
@@ -287,26 +272,22 @@ class Demonstration:
         DemonstrationError
             If it cannot be read, or holds several movements and the name is missing or unknown; lists the names.
         """
-        from comove.demonstrations.loading import load
-
         if columns is delimiter is time is rate is None:
+            samples = formats.load(path, manipulator, episode=episode, topic=topic)
             with warnings.catch_warnings():
                 if unit is not None:  # which says what the numbers look like
                     warnings.filterwarnings("ignore", f".*{cleaning.UNIT_HINT}", ComoveWarning)
-                recording = load(path, manipulator, episode=episode, topic=topic)
+                recording = cls.of(samples)
             recording = recording.in_metres(unit)
         else:
-            from comove.demonstrations.tables import read_table
-
             if not (manipulator is episode is topic is None):
                 raise OptionError(
                     "a text table holds one movement",
                     key="columns",
                     way_out="choose it by its columns, and leave manipulator, episode and topic out",
                 )
-            recording = read_table(
-                path, columns=columns, delimiter=delimiter, time=time, rate=rate, unit=unit
-            )
+            samples = tables.read(path, columns=columns, delimiter=delimiter, time=time, rate=rate, unit=unit)
+            recording = cls.of(samples).in_metres(samples.unit)
         return recording.cleaned() if clean else recording
 
     @classmethod
@@ -315,9 +296,7 @@ class Demonstration:
 
         The name of each movement tells its episode, manipulator or topic.
         """
-        from comove.demonstrations.loading import load_all
-
-        return load_all(path)
+        return tuple(map(cls.of, formats.load_all(path)))
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
@@ -326,28 +305,20 @@ class Demonstration:
         Raises
         ------
         DemonstrationError
-            If the file does not have the format of `comove.demonstrations.csv`, or holds several manipulators and
-            the name is missing or unknown.
+            If the file is not in the format of `comove.demonstrations.formats.csv`, or holds several manipulators
+            and the name is missing or unknown.
         """
-        from comove.demonstrations.csv import read_csv
-        from comove.demonstrations.loading import choose
-
-        return choose(read_csv(path), manipulator, path)
+        return cls.of(formats.select(csv.read(path), manipulator, path))
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
         """Read one movement from an NPZ file, as `from_csv` does."""
-        from comove.demonstrations.loading import choose
-        from comove.demonstrations.npz import read_npz
-
-        return choose(read_npz(path), manipulator, path)
+        return cls.of(formats.select(npz.read(path), manipulator, path))
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
-        """Read one recording of the LASA handwriting set; see `comove.demonstrations.lasa`."""
-        from comove.demonstrations.lasa import read_lasa
-
-        return read_lasa(shape, demo)
+        """Read one recording of the LASA handwriting set; see `comove.demonstrations.formats.lasa`."""
+        return cls.of(lasa.read(shape, demo))
 
     def _changed(
         self,
@@ -366,9 +337,74 @@ class Demonstration:
         part = self._changed(self.time[kept] - self.time[first], self.position[kept], orientation, note)
         return part if name is None else replace(part, name=name)
 
-    def _unit_hint(self, position: NDArray[np.float64]) -> str:
-        told = any(hint in note for note in self.notes for hint in cleaning.UNIT_HINTS.values())
-        return "" if told else cleaning.unit_hint(position, self.unit)
+
+def segment(
+    demonstration: Demonstration,
+    *,
+    speed_share: float = 0.05,
+    min_pause: float = 0.2,
+    min_duration: float = 0.2,
+    cutoff_hz: float = 6.0,
+    corner: float | None = None,
+) -> tuple[Demonstration, ...]:
+    """Cut a recording into movements; the pauses between them are dropped.
+
+    Parameters
+    ----------
+    demonstration : recording of any number of movements
+    speed_share : share of the recording's largest speed that a movement must exceed, between 0 and 1; the movement
+        begins and ends where the speed is 0.02 of its own largest
+    min_pause : shortest duration of a pause [s]; the movement continues through shorter ones
+    min_duration : shortest duration of a movement [s]; shorter ones are dropped
+    cutoff_hz : frequency above which the recording counts as noise [Hz]; at most a fifth of the sampling rate is
+        used
+    corner : smallest angle between path directions [rad] at which minima of the speed are cut; None: cut at pauses
+        only
+
+    Returns
+    -------
+    movements : in the order of time, without common samples; empty if nothing moves. Time starts at zero in each;
+        the last note gives the recording and the instants in it.
+
+    Raises
+    ------
+    OptionError
+        If a parameter is out of its range; names it.
+    """
+    options = Segmentation(speed_share, min_pause, min_duration, cutoff_hz, corner)
+    bounds = movements(demonstration.time, demonstration.position, demonstration.orientation, options)
+    name = demonstration.name or "recording"
+    parts = []
+    for number, (first, stop) in enumerate(bounds.tolist()):
+        start, goal = demonstration.time[first], demonstration.time[stop - 1]
+        note = f"movement {number} of {len(bounds)}, from {start:.6g} s to {goal:.6g} s of {name}"
+        parts.append(demonstration._part(first, stop, note, name=f"{name} {number}"))
+    return tuple(parts)
+
+
+def each(read: Callable[_P, Mapping[str, Samples]]) -> Callable[_P, dict[str, Demonstration]]:
+    """Return a format's reader of movements by name as one of demonstrations by name."""
+
+    @wraps(read)
+    def reader(*args: _P.args, **options: _P.kwargs) -> dict[str, Demonstration]:
+        return {name: Demonstration.of(samples) for name, samples in read(*args, **options).items()}
+
+    return reader
+
+
+def each_episode(
+    read: Callable[_P, Mapping[str, Mapping[str, Samples]]],
+) -> Callable[_P, dict[str, dict[str, Demonstration]]]:
+    """Return a format's reader of episodes as one of demonstrations by manipulator, by episode."""
+
+    @wraps(read)
+    def reader(*args: _P.args, **options: _P.kwargs) -> dict[str, dict[str, Demonstration]]:
+        return {
+            episode: {name: Demonstration.of(samples) for name, samples in found.items()}
+            for episode, found in read(*args, **options).items()
+        }
+
+    return reader
 
 
 def _warn(name: str, *notes: str, stacklevel: int) -> None:
@@ -381,14 +417,14 @@ def _end_velocity(time: NDArray[np.float64], position: NDArray[np.float64]) -> N
     """Estimate the velocity at time zero, shape (n_dims,), from a parabola through the samples near it.
 
     The fit is by least squares over the first seven samples, and at least the first hundredth of the movement, so
-    that noise, or two stamps very close together, have little influence. Exact for polynomials of degree 2.
+    that noise, or two stamps very close by_manipulator, have little influence. Exact for polynomials of degree 2.
 
     Parameters
     ----------
     time : array, shape (n_steps,), [s], increasing, from 0
     position : array, shape (n_steps, n_dims), [m]
     """
-    n_near = max(_END_SAMPLES, int(np.searchsorted(time, _END_SHARE * time[-1], side="right")))
+    n_near = max(7, int(np.searchsorted(time, 0.01 * time[-1], side="right")))
     near, positions = time[:n_near], position[:n_near]
     degree = min(2, len(near) - 1)
     powers = (near / near[-1])[:, None] ** np.arange(degree + 1)

@@ -1,4 +1,8 @@
-"""Interpolation and smoothing of recorded positions and orientations, as pure functions of arrays."""
+"""Interpolation and smoothing of recorded positions and orientations, as pure functions of arrays.
+
+Throughout, `time` is an array (n_steps,) [s], increasing from 0; `position` is (n_steps, n_dims) [m]; `orientation`
+is (n_steps, 4), unit quaternions w x y z whose neighbours are in one hemisphere.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +11,14 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 
-_FEWEST = 8
-"""Samples from which noise can be told."""
-_NORMAL_MEDIAN, _FOURTH = 0.6745, 70.0
-"""The median of a normal variable's size, and the sum 1 + 16 + 36 + 16 + 1 by which fourth differences vary more."""
-_QUIET = 1e-5
-"""Of the extent of a movement: noise that nobody sees."""
-_HIGHEST, _LOWEST = 0.9, 2.0
-"""The range of cutoffs that are tried: a share of the Nyquist frequency, and oscillations during the movement."""
-_MORE = 1.05
-"""Times the noise that a filter may remove: what is more belongs to the movement."""
-_ORDER = 2
-"""Order of the Butterworth filter; forwards and backwards it acts as one of twice the order."""
-
 
 def resample(
     time: NDArray[np.float64], position: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate positions by a monotone cubic (PCHIP).
+    """Interpolate positions by a monotone cubic (PCHIP) at the times `at`, which are within `time`.
 
     A spline would be smoother, but two jittering time stamps may be microseconds apart, and the steep chord between
     their samples makes a spline overshoot by metres. PCHIP stays between neighbours.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], increasing
-    position : array, shape (n_steps, n_dims), [m]
-    at : array, shape (n_new_steps,), [s], within `time`
-
-    Returns
-    -------
-    position : array, shape (n_new_steps, n_dims), [m]
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -47,18 +28,7 @@ def resample(
 def slerp(
     time: NDArray[np.float64], orientation: NDArray[np.float64], at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate orientations along the shortest turn between neighbours, at constant speed; samples are exact.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], increasing
-    orientation : array, shape (n_steps, 4), unit quaternions, neighbours in one hemisphere
-    at : array, shape (n_new_steps,), [s], within `time`
-
-    Returns
-    -------
-    orientation : array, shape (n_new_steps, 4), unit quaternions
-    """
+    """Interpolate orientations at the times `at` along the shortest turn, at constant speed; samples are exact."""
     before = (np.searchsorted(time, at, side="right") - 1).clip(0, len(time) - 2)
     share = ((at - time[before]) / (time[before + 1] - time[before])).clip(0.0, 1.0)[:, None]
     start, goal = orientation[before], orientation[before + 1]
@@ -77,16 +47,6 @@ def smooth_orientation(
     time: NDArray[np.float64], orientation: NDArray[np.float64], cutoff_hz: float
 ) -> NDArray[np.float64]:
     """Filter quaternions as `smooth` does positions and normalise them; both ends stay exactly.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], increasing, from 0
-    orientation : array, shape (n_steps, 4), unit quaternions, neighbours in one hemisphere
-    cutoff_hz : frequency whose amplitude is halved [Hz], below the Nyquist frequency
-
-    Returns
-    -------
-    orientation : array, shape (n_steps, 4), unit quaternions
 
     Raises
     ------
@@ -110,44 +70,37 @@ def noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float:
     """Estimate the standard deviation of the noise in a recording, all dimensions together [m].
 
     It is estimated from fourth differences, in which movements vanish but noise does not; 0 for fewer than 8 samples.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], increasing, from 0
-    position : array, shape (n_steps, n_dims), [m]
     """
-    if len(time) < _FEWEST:
+    if len(time) < 8:
         return 0.0
     if not is_even(time):
         position = resample(time, position, np.linspace(0.0, time[-1], len(time)))
-    differences = np.abs(np.diff(position, n=4, axis=0))
-    return float(np.linalg.norm(np.median(differences, axis=0)) / (_NORMAL_MEDIAN * np.sqrt(_FOURTH)))
+    median = np.linalg.norm(np.median(np.abs(np.diff(position, n=4, axis=0)), axis=0))
+    # The median of a normal variable's size, and the sum 1 + 16 + 36 + 16 + 1 by which fourth differences vary more.
+    return float(median / (0.6745 * np.sqrt(70.0)))
 
 
 def cutoff_of_noise(time: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
     """Return the lowest cutoff [Hz] at which a filter removes no more than the noise (the discrepancy principle).
 
-    Return None if the noise is negligible.
-
-    Parameters
-    ----------
-    time, position : arrays, as for `noise`
+    From 0.9 of the Nyquist frequency down to 2 oscillations during the movement are tried. Return None if the noise
+    is below 1e-5 of the movement's extent, where nobody sees it.
     """
     deviation, extent = noise(time, position), float(np.ptp(position, axis=0).max())
-    if deviation <= _QUIET * extent:
+    if deviation <= 1e-5 * extent:
         return None
     nyquist = 0.5 * (len(time) - 1) / time[-1]
     chosen = None
-    for cutoff in np.geomspace(_HIGHEST * nyquist, _LOWEST / time[-1], 40):
+    for cutoff in np.geomspace(0.9 * nyquist, 2.0 / time[-1], 40):
         removed = np.sqrt(((position - smooth(time, position, cutoff)) ** 2).sum(axis=1).mean())
-        if removed > _MORE * deviation:
+        if removed > 1.05 * deviation:  # what is more than the noise belongs to the movement
             break
         chosen = float(cutoff)
     return chosen
 
 
 def is_even(time: NDArray[np.float64]) -> bool:
-    """Return whether `time`, shape (n_steps,), [s], from 0, has even steps, except for rounding."""
+    """Return whether `time` has even steps, except for rounding."""
     n_steps = len(time)
     return bool(np.abs(time - np.linspace(0.0, time[-1], n_steps)).max() <= 1e-6 * time[-1] / (n_steps - 1))
 
@@ -156,17 +109,8 @@ def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: 
     """Remove frequencies above `cutoff_hz` by a zero-phase Butterworth filter; both ends stay exactly.
 
     The line from start to goal is subtracted before filtering, so that the rest vanishes at both ends and its odd
-    extension, with which the filter works, is smooth there.
-
-    Parameters
-    ----------
-    time : array, shape (n_steps,), [s], increasing, from 0
-    position : array, shape (n_steps, n_dims), [m]
-    cutoff_hz : frequency whose amplitude is halved [Hz], below the Nyquist frequency
-
-    Returns
-    -------
-    position : array, shape (n_steps, n_dims), [m], at the same instants
+    extension, with which the filter works, is smooth there. At `cutoff_hz` [Hz], which is below the Nyquist
+    frequency, the amplitude is halved.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -176,7 +120,7 @@ def smooth(time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: 
     rate = (n_steps - 1) / time[-1]
     bend = (position if was_even else resample(time, position, even)) - _line(position, even)
     settled = min(n_steps - 1, int(np.ceil(3.0 * rate / cutoff_hz)))
-    bend = sosfiltfilt(butter(_ORDER, cutoff_hz, fs=rate, output="sos"), bend, axis=0, padlen=settled)
+    bend = sosfiltfilt(butter(2, cutoff_hz, fs=rate, output="sos"), bend, axis=0, padlen=settled)
     bend -= _line(bend, even)
     smoothed = (bend if was_even else resample(even, bend, time)) + _line(position, time)
     smoothed[[0, -1]] = position[[0, -1]]

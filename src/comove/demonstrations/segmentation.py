@@ -17,89 +17,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations import resampling
-from comove.demonstrations.demonstration import Demonstration
 from comove.errors import OptionError
 from comove.ties import first_largest, first_least
 
-_STILL_SHARE = 0.6
-"""Share of the threshold of moving below which a movement has ended: between the two the state does not change."""
-_REST_SHARE = 0.02
-"""Share of its own largest speed at which a movement begins and ends."""
-_NOISE_MOVING, _NOISE_STILL = 5.0, 2.5
-"""Multiples of the noise in the speed that a movement exceeds, and that standing still may reach."""
-_CUTOFF_SHARE = 0.2
-"""Largest cutoff of the low-pass, as a share of the sampling rate."""
-_SMALLEST_TURN = 0.1
-"""A hand whose orientation changes less than this between any samples and the first is not turning [rad]."""
-_DEPTH = 0.75
-"""A corner is slower than this share of the largest speeds on either side of it."""
 
+@dataclass(frozen=True)
+class Segmentation:
+    """Says what counts as a movement; the first five are the options of `segment`.
 
-def segment(
-    demonstration: Demonstration,
-    *,
-    speed_share: float = 0.05,
-    min_pause: float = 0.2,
-    min_duration: float = 0.2,
-    cutoff_hz: float = 6.0,
-    corner: float | None = None,
-) -> tuple[Demonstration, ...]:
-    """Cut a recording into movements; the pauses between them are dropped.
-
-    Parameters
+    Attributes
     ----------
-    demonstration : recording of any number of movements
-    speed_share : share of the recording's largest speed that a movement must exceed, between 0 and 1; the movement
-        begins and ends where the speed is 0.02 of its own largest
-    min_pause : shortest duration of a pause [s]; the movement continues through shorter ones
-    min_duration : shortest duration of a movement [s]; shorter ones are dropped
-    cutoff_hz : frequency above which the recording counts as noise [Hz]; at most a fifth of the sampling rate is
-        used
-    corner : smallest angle between path directions [rad] at which minima of the speed are cut; None: cut at pauses
-        only
-
-    Returns
-    -------
-    movements : in the order of time, without common samples; empty if nothing moves. Time starts at zero in each;
-        the last note gives the recording and the instants in it.
+    speed_share : share of the recording's largest speed that a movement must exceed, between 0 and 1
+    min_pause, min_duration : shortest duration of a pause and of a movement [s]
+    cutoff_hz : frequency above which the recording counts as noise [Hz]
+    corner : smallest angle between path directions [rad] at which minima of the speed are cut; None: none is
+    still_share : share of the threshold of moving below which a movement has ended; between the two the state stays
+    rest_share : share of its own largest speed at which a movement begins and ends
+    noise_moving, noise_still : multiples of the noise in the speed that a movement exceeds, and that standing still
+        may reach
+    cutoff_share : largest cutoff of the low-pass, as a share of the sampling rate
+    smallest_turn : a hand whose orientation differs less than this from the first sample's is not turning [rad]
+    corner_depth : a corner is slower than this share of the largest speeds on either side of it
 
     Raises
     ------
     OptionError
-        If a parameter is out of its range; names it.
+        If an option is out of its range; names it.
     """
-    _check_options(speed_share, min_pause, min_duration, cutoff_hz, corner)
-    bounds = movements(
-        demonstration.time,
-        demonstration.position,
-        demonstration.orientation,
-        speed_share=speed_share,
-        min_pause=min_pause,
-        min_duration=min_duration,
-        cutoff_hz=cutoff_hz,
-        corner=corner,
-    )
-    name = demonstration.name or "recording"
-    parts = []
-    for number, (first, stop) in enumerate(bounds.tolist()):
-        start, goal = demonstration.time[first], demonstration.time[stop - 1]
-        note = f"movement {number} of {len(bounds)}, from {start:.6g} s to {goal:.6g} s of {name}"
-        parts.append(demonstration._part(first, stop, note, name=f"{name} {number}"))
-    return tuple(parts)
+
+    speed_share: float = 0.05
+    min_pause: float = 0.2
+    min_duration: float = 0.2
+    cutoff_hz: float = 6.0
+    corner: float | None = None
+    still_share: float = 0.6
+    rest_share: float = 0.02
+    noise_moving: float = 5.0
+    noise_still: float = 2.5
+    cutoff_share: float = 0.2
+    smallest_turn: float = 0.1
+    corner_depth: float = 0.75
+
+    def __post_init__(self) -> None:
+        for key, fits, way_out in [
+            ("speed_share", lambda x: 0.0 < x < 1.0, "give a share between 0 and 1"),
+            ("min_pause", lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
+            ("min_duration", lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
+            ("cutoff_hz", lambda x: 0.0 < x < np.inf, "give a positive frequency"),
+            ("corner", lambda x: 0.0 < x <= np.pi, "give radians up to pi, or None"),
+        ]:
+            value = getattr(self, key)
+            if key == "corner" and value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not fits(value):
+                raise OptionError(f"{value!r} does not fit", key=key, way_out=way_out)
 
 
 def movements(
     time: NDArray[np.float64],
     position: NDArray[np.float64],
-    orientation: NDArray[np.float64] | None = None,
-    *,
-    speed_share: float,
-    min_pause: float,
-    min_duration: float,
-    cutoff_hz: float,
-    corner: float | None,
+    orientation: NDArray[np.float64] | None,
+    options: Segmentation,
 ) -> NDArray[np.int64]:
-    """Find the movements of a recording; the parameters are those of `segment`.
+    """Find the movements of a recording.
 
     Parameters
     ----------
@@ -111,18 +91,17 @@ def movements(
     -------
     bounds : array, shape (n_movements, 2), first sample and the one after the last; each has at least two samples
     """
-    track = _Track.of(time, position, cutoff_hz)
-    speed, rest = track.speed, _NOISE_STILL * track.noise
-    moving = _moving(track.speed, track.noise, speed_share)
-    if orientation is not None and 2.0 * np.arccos(np.abs(orientation @ orientation[0]).min().clip(-1, 1)) > (
-        _SMALLEST_TURN
-    ):
-        turning = _Track.of(time, orientation, cutoff_hz)
-        moving |= _moving(turning.speed, turning.noise, speed_share)
-    bounds = _to_rest(speed, _runs(_without_short_gaps(moving, track.step, min_pause)), rest)
-    if corner is not None:
-        bounds = _cut_at_corners(track, bounds, corner)
-    bounds = bounds[(bounds[:, 1] - 1 - bounds[:, 0]) * track.step >= min_duration - 0.5 * track.step]
+    track = _Track.of(time, position, options)
+    moving = _moving(track, options)
+    if orientation is not None:
+        turn = 2.0 * np.arccos(np.abs(orientation @ orientation[0]).min().clip(-1, 1))
+        if turn > options.smallest_turn:
+            moving |= _moving(_Track.of(time, orientation, options), options)
+    bounds = _to_rest(track, _runs(_without_short_gaps(moving, track.step, options.min_pause)), options)
+    if options.corner is not None:
+        bounds = _cut_at_corners(track, bounds, options.corner, options)
+    shortest = options.min_duration - 0.5 * track.step
+    bounds = bounds[(bounds[:, 1] - 1 - bounds[:, 0]) * track.step >= shortest]
     if track.even is not time:
         # Samples of the recording that lie within; the even ones only served to find where.
         start, goal = track.even[bounds[:, 0]], track.even[bounds[:, 1] - 1]
@@ -153,14 +132,14 @@ class _Track:
         return float(self.even[-1]) / (len(self.even) - 1)
 
     @classmethod
-    def of(cls, time: NDArray[np.float64], position: NDArray[np.float64], cutoff_hz: float) -> _Track:
+    def of(cls, time: NDArray[np.float64], position: NDArray[np.float64], options: Segmentation) -> _Track:
         n_steps = len(time)
         even = time
         if not resampling.is_even(time):
             even = np.linspace(0.0, time[-1], n_steps)
             position = resampling.resample(time, position, even)
         rate = (n_steps - 1) / time[-1]
-        cutoff = min(cutoff_hz, _CUTOFF_SHARE * rate)
+        cutoff = min(options.cutoff_hz, options.cutoff_share * rate)
         path = resampling.smooth(even, position, cutoff)
         speed = np.sqrt(np.square(np.gradient(path, 1.0 / rate, axis=0)).sum(axis=1))
         return cls(even, path, speed, _speed_noise(position, rate, cutoff))
@@ -181,13 +160,14 @@ def _speed_noise(position: NDArray[np.float64], rate: float, cutoff: float) -> f
     return resampling.noise(time, position) * 2.0 * np.pi * float(np.sqrt(2.0 / rate * cutoff**3 / 3.0))
 
 
-def _moving(speed: NDArray[np.float64], noise: float, speed_share: float) -> NDArray[np.bool_]:
+def _moving(track: _Track, options: Segmentation) -> NDArray[np.bool_]:
     """Return for each sample whether it belongs to a movement, with hysteresis.
 
     A run above the lower threshold is a movement if it exceeds the upper one at some sample.
     """
-    upper = max(speed_share * float(speed.max()), _NOISE_MOVING * noise)
-    lower = min(upper, max(_STILL_SHARE * speed_share * float(speed.max()), _NOISE_STILL * noise))
+    speed, share = track.speed, options.speed_share * float(track.speed.max())
+    upper = max(share, options.noise_moving * track.noise)
+    lower = min(upper, max(options.still_share * share, options.noise_still * track.noise))
     runs = _runs(speed > lower)
     moving = np.zeros(len(speed), dtype=bool)
     if len(runs):
@@ -204,15 +184,16 @@ def _without_short_gaps(moving: NDArray[np.bool_], step: float, min_pause: float
     return ~_filled(gaps[(gaps[:, 1] - gaps[:, 0]) * step >= min_pause], len(moving))
 
 
-def _to_rest(speed: NDArray[np.float64], bounds: NDArray[np.int64], rest: float) -> NDArray[np.int64]:
-    """Extend runs to where the speed has fallen to a small share of their own largest, or to `rest` [m/s].
+def _to_rest(track: _Track, bounds: NDArray[np.int64], options: Segmentation) -> NDArray[np.int64]:
+    """Extend runs to where the speed has fallen to a small share of their own largest, or into the noise.
 
     A common threshold would cut the slow beginning off a slow movement beside a fast one. If the gap between two
     movements never gets so slow, its slowest sample separates them.
     """
     if not len(bounds):
         return bounds
-    lowest = [max(rest, _REST_SHARE * speed[first:stop].max()) for first, stop in bounds.tolist()]
+    speed, rest = track.speed, options.noise_still * track.noise
+    lowest = [max(rest, options.rest_share * speed[first:stop].max()) for first, stop in bounds.tolist()]
     gaps = np.column_stack((np.r_[0, bounds[:, 1]], np.r_[bounds[:, 0], len(speed)]))
     starts, stops = bounds[:, 0].copy(), bounds[:, 1].copy()
     for index, (low, high) in enumerate(gaps.tolist()):
@@ -244,7 +225,9 @@ def _filled(runs: NDArray[np.int64], n_steps: int) -> NDArray[np.bool_]:
     return np.cumsum(edges[:-1]) > 0
 
 
-def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> NDArray[np.int64]:
+def _cut_at_corners(
+    track: _Track, bounds: NDArray[np.int64], corner: float, options: Segmentation
+) -> NDArray[np.int64]:
     """Cut runs at minima of the speed where the path turns by `corner` [rad] or more.
 
     The turn is measured between the chord from the place of largest speed before the minimum and the chord to the one
@@ -255,14 +238,15 @@ def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> 
     cuts = []
     for first, stop in bounds.tolist():
         speed, path = track.speed[first:stop], track.path[first:stop]
-        minima, _ = find_peaks(-speed, prominence=max(_NOISE_STILL * track.noise, 0.02 * float(speed.max())))
+        prominence = max(options.noise_still * track.noise, 0.02 * float(speed.max()))
+        minima, _ = find_peaks(-speed, prominence=prominence)
         if not len(minima):
             continue
         edges = np.concatenate(([0], minima, [len(speed)]))
         peaks = np.array(
             [low + first_largest(speed[low:high]) for low, high in zip(edges[:-1], edges[1:], strict=True)]
         )
-        slow = speed[minima] < _DEPTH * np.minimum(speed[peaks[:-1]], speed[peaks[1:]])
+        slow = speed[minima] < options.corner_depth * np.minimum(speed[peaks[:-1]], speed[peaks[1:]])
         before, after = path[minima] - path[peaks[:-1]], path[peaks[1:]] - path[minima]
         lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
         cosine = np.einsum("ij,ij->i", before, after) / np.where(lengths > 0.0, lengths, 1.0)
@@ -270,19 +254,3 @@ def _cut_at_corners(track: _Track, bounds: NDArray[np.int64], corner: float) -> 
         cuts.append(first + minima[slow & turned & (lengths > 0.0)] + 1)
     inner = np.concatenate([np.empty(0, dtype=np.int64), *cuts])
     return np.column_stack((np.sort(np.r_[bounds[:, 0], inner]), np.sort(np.r_[bounds[:, 1], inner])))
-
-
-def _check_options(
-    speed_share: float, min_pause: float, min_duration: float, cutoff_hz: float, corner: float | None
-) -> None:
-    for key, value, fits, way_out in [
-        ("speed_share", speed_share, lambda x: 0.0 < x < 1.0, "give a share between 0 and 1"),
-        ("min_pause", min_pause, lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
-        ("min_duration", min_duration, lambda x: 0.0 <= x < np.inf, "give seconds, 0 or more"),
-        ("cutoff_hz", cutoff_hz, lambda x: 0.0 < x < np.inf, "give a positive frequency"),
-        ("corner", corner, lambda x: 0.0 < x <= np.pi, "give radians up to pi, or None"),
-    ]:
-        if key == "corner" and value is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not fits(value):
-            raise OptionError(f"{value!r} does not fit", key=key, way_out=way_out)

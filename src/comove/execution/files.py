@@ -8,8 +8,6 @@ poses from which the whole load can be reconstructed: `center` (n_steps, n_group
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,8 +18,24 @@ from comove._version import __version__
 from comove.coordination.coordinates import load_coordinates
 from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
-from comove.results.folder import RUN_ARRAYS, RUN_SUMMARY, checksum
+from comove.results.sealed import ResultKind, Summary, finite
 from comove.verification.record import Record, RecordReport
+
+RUN = ResultKind(
+    summary="run.json",
+    arrays="run.npz",
+    checksum="motion_sha256",
+    made_by="comove run SCENE --out DIR",
+    hint="run it again",
+    unsealed=(
+        "time_to_first_verified_s",
+        "wall_time_s",
+        "planning_s_median",
+        "evading_s_median",
+        "control_s_median",
+        "control_s_p999",
+    ),
+)
 
 
 def write_run(
@@ -33,7 +47,7 @@ def write_run(
     seed: int,
     interrupted: bool,
     wall_time_s: float,
-) -> dict[str, Any]:
+) -> Summary:
     """Write `run.npz` and `run.json` into an existing folder, and return the summary."""
     n = record.scene.n_dims
     arrays = {
@@ -43,9 +57,7 @@ def write_run(
         "center": record.center,
         "quaternion": record.quaternion,
     }
-    with open(folder / RUN_ARRAYS, "wb") as file:
-        np.savez(file, **arrays)
-    measured = {**vars(report), "clearance_min": _finite(report.clearance_min)}
+    measured = {**vars(report), "clearance_min": finite(report.clearance_min)}
     del measured["reasons"]
     summary = {
         "verified": not report.reasons,
@@ -70,11 +82,8 @@ def write_run(
         "relaxed_max": log.relaxed,
         "events": [{"time": event.time, "what": event.what} for event in log.events],
         "scene_sha256": record.scene.sha256,
-        "motion_sha256": checksum(arrays),
     }
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (folder / RUN_SUMMARY).write_text(text + "\n", encoding="utf-8")
-    return summary
+    return RUN.write(folder, summary, arrays)
 
 
 def _cost(record: Record) -> dict[str, Any]:
@@ -89,7 +98,3 @@ def _cost(record: Record) -> dict[str, Any]:
 
 def _quantile(values: Sequence[float], q: float) -> float | None:
     return float(np.quantile(values, q)) if values else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -1,15 +1,23 @@
-"""The example scenes of the package."""
+"""The example scenes of the package, and the contents of scene files that are drawn."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from comove.errors import ResultError
 from comove.io.files import whole_path
 from comove.scenes.scene import Scene
 
+Array = NDArray[np.float64]
+
+BEYOND = 0.1  # m, by which walls reach beyond the workspace
 EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")
 
 
@@ -35,3 +43,58 @@ def copy_examples(folder: Path) -> None:
         if not (folder / source.name).exists():
             with whole_path(folder / source.name, ResultError, replace=False) as draft:
                 shutil.copyfile(source, draft)
+
+
+def scene_contents(
+    name: str,
+    upper: Sequence[float],
+    obstacles: list[dict[str, Any]],
+    load: dict[str, Any],
+    ends: Sequence[Array],
+    *,
+    names: Sequence[str] = "abcd",
+) -> dict[str, Any]:
+    """Return the contents of a scene file: a workspace from 0 to `upper`, ten seconds, at most 1 m/s.
+
+    Parameters
+    ----------
+    upper : corner of the workspace, n_dims numbers [m]
+    ends : hands at the start and at the goal, arrays, shape (n_manipulators, n_dims) [m]
+    names : names of the manipulators; more than there are hands are left out
+    """
+    start, goal = (end.tolist() for end in ends)
+    return {
+        "name": name,
+        "duration": 10.0,
+        "workspace": {"lower": [0.0] * len(upper), "upper": list(upper)},
+        "obstacles": obstacles,
+        "load": load,
+        "manipulators": [
+            {"name": n, "start": a, "goal": b} for n, a, b in zip(names, start, goal, strict=False)
+        ],
+        "limits": {"speed": 1.0},
+    }
+
+
+def wall(x: float, thickness: float, low: Array, high: Array, height: float = 1.0) -> list[dict[str, Any]]:
+    """Return boxes that form a wall across x with an opening: two in the plane, four in space.
+
+    Parameters
+    ----------
+    low, high : arrays, shape (n_dims - 1,), corners of the opening [m]
+    height : height of the workspace [m]; the wall reaches `BEYOND` it
+    """
+    whole = (-BEYOND, height + BEYOND)
+    sides: list[tuple[tuple[float, float], ...]] = [((-BEYOND, low[0]),), ((high[0], height + BEYOND),)]
+    if len(low) == 2:
+        between = (low[0], high[0])
+        sides = [(*side, whole) for side in sides]
+        sides += [(between, (-BEYOND, low[1])), (between, (high[1], height + BEYOND))]
+    return [
+        {
+            "shape": "box",
+            "center": [x, *(float(a + b) / 2 for a, b in side)],
+            "size": [float(thickness), *(float(b - a) for a, b in side)],
+        }
+        for side in sides
+    ]

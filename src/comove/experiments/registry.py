@@ -1,30 +1,47 @@
-"""The systems of the comparison, by name."""
+"""The systems of the comparison by their names in tables: comove's methods, published ones, other tools.
+
+To import this module needs none of the tools. A system whose tool is missing raises `comove.errors.ExtraError` when
+it is to run.
+"""
 
 from __future__ import annotations
 
 from comove.errors import OptionError, near_name
 from comove.experiments.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
-from comove.experiments.peers import PEERS
+from comove.experiments.peers.drake import Drake
+from comove.experiments.peers.ompl import OMPL, ProjectedOMPL
+from comove.experiments.peers.shapes import Coupled, PycmaAL, Scipy
+from comove.experiments.peers.transcription import Transcription
 from comove.experiments.systems import OwnSystem, System
 from comove.planning.methods import Comove, Projection
 from comove.planning.paper import Paper
 from comove.planning.printed import Printed
 
-OWN: dict[str, System] = {
-    system.name: system
-    for system in (
-        OwnSystem("comove", Comove()),
-        OwnSystem("comove-no-planner", Comove(), planner=False),
-        OwnSystem("projection", Projection()),
-        OwnSystem("paper", Paper()),
-        OwnSystem("printed", Printed()),
-        OwnSystem("unconstrained", Unconstrained()),
-        OwnSystem("leader-follower", LeaderFollower()),
-        OwnSystem("speed-scaled", SpeedScaled()),
-        OwnSystem("task-priority", TaskPriority()),
-    )
-}
-SYSTEMS: dict[str, System] = OWN | PEERS
+_OWN = (
+    OwnSystem("comove", Comove()),
+    OwnSystem("comove-no-planner", Comove(), planner=False),
+    OwnSystem("projection", Projection()),
+    OwnSystem("paper", Paper()),
+    OwnSystem("printed", Printed()),
+    OwnSystem("unconstrained", Unconstrained()),
+    OwnSystem("leader-follower", LeaderFollower()),
+    OwnSystem("speed-scaled", SpeedScaled()),
+    OwnSystem("task-priority", TaskPriority()),
+)
+_PEERS = (
+    OMPL("ompl-rrtconnect", "RRTConnect", "simplify"),
+    OMPL("ompl-rrtconnect-raw", "RRTConnect", "offer"),
+    ProjectedOMPL("ompl-projected"),
+    OMPL("ompl-aorrtc", "AORRTC", "improve"),
+    PycmaAL("pycma-al"),
+    Scipy("slsqp", "SLSQP"),
+    Scipy("trust-constr", "trust-constr"),
+    Transcription("ipopt"),
+    Coupled("movement-primitives"),
+    Drake("drake"),
+)
+PEERS: dict[str, System] = {system.name: system for system in _PEERS}
+SYSTEMS: dict[str, System] = {system.name: system for system in _OWN} | PEERS
 
 
 def systems_named(names: list[str]) -> dict[str, System]:

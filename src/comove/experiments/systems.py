@@ -14,6 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.bench.store import Figures
+from comove.experiments.examples import scene_contents
 from comove.planning.kernels import load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
@@ -118,7 +121,7 @@ class OwnSystem(System):
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Offer every motion that was the best so far, and at the end the result of `solve`."""
-        found: list[tuple[float, object]] = []
+        found: list[tuple[float, CoordinatedMotion]] = []
 
         def note(progress: Progress) -> None:
             if progress.motion is not None and (not found or found[-1][1] is not progress.motion):
@@ -143,57 +146,27 @@ class OwnSystem(System):
 @lru_cache(maxsize=32)
 def _first_look(system: OwnSystem, n_dims: int) -> None:
     """Start a method on a bar beside a ball, so that it is compiled."""
-    start, goal = ([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)] for x in (0.2, 0.8))
-    scene = Scene.from_dict(
-        {
-            "name": "first-look",
-            "duration": 10.0,
-            "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
-            "obstacles": [{"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}],
-            "load": {"shape": "bar", "length": 0.2},
-            "manipulators": [
-                {"name": name, "start": a, "goal": b}
-                for name, a, b in zip(("a", "b"), start, goal, strict=True)
-            ],
-        }
-    )
+    ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.2, 0.8)]
+    ball = {"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}
+    bar = {"shape": "bar", "length": 0.2}
+    scene = Scene.from_dict(scene_contents("first-look", [1.0] * n_dims, [ball], bar, ends))
     solve(scene, method=system.method, planner=system.planner, budget=FIRST_LOOK)
 
 
 @dataclass(frozen=True)
-class SystemOutcome:
-    """Holds the result of one run.
+class SystemOutcome(Figures):
+    """Holds the result of one run: figures of the last offer, and how it came about.
 
     Attributes
     ----------
     verified : whether the last offer is verified
     reasons : reasons why it is not, in words
-    seconds : time until the system ended [s]
-    first_verified : time until the first verified offer [s]; None if there is none
     history : (seconds, cost) of the offers that were verified and better than those before
-    cost : J of equation (4) in unit duration, of the last offer, like all that follows
-    path_length : length of the paths of all hands together [m]
-    acceleration_max : largest acceleration, from step to step [m/s^2]
-    jerk_max : largest jerk, from step to step [m/s^3]
-    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
-    duration : duration of the motion [s]
-    distance_error_max : largest error of a distance [m]
-    clearance_min : certified clearance [m]
     """
 
-    verified: bool
-    reasons: tuple[str, ...]
-    seconds: float
-    first_verified: float | None
-    history: tuple[tuple[float, float], ...] = field(repr=False)
-    cost: float
-    path_length: float
-    acceleration_max: float
-    jerk_max: float
-    jerk_ratio: float
-    duration: float
-    distance_error_max: float
-    clearance_min: float
+    verified: bool = False
+    reasons: tuple[str, ...] = ()
+    history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
 
 
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
@@ -207,7 +180,7 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     reports = [report_of(problem, hands) for _, hands in offers.taken]
     history: list[tuple[float, float]] = []
     for (at, hands), report in zip(offers.taken, reports, strict=True):
-        cost = cost_of(problem.scene, hands)
+        cost = float(cost_of(problem.scene, hands))
         if not report.reasons and (not history or cost < history[-1][1]):
             history.append((at, cost))
     last, report = offers.taken[-1][1], reports[-1]
@@ -220,7 +193,7 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
         seconds=seconds,
         first_verified=history[0][0] if history else None,
         history=tuple(history),
-        cost=cost_of(problem.scene, last),
+        cost=float(cost_of(problem.scene, last)),
         path_length=float(np.linalg.norm(np.diff(last, axis=0), axis=2).sum()),
         acceleration_max=report.acceleration_max,
         jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
@@ -236,9 +209,36 @@ def report_of(problem: SystemProblem, hands: Array) -> RecordReport:
     return judge(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
-def cost_of(scene: Scene, hands: Array) -> float:
-    """Compute J of equation (4) in unit duration, of samples; array, shape (n_steps, n_manipulators, n_dims) [m]."""
-    n = len(hands)
-    to_goal = ((hands - scene.goal) ** 2).sum() / n
-    effort = (np.diff(hands, axis=0) ** 2).sum() * (n - 1) ** 2 / n
-    return float(WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort)
+def cost_of(scene: Scene, hands: Array) -> Array:
+    """Compute J of equation (4) in unit duration, of even samples.
+
+    Parameters
+    ----------
+    hands : array, shape (..., n_steps, n_manipulators, n_dims), [m]
+
+    Returns
+    -------
+    array, shape (...)
+    """
+    n, inner = hands.shape[-3], (-3, -2, -1)
+    to_goal = ((hands - scene.goal) ** 2).sum(axis=inner) / n
+    effort = (np.diff(hands, axis=-3) ** 2).sum(axis=inner) * (n - 1) ** 2 / n
+    return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
+
+
+def distance_errors(scene: Scene, hands: Array) -> Array:
+    """Return the largest error of a fixed distance at every step [m]; 0 where no distance is fixed.
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators or more, n), [m]
+
+    Returns
+    -------
+    array, shape (n_steps,)
+    """
+    errors = np.zeros(len(hands))
+    for c in scene.distances:
+        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+        errors = np.maximum(errors, np.abs(apart - c.distance))
+    return errors

@@ -1,7 +1,7 @@
 """Export of verified joint motions, as files and messages that robots play."""
 
 from comove.export.formats import FORMATS, Format, check_export, export
-from comove.export.parts import ExportError, MotionPart, MotionProvenance, parts_of
+from comove.export.parts import ExportError, JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.export.ros1 import Ros1Client
 from comove.export.send import SendError, SendOutcome, Tolerances, TrajectoryClient, send
 
@@ -9,11 +9,12 @@ __all__ = [
     "FORMATS",
     "ExportError",
     "Format",
-    "SendOutcome",
+    "JointSamples",
     "MotionPart",
     "MotionProvenance",
     "Ros1Client",
     "SendError",
+    "SendOutcome",
     "Tolerances",
     "TrajectoryClient",
     "check_export",

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from comove.errors import ExtraError
-from comove.export.parts import NANO, MotionPart, PartSamples
+from comove.export.parts import NANO, JointSamples, MotionPart
 
 START = NANO  # ns, stamp of time zero
 CALLER = "/comove"
@@ -134,7 +134,7 @@ def _write(
         writer.write(connections[topic], stamp, encode(message, kind))
 
 
-def _messages(store: Any, part: MotionPart, samples: PartSamples) -> list[Message]:
+def _messages(store: Any, part: MotionPart, samples: JointSamples) -> list[Message]:
     """Return all messages in the order of their stamps."""
     String, State = store.types[TEXT], store.types[STATE]
     text = json.dumps(part.provenance.asdict(), sort_keys=True)
@@ -142,13 +142,13 @@ def _messages(store: Any, part: MotionPart, samples: PartSamples) -> list[Messag
     groups = {f"/comove/{arm}": names for arm, names in part.arms.items()}
     groups["/comove"] = part.joints.joint_names
     for prefix, names in groups.items():
-        message = _trajectory(store, names, samples, part.columns(names))
+        message = _trajectory(store, samples.of(names))
         messages.append((f"{prefix}/joint_trajectory", TRAJECTORY, START, message))
-    names, none = list(part.joints.joint_names), np.empty(0)
+    every, none = list(part.joints.joint_names), np.empty(0)
     for row, time in enumerate(samples.nanoseconds.tolist()):
         message = State(
             header=_header(store, START + time, row),
-            name=names,
+            name=every,
             position=samples.position[row],
             velocity=samples.velocity[row],
             effort=none,
@@ -157,12 +157,11 @@ def _messages(store: Any, part: MotionPart, samples: PartSamples) -> list[Messag
     return messages
 
 
-def _trajectory(store: Any, names: tuple[str, ...], samples: PartSamples, columns: list[int]) -> Any:
+def _trajectory(store: Any, samples: JointSamples) -> Any:
     Point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
     Duration = store.types["builtin_interfaces/msg/Duration"]
-    position, velocity, acceleration = (
-        np.ascontiguousarray(array[:, columns])
-        for array in (samples.position, samples.velocity, samples.acceleration)
+    position, velocity, acceleration = map(
+        np.ascontiguousarray, (samples.position, samples.velocity, samples.acceleration)
     )
     points = [
         Point(
@@ -174,7 +173,9 @@ def _trajectory(store: Any, names: tuple[str, ...], samples: PartSamples, column
         )
         for row, time in enumerate(samples.nanoseconds.tolist())
     ]
-    return store.types[TRAJECTORY](header=_header(store, START, 0), joint_names=list(names), points=points)
+    return store.types[TRAJECTORY](
+        header=_header(store, START, 0), joint_names=list(samples.joint_names), points=points
+    )
 
 
 def _header(store: Any, stamp: int, row: int) -> Any:

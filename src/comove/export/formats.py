@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
-from comove.export.baxter import require_baxter, write_baxter
 from comove.export.parts import (
     CARRY,
     PARTS,
@@ -21,8 +20,9 @@ from comove.export.parts import (
     parts_of,
     require_rate,
 )
-from comove.export.tables import write_csv, write_npz
-from comove.io.files import whole_file, whole_folder, whole_path
+from comove.export.tables import require_baxter, write_baxter, write_csv, write_npz
+from comove.io.files import whole_file, whole_path
+from comove.io.folders import Contents, whole_folder
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
 
@@ -205,7 +205,11 @@ def _require_new(paths: list[Path]) -> None:
 
 
 def _draft(path: Path, format: Format) -> contextlib.AbstractContextManager[Path]:
-    return whole_path(path, ExportError, replace=False) if format.suffix else whole_folder(path)
+    return (
+        whole_path(path, ExportError, replace=False)
+        if format.suffix
+        else whole_folder(path, Contents("bag", error=ExportError))
+    )
 
 
 def _told(part: MotionPart, rate: float) -> dict[str, object]:

@@ -7,16 +7,17 @@ lets go and brings them home; both come from `comove.robots.transfers`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from numbers import Real
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.errors import RobotError
-from comove.results.folder import checksum, motion_arrays
+from comove.results.sealed import checksum
+from comove.results.solution import motion_arrays
+from comove.robots.files import joint_arrays
 from comove.robots.motion import JointMotion
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -27,7 +28,6 @@ SAMPLE_RATE = 100.0  # Hz
 LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 0.01 mm, linear by 0.4 mm
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9
-OPEN, CLOSED = 100.0, 0.0  # per cent
 PARTS = CARRY, APPROACH, RELEASE = "carry", "approach", "release"
 
 
@@ -57,21 +57,32 @@ class MotionProvenance:
 
 
 @dataclass(frozen=True, eq=False)
-class PartSamples:
-    """Samples of a joint motion at even instants, in whole nanoseconds as ROS counts them; at rest at both ends.
+class JointSamples:
+    """Samples of some joints' motion at even instants, in whole nanoseconds as ROS counts them; at rest at both ends.
 
     Attributes
     ----------
-    time : array, shape (n_steps,), times of the samples [s]
-    nanoseconds : array of int, shape (n_steps,), the same times [ns]
+    joint_names : names of the joints
+    nanoseconds : array of int, shape (n_steps,), times of the samples [ns]
     position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, rad/s, rad/s^2]
     """
 
-    time: Array
+    joint_names: tuple[str, ...]
     nanoseconds: NDArray[np.int64]
     position: Array
     velocity: Array
     acceleration: Array
+
+    @property
+    def time(self) -> Array:
+        """Return the times of the samples [s]; array, shape (n_steps,)."""
+        return self.nanoseconds / NANO
+
+    def of(self, names: tuple[str, ...]) -> JointSamples:
+        """Return the samples of these joints alone."""
+        columns = [self.joint_names.index(name) for name in names]
+        rates = (array[:, columns] for array in (self.position, self.velocity, self.acceleration))
+        return JointSamples(names, self.nanoseconds, *rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,23 +104,18 @@ class MotionPart:
     gripped_from: float
     provenance: MotionProvenance
 
-    def samples(self, rate: float) -> PartSamples:
+    def samples(self, rate: float) -> JointSamples:
         """Sample the exact curve at `rate` [Hz] or a little finer, so that the end is a sample."""
         n_steps = max(2, int(np.ceil(self.joints.duration * rate - 1e-9)) + 1)
         nanoseconds = np.rint(np.linspace(0.0, self.joints.duration, n_steps) * NANO).astype(np.int64)
-        time = nanoseconds / NANO
-        position, velocity, acceleration = self.joints.at(time)
+        position, velocity, acceleration = self.joints.at(nanoseconds / NANO)
         ends = [0, -1]
         position[ends], velocity[ends] = self.joints.position[ends], 0.0
-        return PartSamples(time, nanoseconds, position, velocity, acceleration)
+        return JointSamples(self.joints.joint_names, nanoseconds, position, velocity, acceleration)
 
     def opening(self, time: Array) -> Array:
-        """Return the opening of the grippers [per cent]; array, shape (n_steps,)."""
-        return np.where(time >= self.gripped_from - 0.5 / NANO, CLOSED, OPEN)
-
-    def columns(self, names: tuple[str, ...]) -> list[int]:
-        """Return the columns of joints in the samples."""
-        return [self.joints.joint_names.index(name) for name in names]
+        """Return the opening of the grippers, 100 open and 0 closed [per cent]; array, shape (n_steps,)."""
+        return np.where(time >= self.gripped_from - 0.5 / NANO, 0.0, 100.0)
 
 
 def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, MotionPart]:
@@ -120,7 +126,12 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
     ExportError
         If `motion` has not been verified, or `transfers` are those of another motion.
     """
-    require_verified(motion)
+    if not isinstance(motion, VerifiedJointMotion):
+        raise ExportError(
+            f"the motion is a {type(motion).__name__}, which nobody has verified",
+            key="motion",
+            way_out="give the VerifiedJointMotion that comove.robots.verification.verify makes",
+        )
     if transfers is not None and (not isinstance(transfers, Transfers) or transfers.carry is not motion):
         raise ExportError(
             "approach and release are not those of this motion",
@@ -131,28 +142,22 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
     if transfers is not None:
         motions[APPROACH] = transfers.approach, transfers.approach.duration - transfers.grip_time
         motions[RELEASE] = transfers.release, np.inf
-    robot = motion.robot
+    scene, robot = motion.scene, motion.robot
     arms = {arm.name: tuple(robot.joint_names[column] for column in arm.columns) for arm in robot.arms}
+    provenance = MotionProvenance(
+        comove=__version__,
+        scene=scene.name,
+        scene_sha256=scene.sha256,
+        robot=robot.name,
+        robot_sha256=robot.sha256,
+        motion_sha256=checksum(motion_arrays(motion.motion.motion)),
+        joints_sha256=checksum(joint_arrays(motion.joints)),
+        part=CARRY,
+    )
     return {
-        name: MotionPart(name, joints, arms, gripped_from, _provenance(motion, name))
+        name: MotionPart(name, joints, arms, gripped_from, replace(provenance, part=name))
         for name, (joints, gripped_from) in motions.items()
     }
-
-
-def require_verified(motion: Any) -> None:
-    """Refuse everything but motions sealed by the judge.
-
-    Raises
-    ------
-    ExportError
-        If `motion` has not been verified.
-    """
-    if not isinstance(motion, VerifiedJointMotion):
-        raise ExportError(
-            f"the motion is a {type(motion).__name__}, which nobody has verified",
-            key="motion",
-            way_out="give the VerifiedJointMotion that comove.robots.verification.verify makes",
-        )
 
 
 def require_rate(motion: VerifiedJointMotion, rate: float) -> None:
@@ -191,7 +196,8 @@ def sampling_errors(motion: VerifiedJointMotion, rate: float) -> tuple[float, fl
     cubic = JointMotion(samples.time, motion.joints.joint_names, samples.position).curve(time)
     linear = np.stack([np.interp(time, samples.time, q) for q in samples.position.T], axis=-1)
     exact = _spread(motion, motion.joints.curve(time))
-    return tuple(float(np.linalg.norm(_spread(motion, q) - exact, axis=-1).max()) for q in (cubic, linear))
+    off_cubic, off_linear = (_spread(motion, q) - exact for q in (cubic, linear))
+    return float(np.linalg.norm(off_cubic, axis=-1).max()), float(np.linalg.norm(off_linear, axis=-1).max())
 
 
 def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
@@ -203,23 +209,3 @@ def _spread(motion: VerifiedJointMotion, q: Array) -> Array:
     if len(robot.arms) == 1:
         return hands
     return np.linalg.norm(np.diff(hands, axis=1), axis=-1)[..., None]
-
-
-def _provenance(motion: VerifiedJointMotion, part: str) -> MotionProvenance:
-    scene, robot = motion.scene, motion.robot
-    return MotionProvenance(
-        comove=__version__,
-        scene=scene.name,
-        scene_sha256=scene.sha256,
-        robot=robot.name,
-        robot_sha256=robot.sha256,
-        motion_sha256=checksum(motion_arrays(motion.motion.motion)),
-        joints_sha256=_joints_sha256(motion.joints),
-        part=part,
-    )
-
-
-def _joints_sha256(joints: JointMotion) -> str:
-    names = ("time", "position", "velocity", "acceleration")
-    arrays = {name: getattr(joints, name) for name in names}
-    return checksum({**arrays, "joint_names": np.array(joints.joint_names)})

@@ -16,11 +16,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
-from comove.export.send import ArmState, Goal, RobotState, SendError, Status
+from comove.export.parts import JointSamples
+from comove.export.send import ArmState, RobotState, SendError, Status
 
 BRIDGE = Path(__file__).with_name("ros1_bridge.py")
 PYTHON = "COMOVE_ROS_PYTHON"
@@ -61,11 +63,12 @@ class Ros1Client:
 
     def connect(self, arms: Mapping[str, tuple[str, ...]], timeout: float) -> None:
         """Find the action server of each arm; see `TrajectoryClient`."""
+        joints = [name for names in arms.values() for name in names]
         command = {
             "do": "connect",
             "servers": {arm: self._names.action.format(arm=arm) for arm in arms},
             "joint_states": self._names.joint_states,
-            "joints": [name for names in arms.values() for name in names],
+            "joints": joints,
             "timeout": timeout,
         }
         tried = []
@@ -75,7 +78,7 @@ class Ros1Client:
             if answer["event"] == "connected":
                 self._again = python, command
                 self._state = RobotState(arms={arm: ArmState() for arm in arms})
-                self._heard = dict.fromkeys(command["joints"], -float("inf"))
+                self._heard = dict.fromkeys(joints, -float("inf"))
                 return
             if answer["reason"] != "ros":
                 raise _refusal(answer["reason"], answer["what"], timeout)
@@ -86,11 +89,11 @@ class Ros1Client:
             way_out=f"install rospy, actionlib and trajectory_msgs, and name their Python in {PYTHON}",
         )
 
-    def send(self, goals: Mapping[str, Goal], delay: float) -> None:
+    def send(self, goals: Mapping[str, JointSamples], delay: float) -> None:
         """Send all goals with one stamp; see `TrajectoryClient`."""
         told = {
             arm: {
-                "joints": goal.joints,
+                "joints": goal.joint_names,
                 "time": goal.nanoseconds.tolist(),
                 "position": goal.position.tolist(),
                 "velocity": goal.velocity.tolist(),
@@ -142,6 +145,7 @@ class Ros1Client:
         if process is None:
             self._forget_errors()
             return
+        assert process.stdin is not None and process.stdout is not None
         try:
             process.stdin.close()
             process.wait(3.0)
@@ -177,11 +181,11 @@ class Ros1Client:
         return self._answer(command["timeout"] + STARTING)
 
     def _tell(self, command: Mapping[str, Any]) -> None:
-        try:
-            self._process.stdin.write(json.dumps(command) + "\n")
-            self._process.stdin.flush()
-        except (OSError, ValueError, AttributeError):  # it has ended; what listens says so
-            pass
+        stream = None if self._process is None else self._process.stdin
+        if stream is not None:
+            with suppress(OSError, ValueError):  # it has ended; what listens says so
+                stream.write(json.dumps(command) + "\n")
+                stream.flush()
 
     def _answer(self, timeout: float) -> dict[str, Any]:
         """Wait for the first event that says whether the robot is connected."""
@@ -223,6 +227,8 @@ class Ros1Client:
         self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
 
     def _last_words(self) -> str:
+        if self._errors is None:
+            return "without a word"
         self._errors.seek(0)
         lines = self._errors.read()[-4000:].decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "without a word"
@@ -254,24 +260,23 @@ def _listen(stream: IO[str], events: queue.Queue[dict[str, Any]]) -> None:
 
 def _refusal(reason: str, what: str, timeout: float) -> SendError:
     """Return the error that says why ROS cannot move the robot, and what to do."""
-    if reason == "master":
-        return SendError(
+    told = {
+        "master": (
+            "ROS_MASTER_URI",
             f"there is no ROS master at {what}",
-            key="ROS_MASTER_URI",
-            way_out="start one by roscore, or set ROS_MASTER_URI to that of the robot",
-        )
-    if reason == "server":
-        return SendError(
+            "start one by roscore, or set ROS_MASTER_URI to that of the robot",
+        ),
+        "server": (
+            "action",
             f"no action server answers at '{what}' within {timeout:g} s",
-            key="action",
-            way_out="start it (Baxter: rosrun baxter_interface joint_trajectory_action_server.py), or give its name",
-        )
-    if reason == "clock":
-        return SendError(
+            "start it (Baxter: rosrun baxter_interface joint_trajectory_action_server.py), or give its name",
+        ),
+        "clock": (
+            "use_sim_time",
             f"ROS uses simulated time and nobody tells it on {what}",
-            key="use_sim_time",
-            way_out="start the simulation, or set use_sim_time to false",
-        )
-    return SendError(
-        f"the bridge to ROS ended: {what}", key="ros", way_out="look whether ROS works in its Python"
-    )
+            "start the simulation, or set use_sim_time to false",
+        ),
+    }
+    other = "ros", f"the bridge to ROS ended: {what}", "look whether ROS works in its Python"
+    key, message, way_out = told.get(reason, other)
+    return SendError(message, key=key, way_out=way_out)

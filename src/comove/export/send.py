@@ -12,10 +12,9 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError, near_name
-from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, MotionPart, PartSamples, parts_of, require_rate
+from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.ties import first_largest
@@ -23,9 +22,6 @@ from comove.ties import first_largest
 Clock = Callable[[], float]
 
 PATIENCE = 0.02  # s, that one look at the state waits for news
-ROW = 1e-4  # s, that a sample may need on its way to an arm
-TAKEN = 0.1  # s after the start, when every arm must have said that it has begun
-STOP = 1.0  # s, that arms are given to say that they stopped
 
 
 class Status(Enum):
@@ -85,17 +81,6 @@ class RobotState:
     silence: float = np.inf
 
 
-@dataclass(frozen=True, eq=False)
-class Goal:
-    """A goal for one arm: its joints, and their samples."""
-
-    joints: tuple[str, ...]
-    nanoseconds: NDArray[np.int64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-
-
 class TrajectoryClient(Protocol):
     """A connection to the controllers of a robot's arms."""
 
@@ -108,8 +93,8 @@ class TrajectoryClient(Protocol):
             If a controller, or anything else that is needed, is not found within `timeout` [s].
         """
 
-    def send(self, goals: Mapping[str, Goal], delay: float) -> None:
-        """Send every arm its goal; all begin at one instant, `delay` [s] from now."""
+    def send(self, goals: Mapping[str, JointSamples], delay: float) -> None:
+        """Send every arm its motion; all begin at one instant, `delay` [s] from now."""
 
     def cancel(self) -> None:
         """Stop all arms."""
@@ -214,22 +199,16 @@ def send(
     client.connect(chosen.arms, tolerances.connect)
     _require_start(client, chosen, tolerances, clock)
     samples = chosen.samples(rate)
-    goals = {arm: _goal(chosen, names, samples) for arm, names in chosen.arms.items()}
-    delay = tolerances.delay + ROW * len(samples.time) * len(goals)
+    goals = {arm: samples.of(names) for arm, names in chosen.arms.items()}
+    delay = tolerances.delay + 1e-4 * len(samples.nanoseconds) * len(
+        goals
+    )  # s, that a sample may need on its way to an arm
     try:
         client.send(goals, delay)
         return _watched(client, chosen, tolerances, delay, clock)
     except BaseException:  # whatever it is, no arm goes on alone
         client.cancel()
         raise
-
-
-def _goal(part: MotionPart, names: tuple[str, ...], samples: PartSamples) -> Goal:
-    columns = part.columns(names)
-    position, velocity, acceleration = (
-        array[:, columns] for array in (samples.position, samples.velocity, samples.acceleration)
-    )
-    return Goal(names, samples.nanoseconds, position, velocity, acceleration)
 
 
 def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Tolerances, clock: Clock) -> None:
@@ -301,11 +280,12 @@ def _watched(
 
 def _failure(state: RobotState, tolerances: Tolerances) -> str:
     """Return the reason why the motion cannot go on, in words; empty where it can."""
+    begun = 0.1  # s after the start, when every arm must have said that it has begun
     for name, arm in state.arms.items():
         if arm.status in _FAILED:
             told = f": {arm.text}" if arm.text else ""
             return f"the controller of the arm '{name}' {_FAILED[arm.status]}{told}"
-        if arm.status is Status.PENDING and state.time is not None and state.time > TAKEN:
+        if arm.status is Status.PENDING and state.time is not None and state.time > begun:
             return f"the controller of the arm '{name}' had not taken its goal when all were to begin"
     if not state.silence <= tolerances.silence:
         return f"the robot's joints have said nothing for {state.silence:.2g} s"
@@ -330,8 +310,8 @@ def _astray(off: float, joint: str, tolerances: Tolerances) -> str:
 
 
 def _stopped(client: TrajectoryClient, clock: Clock) -> RobotState:
-    """Wait until no arm moves any more, for at most `STOP`, and return the state."""
-    until = clock() + STOP
+    """Wait until no arm moves any more, for at most a second, and return the state."""
+    until = clock() + 1.0
     state = client.state(PATIENCE)
     while any(arm.status.moves for arm in state.arms.values()) and clock() < until:
         state = client.state(PATIENCE)

@@ -15,6 +15,7 @@ import ctypes
 import errno
 import functools
 import hashlib
+import importlib
 import os
 import secrets
 import shutil
@@ -22,12 +23,14 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import TypeVar
 
 from comove.errors import ComoveWarning, InputError
 
+fcntl: ModuleType | None
 try:
-    import fcntl
+    fcntl = importlib.import_module("fcntl")
 except ImportError:  # no Unix: drafts of writers that died stay
     fcntl = None
 
@@ -53,15 +56,18 @@ def draft(target: Path) -> Iterator[Path]:
         os.close(lock)
 
 
-def put(draft: Path, target: Path) -> None:
-    """Rename a folder to `target`, as a whole; the former target is then in the place of `draft`, or removed."""
+def put(draft: Path, target: Path, *, replace: bool = True) -> None:
+    """Rename a folder to `target`, as a whole; the former target is then in the place of `draft`, or removed.
+
+    Unless `replace`, a target that is no empty folder stays, and the error's number is one of `IN_THE_WAY`.
+    """
     settle(draft)
     for _ in range(_ATTEMPTS):
         try:
             os.rename(draft, target)  # onto nothing, or onto an empty folder
             return
         except OSError as failure:
-            if failure.errno not in IN_THE_WAY:
+            if failure.errno not in IN_THE_WAY or not replace:
                 raise
         with contextlib.suppress(FileNotFoundError):  # somebody took the target away: once more
             if exchanged(draft, target) or _stepped_aside(draft, target):

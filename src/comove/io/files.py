@@ -121,9 +121,7 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
         folder = path.parent
         while not folder.exists():
             folder = folder.parent
-        for part in path.relative_to(
-            folder
-        ).parts:  # each name by itself: the system stops at the first missing
+        for part in path.relative_to(folder).parts:  # each by itself: the system stops at the first missing
             with contextlib.suppress(FileNotFoundError):
                 os.stat(folder / part)
         os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
@@ -236,31 +234,3 @@ def _claim(draft: Path, path: Path, error: type[InputError]) -> None:
         raise error(
             "it is there already", file=path, way_out="choose another name, or replace it"
         ) from failure
-
-
-@contextlib.contextmanager
-def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path to write a folder; it is moved to `path` only after complete writing.
-
-    Raises
-    ------
-    DemonstrationError
-        If `path` exists already and is not an empty folder, or it cannot be written.
-    """
-    path = Path(path)
-    with telling(path, "written"):
-        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-            raise DemonstrationError("it is there already", file=path, way_out="choose another name")
-        _require_folder(path, DemonstrationError)
-        require_room(path)
-        with drafts.draft(path) as draft:
-            yield draft
-            drafts.settle(draft)
-            try:
-                os.rename(draft, path)  # onto nothing, or onto an empty folder
-            except OSError as failure:
-                if failure.errno not in drafts.IN_THE_WAY:
-                    raise
-                raise DemonstrationError(
-                    "it is there already", file=path, way_out="choose another name"
-                ) from failure

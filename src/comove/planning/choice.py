@@ -93,18 +93,16 @@ def best_movement(
     begun = time.perf_counter()
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
-    objective = Objective(scene, coordinates, objective or PaperCost())
+    cost = Objective(scene, coordinates, objective or PaperCost())
     names, values = list(suited), []
     for first in range(0, len(names), PIECE):
         dmps = [suited[name] for name in names[first : first + PIECE]]
         carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in dmps]
-        values.append(
-            objective.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried]))
-        )
+        values.append(cost.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])))
         if time.perf_counter() - begun > budget:
             break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))
-    passes, total = objective.feasible(value), objective.search_value(value)
+    passes, total = cost.feasible(value), cost.search_value(value)
     order = np.lexsort((total, ~passes))
     return Choice(
         tuple(

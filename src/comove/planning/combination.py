@@ -175,8 +175,10 @@ class _Span:
     def of(cls, movements: dict[str, DMP], scene: Scene, coordinates: Coordinates) -> _Span:
         far = first_largest(np.linalg.norm(scene.goal - scene.start, axis=1))
         ends = scene.start[far], scene.goal[far]
-        common_basis = {"n_basis": N_BASIS, "phase": LinearPhase(), "variant": Variant.CLOSED_FORM}
-        carried = [refitted(modulate(dmp, *ends), **common_basis) for dmp in movements.values()]
+        carried = [
+            refitted(modulate(dmp, *ends), n_basis=N_BASIS, phase=LinearPhase(), variant=Variant.CLOSED_FORM)
+            for dmp in movements.values()
+        ]
         common = replace(carried[0], weights=np.zeros_like(carried[0].weights), duration=scene.duration)
         unit = replace(common, weights=np.eye(scene.n_dims, N_BASIS))
         hands = [modulate(unit, *ends) for ends in zip(scene.start, scene.goal, strict=True)]

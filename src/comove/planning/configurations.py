@@ -29,11 +29,13 @@ from comove.coordination.coordinates import (
 from comove.geometry.distances import CENTER, point_distance, segment_distance
 from comove.geometry.solids import border_distance, empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import Surfaces, signed_distance
+from comove.planning import trees
 from comove.planning.clock import clock_until, worked
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+STEP = 0.1  # m, of an extension of a tree
 CAP = 0.12  # m, cap of clearances beyond the one required
 TOLERANCE = 2e-4  # m, of clearances
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
@@ -98,13 +100,6 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         clock_until(),
         np.zeros(2, dtype=np.int64),
     )
-
-
-@numba.njit(cache=True, error_model="numpy")
-def copy_to(source, target):
-    """Copy a vector; array assignment would take seconds to compile."""
-    for c in range(source.shape[0]):
-        target[c] = source[c]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -266,6 +261,51 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
             return False
         travelled += max(clearance, TOLERANCE)
     return clearance_of(space, q, nodes) > margin
+
+
+@trees.answers(trees.extend, Space)
+@numba.njit(cache=True, error_model="numpy")
+def _extend(space, p, q, steps, margin, out):
+    way, scratch = span(space, p, q), np.empty(p.shape[0])
+    interpolate(space, p, q, min(1.0, STEP * steps / max(way, 1e-12)), out)
+    if not edge_is_free(space, p, out, margin, scratch, np.empty((space.blocks.node.shape[0], 3))):
+        return trees.BLOCKED
+    return trees.ARRIVED if way <= STEP * steps else trees.FREE
+
+
+@trees.answers(trees.nearest, Space)
+@numba.njit(cache=True, error_model="numpy")
+def nearest(space, tree, count, q):
+    """Return the node of a tree that is nearest to q."""
+    best, least = 0, np.inf
+    for i in range(count):
+        distance = span(space, tree[i], q)
+        if distance < least:
+            best, least = i, distance
+    return best
+
+
+@trees.answers(trees.draw, Space)
+@numba.njit(cache=True, error_model="numpy")
+def _draw(space, nodes, counts, this, rng, out):
+    random_configuration(space, rng, out)
+    return True
+
+
+@trees.answers(trees.between, Space)
+@numba.njit(cache=True, error_model="numpy")
+def _between(space, p, q, share, out):
+    interpolate(space, p, q, share, out)
+    return True
+
+
+@trees.answers(trees.shortens, Space)
+@numba.njit(cache=True, error_model="numpy")
+def _shortens(space, p, q, way):
+    return span(space, p, q) <= way - 1e-6
+
+
+trees.answers(trees.length, Space)(span)
 
 
 @numba.njit(cache=True, error_model="numpy")

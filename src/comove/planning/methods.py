@@ -18,7 +18,7 @@ from comove.planning.configurations import Space, configuration_space, span, way
 from comove.planning.custom import improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
-from comove.planning.objectives import LeastTime, PaperCost
+from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
@@ -112,7 +112,7 @@ class Comove(Method):
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
         if search.own is not None:
-            self._customise(search, planner=planner)
+            self._customise(search, search.own, planner=planner)
             return
         if search.taught is not None and search.objective.weights.resemblance > 0:
             self._grow(search, range(1))  # from the demonstration, to stay near it
@@ -123,23 +123,35 @@ class Comove(Method):
         while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
 
-    def _customise(self, search: Search, *, planner: bool) -> None:
-        """Find smooth motions without the user's functions, then optimise these functions from the best motions."""
+    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> None:
+        """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
+        optimise with all of it from the best motions.
+        """
         base = replace(
-            search, own=None, checks=tuple(c for c in search.checks if c != search.own.reasons), kept=[]
+            search,
+            own=None,
+            checks=tuple(check for check in search.checks if check != own.reasons),
+            kept=[],
+            objective=replace(search.objective, scene=_unsampled(search.scene)),
+            asked=None if search.asked is None else _unsampled(search.asked),
         )
         base.deadline = min(base.deadline, base.started + SMOOTHING_SHARE * (base.deadline - base.started))
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
         search.needed = base.needed
-        search.attempt, search.attempt_verdict = base.attempt, base.attempt_verdict
-        for motion in base.kept:
+        if base.attempt is not None:
+            search.attempt, search.attempt_verdict = (
+                replace(base.attempt, scene=search.scene),
+                base.attempt_verdict,
+            )
+        kept = [replace(motion, scene=search.scene) for motion in base.kept]
+        for motion in kept:
             search.judge(motion)
         search.stage = "minimising the objective given"
-        for motion in reversed(base.kept[-N_STARTS:]):
+        for motion in reversed(kept[-N_STARTS:]):
             search.check_time()
-            improve_own(search, search.own, motion)
+            improve_own(search, own, motion)
 
     def _plan(self, search: Search) -> bool:
         """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
@@ -232,7 +244,9 @@ class Comove(Method):
             met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
             if search.best_cost < (1 + WORTH_ANOTHER) * least_worth(search):
                 break
-        if search.best is not None and hasty and search.carrier is None:  # of which arms know other limits
+        if (
+            search.best_motion is not None and hasty and search.carrier is None
+        ):  # of which arms know other limits
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0
@@ -381,6 +395,11 @@ class Guide(Quick):
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+
+
+def _unsampled(scene: Scene) -> Scene:
+    """Return a scene without the constraints that a search has to sample."""
+    return replace(scene, constraints=tuple(c for c in scene.constraints if not c.sampled))
 
 
 def _planner(search: Search, space: Space, ends: Array) -> Targets:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -119,7 +119,7 @@ class Objective:
     penalty: ContactPenalty = ContactPenalty()
     demonstration: Array | None = None
 
-    def with_penalty(self, **changes: object) -> Objective:
+    def with_penalty(self, **changes: Any) -> Objective:
         """Return the objective with a changed penalty."""
         return replace(self, penalty=replace(self.penalty, **changes))
 

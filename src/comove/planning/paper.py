@@ -111,8 +111,9 @@ class Paper(Method):
         coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
         restart = attempt if search.taught is None else 0  # always from the demonstration
-        guess = first_guess(search, coordinates, basis, restart)
-        guess = threaded(search, objective, guess) if self.threading else guess
+        guess: CoordinatedDMP | None = first_guess(search, coordinates, basis, restart)
+        if self.threading and guess is not None:
+            guess = threaded(search, objective, guess)
         if guess is None:
             return None
         s = np.linspace(0.0, 1.0, N_STEPS)

@@ -18,7 +18,6 @@ from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,
     clearance_of,
-    copy_to,
     edge_is_free,
     in_an_obstacle,
     interpolate,
@@ -26,10 +25,10 @@ from comove.planning.configurations import (
     random_orientation,
     span,
 )
+from comove.planning.trees import copy_to, rrt_connect, shortened
 
 Array = NDArray[np.float64]
 
-STEP = 0.1  # m, of an RRT extension
 FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat long attempts), and of the last
 BRIEF_NODES, BRIEF_FOREST = 200, 250  # of brief attempts by either planner, for paths that are easy
 SURE = 3  # lead of the forest in paths found, after which RRT-Connect is not tried any more
@@ -70,15 +69,17 @@ def plan(
     -------
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
-    scratch = np.empty((space.blocks.node.shape[0], 3))
+    scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
     at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     for grows_forest, most in _turns(space, max_nodes):
-        grow = forest if grows_forest else _rrt_connect
-        path = grow(space, start, goal, margin, rng, most)
+        if grows_forest:
+            path = forest(space, start, goal, margin, rng, most)
+        else:
+            path = rrt_connect(space, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
             space.found[int(grows_forest)] += 1
-            return continuous(space, _shortened(space, path, margin, rng, N_SHORTCUTS))
+            return continuous(space, shortened(space, path, margin, rng, N_SHORTCUTS))
     return None
 
 
@@ -141,89 +142,6 @@ def along(space, path, shares):
             f = (length - reached[i]) / max(reached[i + 1] - reached[i], 1e-12)
             interpolate(space, path[i], path[i + 1], min(1.0, max(0.0, f)), out[profile, t])
     return out
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _rrt_connect(space, start, goal, margin, rng, max_nodes):
-    """Plan a path by RRT-Connect (Kuffner and LaValle, 2000); it is empty if none is found."""
-    n_columns = start.shape[0]
-    trees = np.empty((2, max_nodes, n_columns))
-    parents = np.full((2, max_nodes), -1)
-    counts = np.ones(2, dtype=np.int64)
-    copy_to(start, trees[0, 0])
-    copy_to(goal, trees[1, 0])
-    sample, target, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    if edge_is_free(space, start, goal, margin, scratch, nodes):
-        copy_to(goal, trees[0, 1])
-        return trees[0, :2].copy()
-    this = 0
-    for _ in range(20 * max_nodes):
-        if counts[0] + counts[1] + 2 >= max_nodes or worked(space.clock, counts[this]):
-            break
-        random_configuration(space, rng, sample)
-        near = nearest(space, trees[this], counts[this], sample)
-        towards(space, trees[this, near], sample, STEP, target)
-        if edge_is_free(space, trees[this, near], target, margin, scratch, nodes):
-            new = counts[this]
-            copy_to(target, trees[this, new])
-            parents[this, new] = near
-            counts[this] += 1
-            other = 1 - this
-            at = nearest(space, trees[other], counts[other], target)
-            while counts[other] + 1 < max_nodes:
-                arrived = towards(space, trees[other, at], trees[this, new], STEP, target)
-                if not edge_is_free(space, trees[other, at], target, margin, scratch, nodes):
-                    break
-                end = counts[other]
-                copy_to(target, trees[other, end])
-                parents[other, end] = at
-                counts[other] += 1
-                at = end
-                if arrived:
-                    mine, theirs = (new, at) if this == 0 else (at, new)
-                    return joined(trees, parents, mine, theirs)
-        this = 1 - this
-    return np.empty((0, n_columns))
-
-
-@numba.njit(cache=True, error_model="numpy")
-def nearest(space, tree, count, q):
-    best, least = 0, np.inf
-    for i in range(count):
-        distance = span(space, tree[i], q)
-        if distance < least:
-            best, least = i, distance
-    return best
-
-
-@numba.njit(cache=True, error_model="numpy")
-def towards(space, p, q, step, out):
-    """Write the configuration that is at most `step` from p towards q; return whether that is q."""
-    length = span(space, p, q)
-    interpolate(space, p, q, min(1.0, step / max(length, 1e-12)), out)
-    return length <= step
-
-
-@numba.njit(cache=True, error_model="numpy")
-def joined(trees, parents, mine, theirs):
-    """Return the path from the root of tree 0 via `mine`, which coincides with `theirs`, to that of tree 1."""
-    depths = np.zeros(2, dtype=np.int64)
-    for tree in range(2):
-        i = mine if tree == 0 else theirs
-        while i >= 0:
-            depths[tree] += 1
-            i = parents[tree, i]
-    path = np.empty((depths[0] + depths[1], trees.shape[2]))
-    i, row = mine, depths[0] - 1
-    while i >= 0:
-        copy_to(trees[0, i], path[row])
-        i, row = parents[0, i], row - 1
-    i, row = theirs, depths[0]
-    while i >= 0:
-        copy_to(trees[1, i], path[row])
-        i, row = parents[1, i], row + 1
-    return path
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -582,49 +500,3 @@ def _path_through(tree, links, n_links, count):
         copy_to(tree[at], path[row])
         at = came[at]
     return path
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _shortened(space, path, margin, rng, n_trials):
-    """Replace pieces between random points of a path by straight edges, where these are free; return the path."""
-    n_columns = path.shape[1]
-    count = path.shape[0]
-    work = np.empty((count + 2 * n_trials + 2, n_columns))
-    for row in range(count):
-        copy_to(path[row], work[row])
-    p, q, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    lengths = np.empty(work.shape[0])
-    for _ in range(n_trials):
-        if count <= 2:
-            break
-        total = 0.0
-        for i in range(count - 1):
-            lengths[i] = span(space, work[i], work[i + 1])
-            total += lengths[i]
-        u, v = rng.random() * total, rng.random() * total
-        u, v = min(u, v), max(u, v)
-        i, j, at_i, at_j = 0, 0, 0.0, 0.0
-        while i < count - 2 and at_i + lengths[i] < u:
-            at_i += lengths[i]
-            i += 1
-        while j < count - 2 and at_j + lengths[j] < v:
-            at_j += lengths[j]
-            j += 1
-        if i == j:
-            continue
-        interpolate(space, work[i], work[i + 1], (u - at_i) / max(lengths[i], 1e-12), p)
-        interpolate(space, work[j], work[j + 1], (v - at_j) / max(lengths[j], 1e-12), q)
-        if span(space, p, q) > v - u - 1e-6 or not edge_is_free(space, p, q, margin, scratch, nodes):
-            continue
-        moved = 2 - (j - i)  # rows i+1 .. j give way to p and q
-        if moved > 0:
-            for row in range(count - 1, j, -1):
-                copy_to(work[row], work[row + moved])
-        elif moved < 0:
-            for row in range(j + 1, count):
-                copy_to(work[row], work[row + moved])
-        copy_to(p, work[i + 1])
-        copy_to(q, work[i + 2])
-        count += moved
-    return work[:count].copy()

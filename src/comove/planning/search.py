@@ -132,7 +132,7 @@ class Search:
     compiled : counters of the kernels compiled since the start
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
         it is the scene that is searched
-    own : objective and constraints of the user; None without any
+    own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     kept : all motions that were the best at their time, in order
     needed : shortest duration known to suffice if the given one is too short [s]; else inf
     checks : further checks that a motion must pass, on the scene of the caller
@@ -261,19 +261,20 @@ class Search:
         if self.asked is None:
             return motion
         if self._handed is None or self._handed[0] is not motion:
-            self._handed = motion, self._on_time(motion)
+            self._handed = motion, self._on_time(motion, self.asked)
         return self._handed[1]
 
-    def _on_time(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        if self.asked.is_timed:
-            return motion.on(self.asked)
+    def _on_time(self, motion: CoordinatedMotion, asked: Scene) -> CoordinatedMotion:
+        if asked.is_timed:
+            return motion.on(asked)
         least = 0.0 if self.carrier is None else self.carrier.shortest(motion)
-        return in_least_time(motion, self.asked, least if least < np.inf else 0.0)  # the checks tell the rest
+        return in_least_time(motion, asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
         """Return how far a rejected motion is from being verified; contact counts more than limits."""
         report, scene = verdict.report, self.scene
-        depth = max(0.0, scene.clearance - report.clearance_min, -(report.separation_spare_min or 0.0))
+        missed = max(-(report.separation_spare_min or 0.0), report.constraint_excess_max or 0.0)
+        depth = max(0.0, scene.clearance - report.clearance_min, missed)
         excess = max(report.limit_ratios(scene))
         violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
         return np.inf if np.isnan(violation) else violation

@@ -139,10 +139,11 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         free = squares(search.scene, smooth, None, len(anchor))
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.room)
+    along: Array | None = reference
     for cost in costs:
         search.check_time()
-        outcome = optimise(programme, cost, z, settings, reference, search.over)
-        z, reference = outcome.z, None
+        outcome = optimise(programme, cost, z, settings, along, search.over)
+        z, along = outcome.z, None
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)

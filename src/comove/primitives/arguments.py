@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,11 +14,18 @@ Array = NDArray[np.float64]
 MAX_STEPS = 100_000_000
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Return whether `value` is one finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         return False
-    return -1e308 < value < 1e308
+    return bool(-1e308 < value < 1e308)
+
+
+def is_count(value: object, least: int = 1, most: int = MAX_STEPS) -> TypeGuard[int]:
+    """Return whether `value` is a whole number from `least` to `most`."""
+    return (
+        isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= int(value) <= most
+    )
 
 
 def numbers(value: object) -> Array:
@@ -41,8 +50,8 @@ def vector(name: str, value: object, n_dims: int) -> Array:
     return array
 
 
-def require_positive(name: str, value: object, most: float = 1e308) -> None:
-    """Raise unless `value` is a positive number that does not exceed `most`.
+def require_positive(name: str, value: object, most: float = 1e308, *, of: str = "") -> None:
+    """Raise unless `value` is a positive number that does not exceed `most`; `of` names its unit in the message.
 
     Raises
     ------
@@ -51,7 +60,8 @@ def require_positive(name: str, value: object, most: float = 1e308) -> None:
     """
     if not is_number(value) or not 0 < value <= most:
         bound = f" up to {most:g}" if most < 1e308 else ""
-        raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a positive number{bound}")
+        unit = f" of {of}" if of else ""
+        raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a positive number{unit}{bound}")
 
 
 def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
@@ -62,7 +72,7 @@ def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
     OptionError
         If it is not; the error names the argument.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= most:
+    if not is_count(value, most=most):
         bound = f"to {most}" if most < MAX_STEPS else "on"
         raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a whole number from 1 {bound}")
 
@@ -89,9 +99,5 @@ def require_steps(n_steps: object) -> None:
     OptionError
         If `n_steps` is not a whole number from 2 to `MAX_STEPS`.
     """
-    if (
-        isinstance(n_steps, bool)
-        or not isinstance(n_steps, (int, np.integer))
-        or not 2 <= n_steps <= MAX_STEPS
-    ):
+    if not is_count(n_steps, least=2):
         raise OptionError(f"n_steps = {n_steps!r}", way_out=f"give a whole number from 2 to {MAX_STEPS:,}")

@@ -20,17 +20,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike, NDArray
 
 from comove.primitives.flow import OMEGA, from_rest, values_at
 from comove.primitives.forcing import INTERVAL, N_INTERVALS, Kernels, gaussians
 from comove.primitives.phase import LinearPhase, Phase
-from comove.primitives.splines import splines
 
 N_END_CONDITIONS = 2  # position and velocity
+MAX_BASIS = 200  # shape weights per dimension
 
 Metric = Literal["velocity", "acceleration", "jerk"]
 Array = NDArray[np.float64]
@@ -84,10 +85,10 @@ class MotionBasis:
         boundary : array, shape (3, n_steps, 4)
         shape : array, shape (3, n_steps, n_basis)
         """
-        s = np.maximum(np.asarray(s, dtype=float), 0.0)
+        times = np.maximum(np.asarray(s, dtype=float), 0.0)
         return (
-            values_at(self.boundary, self.boundary_force, np.array([0.0, 0, 1, 0]), s),
-            values_at(self.shape, self.shape_force, np.zeros(self.n_basis), s),
+            values_at(self.boundary, self.boundary_force, np.array([0.0, 0, 1, 0]), times),
+            values_at(self.shape, self.shape_force, np.zeros(self.n_basis), times),
         )
 
 
@@ -124,12 +125,12 @@ def motion_basis(
         If `n_basis` is not between 1 and 200, or the metric of jerk is combined with another phase, other kernels
         or a fading goal.
     """
-    if not 1 <= n_basis <= 200:
-        raise ValueError(f"n_basis = {n_basis}: give 1 to 200 shape weights")
+    if not 1 <= n_basis <= MAX_BASIS:
+        raise ValueError(f"n_basis = {n_basis}: give 1 to {MAX_BASIS} shape weights")
     smooth, phase = metric == "jerk", phase or LinearPhase()
     if smooth and (phase != LinearPhase() or kernels is not gaussians or fading_goal):
         raise ValueError("the metric of jerk has a linear phase, splines for its forcing, and no fading goal")
-    psi = splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
+    psi = _splines(n_basis) if smooth else kernels(n_basis + N_END_CONDITIONS, phase)
     knots = np.linspace(0.0, 1.0, N_INTERVALS + 1)
     weights, inputs = from_rest(psi), np.zeros((3, N_INTERVALS + 1, 4))
     inputs[:, :, :2] = released(knots)
@@ -176,7 +177,13 @@ def motion_basis(
     return MotionBasis(*arrays, metric, phase)
 
 
-def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
+class Sampled(Protocol):
+    """A basis that gives its positions at even samples, shape (n_basis + 4, n_steps)."""
+
+    def sampled(self, n_steps: int) -> Array: ...
+
+
+def rollouts(basis: Sampled, boundary: Array, weights: Array, n_steps: int = 201) -> Array:
     """Compute the positions of many rollouts as one matrix product of weights and boundary values with the basis.
 
     Parameters
@@ -194,6 +201,36 @@ def rollouts(basis: MotionBasis, boundary: Array, weights: Array, n_steps: int =
     inputs[:, :, n_basis:] = boundary.T
     product = inputs.reshape(-1, n_basis + 4) @ basis.sampled(n_steps)
     return product.reshape(n_rollouts, n_columns, n_steps)
+
+
+def _splines(n_inner: int) -> Array:
+    """Return the forcing of quintic B-splines that rest at both ends, and of six quintics for the boundary values.
+
+    A motion b(s) of the transformed system is caused by the forcing ``b'' + 2 omega b' + omega^2 b``. Each of the six
+    quintics has a unit position, velocity or acceleration at one end (first those of the start) and zero for the
+    others.
+
+    Parameters
+    ----------
+    n_inner : number of B-splines
+
+    Returns
+    -------
+    array, shape (n_knots, n_inner + 6)
+    """
+    from scipy.interpolate import BSpline  # a quarter of a second, which only smooth motions need
+
+    degree, s = 5, np.linspace(0.0, 1.0, N_INTERVALS + 1)
+    breaks = np.linspace(0.0, 1.0, n_inner + 2)
+    places = np.concatenate([np.zeros(degree), breaks, np.ones(degree)])
+    inner = BSpline(places, np.eye(n_inner + 6)[:, 3:-3], degree)
+    orders = np.arange(6)
+    at_start, at_end = np.diag([1.0, 1, 2, 0, 0, 0])[:3], np.stack([orders**0, orders, orders * (orders - 1)])
+    ends = np.linalg.inv(np.concatenate([at_start, at_end]))
+    motions = [
+        np.concatenate([inner(s, order), polyval(s, polyder(ends, order)).T], axis=1) for order in range(3)
+    ]
+    return motions[2] + 2 * OMEGA * motions[1] + OMEGA**2 * motions[0]
 
 
 @lru_cache(maxsize=32)

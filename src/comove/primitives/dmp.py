@@ -4,34 +4,48 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.arguments import instants, is_number, numbers, require_steps, vector
-from comove.primitives.basis import MotionBasis, released, rollouts
+from comove.primitives.arguments import (
+    instants,
+    is_number,
+    numbers,
+    require_count,
+    require_positive,
+    require_steps,
+    vector,
+)
+from comove.primitives.basis import MAX_BASIS, MotionBasis, released, rollouts
 from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
-from comove.primitives.rhythm import RhythmicBasis, estimated_period
+from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
 from comove.primitives.variants import NO_WAY, Variant
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-BLOCK = 4000  # samples that are fitted at a time
-
 
 class Recording(Protocol):
-    """A recording to which a primitive can be fitted: time (n_steps,) [s] and position (n_steps, n_dims) [m]."""
+    """A recording to which a primitive can be fitted."""
 
-    time: Array
-    position: Array
-    start_velocity: Array
+    @property
+    def time(self) -> Array:
+        """Return the times of the samples, shape (n_steps,), [s]."""
+
+    @property
+    def position(self) -> Array:
+        """Return the positions, shape (n_steps, n_dims), [m]."""
+
+    @property
+    def start_velocity(self) -> Array:
+        """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +72,21 @@ class DMP:
     duration: float
     phase: Phase = ExponentialPhase()
     variant: Variant = Variant.CLOSED_FORM
-    learned: Array | None = None
+    learned: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "variant", Variant.named(self.variant))
-        if not is_number(self.duration) or not self.duration > 0:
-            raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
-        if self.learned is None:
+        require_positive("duration", self.duration, of="seconds")
+        if not np.size(self.learned):
             object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
         for name in ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned"):
             try:
                 array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
             except (TypeError, ValueError):
                 raise OptionError(f"{name} = {getattr(self, name)!r}", way_out="give numbers") from None
-            if name == "weights" and array.ndim == 2 and not 1 <= array.shape[1] <= 200:
+            if name == "weights" and array.ndim == 2 and not 1 <= array.shape[1] <= MAX_BASIS:
                 raise OptionError(
-                    f"weights of shape {array.shape}", way_out="give 1 to 200 weights a dimension"
+                    f"weights of shape {array.shape}", way_out=f"give 1 to {MAX_BASIS} weights a dimension"
                 )
             if array.ndim != (2 if name == "weights" else 1) or len(array) != len(self.weights):
                 raise OptionError(
@@ -123,8 +136,7 @@ class DMP:
         ComoveWarning
             If the variant cannot learn a dimension, because the recorded ends coincide in it.
         """
-        if isinstance(n_basis, bool) or not isinstance(n_basis, (int, np.integer)) or not 1 <= n_basis <= 200:
-            raise OptionError(f"n_basis = {n_basis!r}", way_out="give a whole number from 1 to 200")
+        require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
         if not all(hasattr(demonstration, name) for name in ("time", "position", "start_velocity")):
             raise OptionError(
@@ -155,13 +167,7 @@ class DMP:
             phase=phase or variant.usual_phase,
             variant=variant,
         )
-        values = dmp.boundary_values()
-
-        def design(block: slice) -> tuple[Array, Array]:
-            boundary, shape = dmp.basis.at(time[block] / dmp.duration)
-            return shape[0], position[block] - boundary[0] @ values
-
-        weights = _least_squares(design, len(time)).T
+        weights = dmp._shape_of(time, position)
         if variant is Variant.CLASSIC:
             extent = np.ptp(position, axis=0).max()
             untaught = np.abs(dmp.learned) <= NO_WAY * extent
@@ -177,6 +183,16 @@ class DMP:
                 )
         return replace(dmp, weights=weights)
 
+    def _shape_of(self, time: Array, position: Array) -> Array:
+        """Return the shape weights, shape (n_dims, n_basis), that fit positions between the present ends best."""
+        values = self.boundary_values()
+
+        def design(block: slice) -> tuple[Array, Array]:
+            boundary, shape = self.basis.at(time[block] / self.duration)
+            return shape[0], position[block] - boundary[0] @ values
+
+        return _least_squares(design, len(time)).T
+
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
         period = estimated_period(time, position) if period is None else period
@@ -190,14 +206,15 @@ class DMP:
         dmp = cls(
             np.zeros((len(still), n_basis)), still, still, still, still, period, variant=Variant.RHYTHMIC
         )
+        basis = rhythmic_basis(n_basis)
 
         def design(block: slice) -> tuple[Array, Array]:
-            cycle = dmp.basis.on_cycle(time[block] / period)[0]
+            cycle = basis.on_cycle(time[block] / period)[0]
             return np.concatenate([cycle, np.ones((len(cycle), 1))], axis=1), position[block]
 
         solved = _least_squares(design, len(time))
         weights, centre = solved[:-1].T, solved[-1]
-        onset = dmp.basis.cycle[:2, 0] @ weights.T
+        onset = basis.cycle[:2, 0] @ weights.T
         return replace(
             dmp, weights=weights, start=centre + onset[0], goal=centre, start_velocity=onset[1] / period
         )
@@ -242,21 +259,16 @@ class DMP:
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
         """
-        new_duration = self.duration if duration is None else duration
-        if not is_number(new_duration) or not new_duration > 0:
-            raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
-        ratio = self.duration / new_duration
         moved = replace(
             self,
             start=self._vector("start", start, self.start),
             goal=self._vector("goal", goal, self.goal),
-            duration=new_duration,
+            duration=self.duration if duration is None else duration,
         )
+        ratio = (self.duration / moved.duration) * np.eye(self.n_dims)
         displaced = not np.array_equal(moved.goal - moved.start, self.goal - self.start)
         if self.variant is Variant.DMP_PLUS_PLUS and displaced:
-            ratio = ratio * moved.scaling() @ np.linalg.pinv(self.scaling())
-        else:
-            ratio = ratio * np.eye(self.n_dims)
+            ratio = (self.duration / moved.duration) * moved.scaling() @ np.linalg.pinv(self.scaling())
         return replace(
             moved,
             start_velocity=self._vector("start_velocity", start_velocity, ratio @ self.start_velocity),
@@ -381,7 +393,8 @@ class DMP:
         if not np.array_equal(state.goal, state.curve.goal):
             curve = self.towards(goal=state.goal).curve.after(state.curve, state.progress)
             state = replace(state, curve=curve)
-        return advance(state, dt, rate, coupling)
+        push = None if coupling is None else vector("coupling", coupling, self.n_dims)
+        return advance(state, dt, rate, push)
 
     def scaling(self) -> Array:
         """Return A(d), the matrix by which the variant multiplies the learned forcing term for these ends.
@@ -397,7 +410,7 @@ class DMP:
         return default if value is None else vector(name, value, self.n_dims)
 
 
-def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int) -> Array:
+def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int, block: int = 4000) -> Array:
     """Solve a least-squares problem; for long recordings by normal equations, block by block, to limit the memory.
 
     The weights are scaled well (condition numbers of a few hundred), so squaring the condition number does no harm.
@@ -406,15 +419,16 @@ def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int)
     ----------
     design : function from a slice of the samples to their matrix (n_block, n) and target (n_block, n_dims)
     n_steps : number of samples
+    block : number of samples that are in memory at a time
 
     Returns
     -------
     array, shape (n, n_dims)
     """
-    if n_steps <= BLOCK:
-        return np.linalg.lstsq(*design(slice(None)), rcond=None)[0]
-    gram, moment = 0.0, 0.0
-    for first in range(0, n_steps, BLOCK):
-        matrix, target = design(slice(first, first + BLOCK))
-        gram, moment = gram + matrix.T @ matrix, moment + matrix.T @ target
-    return np.linalg.lstsq(gram, moment, rcond=None)[0]
+    if n_steps <= block:
+        matrix, target = design(slice(None))
+    else:
+        parts = (design(slice(first, first + block)) for first in range(0, n_steps, block))
+        products = ((matrix.T @ matrix, matrix.T @ target) for matrix, target in parts)
+        matrix, target = reduce(lambda one, other: (one[0] + other[0], one[1] + other[1]), products)
+    return np.asarray(np.linalg.lstsq(matrix, target, rcond=None)[0], dtype=np.float64)

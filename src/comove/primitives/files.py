@@ -22,18 +22,19 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
+from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import PoseDMP
 from comove.primitives.variants import Variant
+from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]
 
 FORMAT, VERSION = "comove primitive", 1
 MAX_BYTES = 8 * 2**20
 MAX_NAME = 100
-MAX_DIMS, MAX_BASIS = 64, 200
-BLOCK = 20_000  # samples that are compared at once
+MAX_DIMS = 64
 TRACED = 11  # positions, at even shares of the duration
 SAME = 1e-6  # by which the trace may be missed, in the movement's extent
 LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"
@@ -126,11 +127,14 @@ def learn(
     DemonstrationError, OptionError
         As `DMP.fit` and `PoseDMP.fit`.
     """
-    options = {"n_basis": n_basis, "variant": variant, "phase": phase}
     if poses and period is not None:
         raise OptionError(f"period = {period!r} of poses", way_out="leave it out")
-    dmp = PoseDMP.fit(demonstration, **options) if poses else DMP.fit(demonstration, period=period, **options)
-    measures = {}
+    dmp: DMP | PoseDMP
+    if poses:
+        dmp = PoseDMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase)
+    else:
+        dmp = DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, period=period)
+    measures: dict[str, Any] = {}
     for what, error in _errors(dmp, demonstration).items():
         measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}
     provenance = Provenance(
@@ -145,14 +149,17 @@ def learn(
     return Primitive(name or demonstration.name, dmp, demonstration.unit, provenance)
 
 
-def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration) -> dict[str, Array]:
-    """Compute the distances from the recording at its samples, and angles for poses; arrays, shape (n_steps,)."""
+def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration, block_size: int = 20_000) -> dict[str, Array]:
+    """Compute the distances from the recording at its samples, and angles for poses; arrays, shape (n_steps,).
+
+    `block_size` samples are compared at a time, so that long recordings need no more memory.
+    """
     error, turn = np.zeros((2, demonstration.n_steps))
-    for first in range(0, demonstration.n_steps, BLOCK):
-        block = slice(first, first + BLOCK)
+    for first in range(0, demonstration.n_steps, block_size):
+        block = slice(first, first + block_size)
         played = dmp.at(demonstration.time[block])
         error[block] = np.linalg.norm(played.position - demonstration.position[block], axis=1)
-        if isinstance(dmp, PoseDMP):
+        if isinstance(played, PoseTrajectory) and demonstration.orientation is not None:
             between = quaternion_product(played.orientation, conjugate(demonstration.orientation[block]))
             turn[block] = 2 * np.arctan2(np.linalg.norm(between[:, 1:], axis=1), np.abs(between[:, 0]))
     return {"error": error, "turn": turn} if isinstance(dmp, PoseDMP) else {"error": error}
@@ -334,7 +341,7 @@ def _trace(primitive: Primitive) -> Array:
 
 
 def _write_position(dmp: DMP) -> dict[str, Any]:
-    phase = {"name": "linear"}
+    phase: dict[str, Any] = {"name": "linear"}
     if isinstance(dmp.phase, ExponentialPhase):
         phase = {"name": "exponential", "alpha": float(dmp.phase.alpha)}
     return {
@@ -363,9 +370,8 @@ def _read_position(part: _Part, n_dims: int | None = None) -> DMP:
         way_out = f"at most {MAX_DIMS} lists of {MAX_BASIS} weights belong there"
         raise part.wrong("weights", f"{n_dims} lists of {n_basis} weights", way_out)
     vectors = {name: part.array(name, (n_dims,)) for name in _VECTORS}
-    return DMP(
-        weights=weights, duration=duration, phase=_phase(part.part("phase")), variant=variant, **vectors
-    )
+    phase = _phase(part.part("phase"))
+    return DMP(weights=weights, duration=duration, phase=phase, variant=Variant(variant), **vectors)
 
 
 def _phase(part: _Part) -> Phase:
@@ -417,12 +423,18 @@ def _provenance(value: object, file: object) -> Provenance | None:
     if value is None:
         return None
     part = _Part(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
+    turns = {key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")}
     return Provenance(
-        **{key: part.text(key) for key in ("source", "recording", "sha256", "version")},
+        source=part.text("source"),
+        recording=part.text("recording"),
         notes=part.texts("notes"),
-        **{key: part.count(key) for key in ("n_samples", "n_basis")},
-        **{key: part.number(key) for key in ("error_rms", "error_max")},
-        **{key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")},
+        sha256=part.text("sha256"),
+        n_samples=part.count("n_samples"),
+        n_basis=part.count("n_basis"),
+        error_rms=part.number("error_rms"),
+        error_max=part.number("error_max"),
+        version=part.text("version"),
+        **turns,
     )
 
 

@@ -10,11 +10,12 @@ where c0 and c1 are the responses to a unit step and a unit ramp. Times are in d
 from __future__ import annotations
 
 from math import exp
+from typing import Any
 
 import numba
 import numpy as np
 
-from comove.primitives.forcing import INTERVAL, N_INTERVALS
+from comove.primitives.forcing import INTERVAL, N_INTERVALS, Array
 
 ALPHA_Y = 25.0
 OMEGA = ALPHA_Y / 2.0
@@ -22,7 +23,7 @@ LONG_AFTER = 1e6  # durations, after which nothing is left of any deviation
 
 
 @numba.njit(cache=True)
-def responses(t):
+def responses(t: float) -> tuple[float, float, float]:
     """Compute exp(-omega t), c0(t) and c1(t), by series where the closed forms lose digits by cancellation."""
     x = OMEGA * t
     decay = exp(-x)
@@ -37,8 +38,13 @@ def responses(t):
 
 
 @numba.njit(cache=True)
-def flow(t, response, error, velocity, force, slope):
-    """Compute error and velocity after the time `t`, with its `responses`, under the forcing ``force + slope t``."""
+def flow(
+    t: float, response: tuple[float, float, float], error: Any, velocity: Any, force: Any, slope: Any
+) -> tuple[Any, Any]:
+    """Compute error and velocity after the time `t`, with its `responses`, under the forcing ``force + slope t``.
+
+    Error, velocity, force and slope are numbers or arrays of one shape.
+    """
     decay, c0, c1 = response
     rate = velocity + OMEGA * error
     return (
@@ -48,7 +54,7 @@ def flow(t, response, error, velocity, force, slope):
 
 
 @numba.njit(cache=True)
-def from_rest(psi):
+def from_rest(psi: Array) -> Array:
     """Compute the motions that start at rest at the goal 0, one for every forcing function.
 
     Parameters
@@ -74,7 +80,7 @@ def from_rest(psi):
 
 
 @numba.njit(cache=True)
-def values_at(knots, force, goal, s):
+def values_at(knots: Array, force: Array, goal: Array, s: Array) -> Array:
     """Compute position, velocity and acceleration at any time on motions that are known at the knots.
 
     Parameters

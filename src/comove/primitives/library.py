@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name
 from comove.io.files import require_room, telling
+from comove.primitives.arguments import numbers, require_count, require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
 from comove.primitives.poses import PoseDMP
@@ -35,8 +36,6 @@ Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
 N_SHAPE = 101
-DIGITS = 9  # of distances that are compared
-SHOWN = 20  # names that a message lists
 
 Movement = Primitive | DMP | PoseDMP | Demonstration
 
@@ -244,9 +243,11 @@ class Library:
         names = self.names
         if not names:
             return "the library is empty: comove library add DEMO"
-        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-        near = near_name(name, names)
-        return near if not more else f"{near.partition('known: ')[0]}known: {', '.join(names[:SHOWN])}{more}"
+        near, shown = near_name(name, names), names[:20]
+        if shown == names:
+            return near
+        known = f"known: {', '.join(shown)} and {len(names) - len(shown)} more"
+        return f"{near.partition('known: ')[0]}{known}"
 
     def _taken(self, name: str) -> LibraryError:
         return LibraryError(
@@ -266,16 +267,14 @@ def rank(
     limit: int | None = None,
 ) -> list[Match]:
     """Rank primitives as `Library.find` does."""
-    wanted = {"start": _point("start", start), "goal": _point("goal", goal)}
-    wanted = {name: point for name, point in wanted.items() if point is not None}
+    given = (("start", start), ("goal", goal))
+    wanted = {name: _point(name, value) for name, value in given if value is not None}
     if not wanted and duration is None and shape is None:
         raise OptionError("nothing is asked for", way_out="give a start, a goal, a duration or a shape")
-    if duration is not None and not (np.isfinite(duration) and duration > 0):
-        raise OptionError(f"duration = {duration!r}", way_out="give a positive number of seconds")
-    if limit is not None and (
-        isinstance(limit, bool) or not isinstance(limit, (int, np.integer)) or limit < 1
-    ):
-        raise OptionError(f"limit = {limit!r}", way_out="give a whole number from 1 on")
+    if duration is not None:
+        require_positive("duration", duration, of="seconds")
+    if limit is not None:
+        require_count("limit", limit)
     dims = {len(point) for point in wanted.values()} | (
         {_curve(shape).shape[1]} if shape is not None else set()
     )
@@ -300,8 +299,8 @@ def rank(
     if duration is not None:
         scaled["duration"] = np.log(terms["duration"])
     distance = np.sqrt(sum(term**2 for term in scaled.values()))
-    order = sorted(
-        range(len(primitives)), key=lambda i: (round(float(distance[i]), DIGITS), primitives[i].name)
+    order = sorted(  # what differs by rounding only is in the order of the names
+        range(len(primitives)), key=lambda i: (round(float(distance[i]), 9), primitives[i].name)
     )
     return [
         Match(
@@ -365,13 +364,8 @@ def _curve(movement: Movement) -> Array:
     return dmp.at(np.linspace(0.0, dmp.duration, N_SHAPE)).position
 
 
-def _point(name: str, value: ArrayLike | None) -> Array | None:
-    if value is None:
-        return None
-    try:
-        point = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        point = np.full((1, 1), np.nan)
+def _point(name: str, value: ArrayLike) -> Array:
+    point = numbers(value)
     if point.ndim != 1 or not len(point) or not np.isfinite(point).all():
         raise OptionError(f"{name} = {value!r}", way_out="give finite numbers, one for each coordinate")
     return point

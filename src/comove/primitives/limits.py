@@ -25,12 +25,6 @@ from comove.primitives.forcing import INTERVAL
 
 Array = NDArray[np.float64]
 
-NAMES = ("velocity", "acceleration")
-MAX_ROUNDS = 8  # of lowering the limits at the knots
-SLACK = 1e-9  # of a limit, by which it is undercut: rounding
-ROUNDING = 1e-12  # share of a limit that is lost when weights are written for another system and read again
-MET = 1e-9  # of the movement's size, by which via-points may be missed: rounding
-
 
 @dataclass(frozen=True)
 class ViaPoint:
@@ -60,7 +54,7 @@ def largest(dmp: DMP) -> tuple[Array, Array]:
     OptionError
         For rhythmic movements.
     """
-    _require_an_end(dmp)
+    _basis_of(dmp)
     velocity, acceleration = _largest(dmp.curve.knots)
     return velocity / dmp.duration, acceleration / dmp.duration**2
 
@@ -99,12 +93,11 @@ def constrained(
     OptionError
         If no weights satisfy all conditions, or an argument is out of range.
     """
-    _require_an_end(dmp)
+    basis, values, weights = _basis_of(dmp), dmp.boundary_values(), dmp.shape_weights
     of_velocity = _limit("velocity", velocity, dmp) * dmp.duration
     of_acceleration = _limit("acceleration", acceleration, dmp) * dmp.duration**2
     limits = np.stack([of_velocity, of_acceleration], axis=1)
     rows, targets = _via_rows(dmp, via)
-    basis, values, weights = dmp.basis, dmp.boundary_values(), dmp.shape_weights
     new = np.stack(
         [
             _solved(basis, values[:, d], weights[d], (rows, targets[:, d]), limits[d], d)
@@ -135,7 +128,9 @@ def _solved(
     """
     equalities, targets = via[0][:, 4:], via[1] - via[0][:, :4] @ boundary
     lowered = limits
-    for _ in range(MAX_ROUNDS):
+    slack = 1e-9  # share of a limit by which it is undercut: rounding
+    lost = 1e-12  # share of a limit that is lost when weights are written for another system and read again
+    for _ in range(8):
         rows, lower, upper = [equalities], [targets], [targets]
         for order, limit in enumerate(lowered, start=1):
             if limit < np.inf:
@@ -148,16 +143,17 @@ def _solved(
         )
         if solution is None:
             wanted = ["the via-points"] if len(targets) else []
-            wanted += [name for name, limit in zip(NAMES, limits, strict=True) if limit < np.inf]
+            names = ("velocity", "acceleration")
+            wanted += [name for name, limit in zip(names, limits, strict=True) if limit < np.inf]
             raise OptionError(
                 f"no movement of {len(weights)} weights keeps {' and '.join(wanted)} in dimension {dimension}",
                 way_out="give it more time or more weights, or ask for less",
             )
         knots = basis.boundary @ boundary + basis.shape @ solution
         excess = np.concatenate(_largest(knots[:, :, None])) / limits - 1
-        if excess.max() <= -ROUNDING:
+        if excess.max() <= -lost:
             return solution
-        lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - SLACK)
+        lowered = lowered * (1 - 2 * np.maximum(excess, 0.0) - slack)
     raise OptionError(
         f"the limits in dimension {dimension} cannot be kept between the knots", way_out="give it more time"
     )
@@ -174,7 +170,8 @@ def _nearest(weights: Array, rows: Array, lower: Array, upper: Array, n_equal: i
         _, singular, right = np.linalg.svd(equal)
         rank = int((singular > 1e-10 * max(singular.max(initial=0.0), 1e-300)).sum())
         particular = weights + np.linalg.lstsq(equal, lower[:n_equal] - equal @ weights, rcond=1e-10)[0]
-        if np.abs(equal @ particular - lower[:n_equal]).max() > MET * (1.0 + np.abs(lower[:n_equal]).max()):
+        missed, size = np.abs(equal @ particular - lower[:n_equal]).max(), np.abs(lower[:n_equal]).max()
+        if missed > 1e-9 * (1.0 + size):  # more than rounding
             return None
         free = right[rank:].T
     rows, lower, upper = rows[n_equal:], lower[n_equal:], upper[n_equal:]
@@ -245,7 +242,8 @@ def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
     return np.broadcast_to(limit, dmp.start.shape)
 
 
-def _require_an_end(dmp: DMP) -> None:
+def _basis_of(dmp: DMP) -> MotionBasis:
+    """Return the basis of a movement that ends; raise for others."""
     if not isinstance(dmp, DMP):
         raise OptionError(
             f"the movement is {type(dmp).__name__}",
@@ -253,3 +251,4 @@ def _require_an_end(dmp: DMP) -> None:
         )
     if not isinstance(dmp.basis, MotionBasis):
         raise OptionError("a rhythmic movement has no end", way_out="give a movement that ends")
+    return dmp.basis

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, vector
+from comove.primitives.arguments import is_number, require_positive, vector
 from comove.primitives.flow import LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
@@ -137,8 +137,7 @@ class DMPState:
     def __post_init__(self) -> None:
         for name in ("position", "slope", "goal"):
             object.__setattr__(self, name, vector(name, getattr(self, name), len(self.curve.goal)))
-        if not (is_number(self.duration) and self.duration > 0):
-            raise OptionError(f"duration = {self.duration!r}", way_out="give a positive number of seconds")
+        require_positive("duration", self.duration, of="seconds")
 
     @property
     def velocity(self) -> Array:
@@ -164,8 +163,7 @@ def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | Non
     OptionError
         If `dt` is not positive, or `rate` or `coupling` are not finite.
     """
-    if not (is_number(dt) and dt > 0):
-        raise OptionError(f"dt = {dt!r}", way_out="give a positive number of seconds")
+    require_positive("dt", dt, of="seconds")
     if not is_number(rate):
         raise OptionError(f"rate = {rate!r}", way_out="give a finite number: 1 as recorded, 0 paused")
     if rate == 0.0:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, numbers, require_steps, vector
-from comove.primitives.basis import MotionBasis
+from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
+from comove.primitives.basis import MAX_BASIS, MotionBasis
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import Phase
 from comove.primitives.rhythm import RhythmicBasis
@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 N_FIT = 801  # instants at which a movement is compared with its refit
-MAX_BASIS = 200
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
@@ -89,8 +88,7 @@ def scale(dmp: DMP, factor: float, *, about: ArrayLike | None = None) -> DMP:
     factor : positive number
     about : fixed point, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
-    if not is_number(factor) or not 0 < factor < np.inf:
-        raise OptionError(f"factor = {factor!r}", way_out="give a positive number")
+    require_positive("factor", factor)
     return _mapped(dmp, factor * np.eye(dmp.n_dims), about)
 
 
@@ -99,7 +97,7 @@ def retime(dmp: DMP, duration: float) -> DMP:
     return dmp.towards(duration=duration)
 
 
-def reversed(dmp: DMP, *, n_basis: int | None = None) -> DMP:
+def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
     """Reverse the movement, so that it runs from its goal to its start.
 
     The ends and their velocities are exact. Between them the damped system cannot be run backwards, so the shape is
@@ -135,7 +133,8 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
     ----------
     share : share of b; 0 gives a, 1 gives b, and values outside this range exaggerate the difference
     """
-    _require_positions(a), _require_positions(b)
+    _require_positions(a)
+    _require_positions(b)
     if a.n_dims != b.n_dims:
         raise OptionError(
             f"movements in {a.n_dims} and {b.n_dims} dimensions cannot be blended",
@@ -145,7 +144,7 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
         raise OptionError(
             "a rhythmic movement and one that ends cannot be blended", way_out="give two of a kind"
         )
-    if not is_number(share) or not np.isfinite(share):
+    if not is_number(share):
         raise OptionError(f"share = {share!r}", way_out="give a number, from 0 to 1 for movements in between")
     a, b = settled(a), settled(b)
     if (a.variant, a.phase, a.weights.shape) != (b.variant, b.phase, b.weights.shape):
@@ -164,7 +163,7 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
 
 
 @dataclass(frozen=True, eq=False)
-class Sequence:
+class MovementSequence:
     """Movements that follow one another, or overlap; position and velocity are continuous.
 
     Attributes
@@ -242,7 +241,7 @@ class Sequence:
         return _fitted(whole, self.rollout(n_steps=N_FIT).position)
 
 
-def sequence(*movements: DMP, overlap: float = 0.0) -> Sequence:
+def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
     """Put movements one after the other.
 
     Each movement is shifted, without rotation, to start at the end of the one before, with its end velocity: give
@@ -282,7 +281,7 @@ def sequence(*movements: DMP, overlap: float = 0.0) -> Sequence:
         shifted = dmp.towards(start=before.goal, goal=before.goal + (dmp.goal - dmp.start))
         parts.append(replace(shifted, start_velocity=before.goal_velocity))
         begins.append(begins[-1] + before.duration - overlap)
-    return Sequence(tuple(parts), tuple(begins))
+    return MovementSequence(tuple(parts), tuple(begins))
 
 
 def settled(dmp: DMP) -> DMP:
@@ -308,7 +307,7 @@ def refitted(
         dmp,
         weights=np.zeros((dmp.n_dims, n_basis or dmp.weights.shape[1])),
         phase=phase or dmp.phase,
-        variant=dmp.variant if variant is None else variant,
+        variant=dmp.variant if variant is None else Variant.named(variant),
         learned=dmp.goal - dmp.start,
     )
     if (wanted.variant is Variant.RHYTHMIC) != (dmp.variant is Variant.RHYTHMIC):

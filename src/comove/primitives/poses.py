@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +29,7 @@ from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.arguments import numbers, require_steps
-from comove.primitives.dmp import DMP
+from comove.primitives.dmp import DMP, Recording
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import Phase
@@ -48,21 +49,12 @@ SHARES = (0.0, 0.5, 0.25, 0.375)  # of the turn, at which the reference may lie
 NUDGE = 1e-5  # durations
 
 
-class PoseRecording(Protocol):
-    """A recording with orientations, to which a primitive of poses can be fitted.
+class PoseRecording(Recording, Protocol):
+    """A recording with orientations, to which a primitive of poses can be fitted."""
 
-    Attributes
-    ----------
-    time : array, shape (n_steps,), [s]
-    position : array, shape (n_steps, n_dims), [m]
-    orientation : array, shape (n_steps, 4), unit quaternions w x y z
-    start_velocity : array, shape (n_dims,), [m/s]
-    """
-
-    time: Array
-    position: Array
-    orientation: Array | None
-    start_velocity: Array
+    @property
+    def orientation(self) -> Array | None:
+        """Return the orientations, shape (n_steps, 4), unit quaternions w x y z; None if none were recorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +68,7 @@ class Pose:
     """
 
     position: Array
-    orientation: Array = (1.0, 0.0, 0.0, 0.0)  # type: ignore[assignment]
+    orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
     def __post_init__(self) -> None:
         position, orientation = numbers(self.position), numbers(self.orientation)
@@ -95,10 +87,11 @@ class Pose:
     @classmethod
     def of(cls, position: ArrayLike, rotation: Rotation | float | None = None) -> Pose:
         """Build a pose from scipy's `Rotation`, or from an angle about the vertical [rad]."""
+        position = cast(Array, position)  # which the pose converts
         if rotation is None:
             return cls(position)
         if isinstance(rotation, (int, float, np.integer, np.floating)):
-            return cls(position, (np.cos(rotation / 2), 0.0, 0.0, np.sin(rotation / 2)))
+            return cls(position, np.array([np.cos(rotation / 2), 0.0, 0.0, np.sin(rotation / 2)]))
         if not hasattr(rotation, "as_quat"):
             raise OptionError(
                 f"rotation = {rotation!r}",
@@ -230,9 +223,9 @@ class PoseDMP:
                     ComoveWarning,
                     stacklevel=2,
                 )
-        options = {"n_basis": n_basis, "variant": variant, "phase": phase}
+        fit = partial(DMP.fit, n_basis=n_basis, variant=variant, phase=phase)
         turned = Demonstration(demonstration.time, turning, unit="rotation vector")
-        return cls(DMP.fit(demonstration, **options), DMP.fit(turned, **options), reference, about)
+        return cls(fit(demonstration), fit(turned), reference, about)
 
     @property
     def n_dims(self) -> int:

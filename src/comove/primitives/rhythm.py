@@ -21,10 +21,6 @@ from comove.primitives.forcing import N_INTERVALS, von_mises
 
 Array = NDArray[np.float64]
 
-CORRELATED = 0.5  # least autocorrelation that is taken for a period
-LONGEST = 0.55  # of a recording, that a period may last to be seen in it
-N_EVEN = 4096  # samples on which a period is looked for
-
 
 @dataclass(frozen=True, eq=False)
 class RhythmicBasis:
@@ -60,13 +56,13 @@ class RhythmicBasis:
         boundary : array, shape (3, n_steps, 4)
         shape : array, shape (3, n_steps, n_basis)
         """
-        s = np.maximum(np.asarray(s, dtype=float), 0.0)
-        free = released(s)
-        boundary = np.zeros((3, len(s), 4))
+        times = np.maximum(np.asarray(s, dtype=float), 0.0)
+        free = released(times)
+        boundary = np.zeros((3, len(times), 4))
         boundary[:, :, :2] = free
         boundary[:, :, 2] = -free[:, :, 0]
         boundary[0, :, 2] += 1.0
-        return boundary, self.on_cycle(s) - free @ self.cycle[:2, 0]
+        return boundary, self.on_cycle(times) - free @ self.cycle[:2, 0]
 
     def on_cycle(self, s: Array) -> Array:
         """Return the limit cycle of unit shape weights at times in periods; array, shape (3, n_steps, n_basis)."""
@@ -113,7 +109,9 @@ def estimated_period(time: Array, position: Array) -> float:
     float
         Period [s]; the whole duration if nothing repeats.
     """
-    even = np.linspace(0.0, time[-1], min(N_EVEN, 8 * len(time)))
+    least = 0.5  # autocorrelation that is taken for a period
+    longest_share = 0.55  # of a recording, that a period may last to be seen in it
+    even = np.linspace(0.0, time[-1], min(4096, 8 * len(time)))
     x = np.stack([np.interp(even, time, column) for column in position.T], axis=1)
     x = x - x.mean(axis=0)
     n = len(even)
@@ -121,10 +119,12 @@ def estimated_period(time: Array, position: Array) -> float:
     products = np.fft.irfft(spectrum.sum(axis=1))[:n]
     energy = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=1))])
     both = np.sqrt(energy[:0:-1] * (energy[n] - energy[:n]))
-    correlation = (products / np.maximum(both, 1e-300))[1 : int(LONGEST * n)]  # by lags of 1, 2, ... samples
-    fallen = np.flatnonzero(correlation < CORRELATED)
+    correlation = (products / np.maximum(both, 1e-300))[
+        1 : int(longest_share * n)
+    ]  # by lags of 1, 2, ... samples
+    fallen = np.flatnonzero(correlation < least)
     rest = correlation[fallen[0] :] if fallen.size else np.zeros(0)
-    high = np.flatnonzero(rest >= max(CORRELATED, 0.9 * rest.max(initial=0.0)))
+    high = np.flatnonzero(rest >= max(least, 0.9 * rest.max(initial=0.0)))
     if not high.size:
         return float(time[-1])
     first = fallen[0] + high[0]

@@ -19,6 +19,7 @@ turns the direction of d* into that of d.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from functools import partial
 
@@ -106,7 +107,7 @@ class Variant(StrEnum):
         return np.eye(n_dims)
 
 
-_BASES = {
+_BASES: dict[Variant, Callable[..., MotionBasis | RhythmicBasis]] = {
     Variant.CLOSED_FORM: motion_basis,
     Variant.CLASSIC: motion_basis,
     Variant.PASTOR: partial(motion_basis, fading_goal=True),

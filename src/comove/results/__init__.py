@@ -1,23 +1,23 @@
-"""Result folders, which are written as a whole and can be verified anew."""
+"""Results in folders, which are written as a whole, sealed by checksums, and can be verified anew."""
 
-from comove.results.folder import (
-    Contents,
+from comove.results.sealed import ResultKind
+from comove.results.solution import (
+    RESULT,
     StoredResult,
-    check_target,
+    changes_to,
     filled_in,
     read_result,
     verify_result,
-    whole_folder,
     write_solution,
 )
 
 __all__ = [
-    "Contents",
+    "RESULT",
+    "ResultKind",
     "StoredResult",
-    "check_target",
+    "changes_to",
     "filled_in",
     "read_result",
     "verify_result",
-    "whole_folder",
     "write_solution",
 ]

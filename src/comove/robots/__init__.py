@@ -10,7 +10,7 @@ except ImportError as error:  # the extra is not installed
 from comove.robots.carry import RobotSolution, carry, robot_method
 from comove.robots.carrying import RobotCarrier
 from comove.robots.description import bundled_robots, find_description
-from comove.robots.files import StoredJoints, read_joints, verify_stored, write_joints
+from comove.robots.files import StoredJoints, read_joints, verified_motion, verify_stored, write_joints
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.transfers import Transfers, plan_transfers
@@ -33,6 +33,7 @@ __all__ = [
     "plan_transfers",
     "read_joints",
     "robot_method",
+    "verified_motion",
     "verify_joints",
     "verify_stored",
     "write_joints",

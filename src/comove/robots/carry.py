@@ -60,7 +60,7 @@ def carry(
     scene: Scene,
     robot: Robot,
     *,
-    demonstration: DMP | None = None,
+    demonstration: DMP | tuple[DMP, ...] | None = None,
     seed: int = 0,
     method: Method | None = None,
     budget: float = 30.0,

@@ -8,9 +8,6 @@ scene itself, so that the folder can be judged anew and played without other fil
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,35 +19,46 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ComoveWarning, DemonstrationError, InputError, ResultError, RobotError, shortened
-from comove.io.arrays import read_arrays
+from comove.errors import ComoveWarning, InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
-from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, agrees, require_types, require_unedited
-from comove.results.folder import (
+from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
+from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite, read_json
+from comove.results.solution import (
+    AGAIN,
+    SCENE,
+    SCENE_BYTES,
     StoredResult,
-    checksum,
     motion_arrays,
     read_result,
     rebuild,
-    require_folder,
     verify_result,
 )
 from comove.robots.description import Uncertainty, bundled_robots
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
-from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
+from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-ARRAYS, SUMMARY, SCENE = "joints.npz", "robot.json", "scene.json"
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
-MAX_BYTES = 2**24  # of robot.json and scene.json
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
 SAME, SAME_CLEARANCE = 1e-6, 2e-3  # relative; and m, of bounds that are only so tight
-AGAIN = "solve the scene again"
+_TYPES = {"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT} | dict.fromkeys(
+    JointReport().asdict(), NUMBER.or_nothing
+)
+
+JOINTS = ResultKind(
+    summary="robot.json",
+    arrays="joints.npz",
+    checksum="joints_sha256",
+    made_by="comove robot solve SCENE --out DIR",
+    hint=AGAIN,
+    required=SAMPLES,
+    require_entries=lambda summary, file: require_types(summary, _TYPES, file),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +74,8 @@ class StoredJoints:
     """
 
     folder: Path
-    summary: dict[str, Any]
-    arrays: dict[str, NDArray]
+    summary: Summary
+    arrays: Arrays
     scene: Scene
 
     @property
@@ -85,7 +93,7 @@ def write_joints(
     motion: CoordinatedMotion,
     *,
     source: str | Path | None = None,
-) -> dict[str, Any]:
+) -> Summary:
     """Write `joints.npz`, `robot.json` and `scene.json` into the folder of a result.
 
     Parameters
@@ -102,9 +110,7 @@ def write_joints(
     -------
     dict, the contents of robot.json
     """
-    folder, arrays = Path(folder), _joint_arrays(joints)
-    with open(folder / ARRAYS, "wb") as file:
-        np.savez(file, **arrays)
+    folder = Path(folder)
     (folder / SCENE).write_bytes(canonical(motion.scene.file) + b"\n")
     report = verdict.report
     summary = {
@@ -113,22 +119,19 @@ def write_joints(
         "robot": robot.name,
         "robot_file": _source(robot, motion.scene, source),
         "version": __version__,
-        **_finite(report.asdict()),
+        **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
         "mass_shares": None if report.mass_shares is None else list(report.mass_shares),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),
-        "joints_sha256": checksum(arrays),
     }
-    summary["summary_sha256"] = _summary_checksum(summary)
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
-    return summary
+    return JOINTS.write(folder, summary, joint_arrays(joints))
 
 
-def _joint_arrays(joints: JointMotion) -> dict[str, NDArray]:
+def joint_arrays(joints: JointMotion) -> Arrays:
+    """Return the arrays of `joints.npz`."""
     return {
         "time": joints.time,
         "joint_names": np.array(joints.joint_names),
@@ -157,64 +160,36 @@ def read_joints(folder: str | Path) -> StoredJoints:
         If a file is missing, incomplete or unreadable.
     """
     folder = Path(folder)
-    return steadily(folder, lambda: _read(require_folder(folder, "comove robot solve")))
-
-
-def _read(folder: Path) -> StoredJoints:
-    summary = _read_json(folder / SUMMARY)
-    try:
-        arrays = read_arrays(folder / ARRAYS, SAMPLES)
-    except DemonstrationError as error:
-        raise ResultError(error.message, file=folder / ARRAYS, key=error.key, way_out=AGAIN) from error
-    return StoredJoints(folder, summary, arrays, _read_scene(folder / SCENE))
-
-
-def require_whole_joints(stored: StoredJoints) -> StoredJoints:
-    """Return `stored` if it may be shown: its checksums fit, and all entries have their types.
-
-    Raises
-    ------
-    ResultError
-        If a checksum does not fit, or an entry is of another type; the message names it.
-    """
-    file = stored.folder / SUMMARY
-    if stored.summary.get("joints_sha256") != checksum(stored.arrays):
-        raise ResultError(
-            f"its checksum is not the one in {SUMMARY}", file=stored.folder / ARRAYS, way_out=AGAIN
-        )
-    require_unedited(stored.summary, _summary_checksum(stored.summary), file)
-    require_types(stored.summary, _TYPES, file)
-    return stored
-
-
-_ENTRIES = {"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT}
-_TYPES = _ENTRIES | dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing)
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise ResultError(
-            f"it holds no {path.name}", file=path.parent, way_out="name the folder of a robot's result"
-        )
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError("it is larger than 16 MB")
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
-        if not isinstance(data, dict):
-            raise ValueError("it is no JSON object")
-    except (OSError, ValueError, RecursionError) as error:
-        raise ResultError(f"it cannot be read: {error}", file=path, way_out=AGAIN) from error
-    return data
+    return steadily(folder, lambda: StoredJoints(folder, *JOINTS.read(folder), _read_scene(folder / SCENE)))
 
 
 def _read_scene(path: Path) -> Scene:
-    data = _read_json(path)
+    data = read_json(path, AGAIN, SCENE_BYTES)
     try:
         with warnings.catch_warnings():  # what there is to warn of was said when it was solved
             warnings.simplefilter("ignore", ComoveWarning)
             return Scene.from_dict(data)
     except InputError as error:
         raise ResultError(str(error), file=path, way_out=AGAIN) from error
+
+
+def verified_motion(folder: str | Path) -> VerifiedJointMotion:
+    """Return the joint motion of a result folder, after verifying it anew.
+
+    Raises
+    ------
+    ResultError
+        If it is not verified, or was edited, or as `verify_stored`.
+    """
+    verdict = verify_stored(folder)
+    if verdict.verified is None:
+        more = f" (and {len(verdict.reasons) - 1} more)" if len(verdict.reasons) > 1 else ""
+        raise ResultError(
+            f"its motion is not verified: {verdict.reasons[0].removesuffix(f'; {AGAIN}')}{more}",
+            file=folder,
+            way_out=f"{AGAIN}: {JOINTS.made_by}",
+        )
+    return verdict.verified
 
 
 def verify_stored(
@@ -250,7 +225,6 @@ def verify_stored(
     robot = _robot(stored) if robot is None else robot
     scene = stored.scene if scene is None else scene
     uncertainty = robot.description.uncertainty if uncertainty is None else uncertainty
-    assumed = {"uncertainty": uncertainty, "mass_shares": mass_shares}
     hands = verify_result(solution, scene)
     edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
     edits += _other_assumptions(stored.summary, uncertainty, mass_shares)
@@ -259,19 +233,31 @@ def verify_stored(
     flaws = _misshapen(stored.arrays) or unfit_joints(robot, scene, stored.joints)
     try:
         motion = rebuild(solution.arrays, scene)
-        verdict = verify_joints(robot, motion, stored.joints, **assumed) if not flaws else _NOTHING
+        verdict = _NOTHING
+        if not flaws:
+            verdict = verify_joints(
+                robot, motion, stored.joints, uncertainty=uncertainty, mass_shares=mass_shares
+            )
     except (InputError, ValueError) as error:
         flaws, verdict = [*flaws, " ".join(str(error).split())], _NOTHING
     if not flaws:
         edits += _edited_samples(stored.joints, stored.arrays)
     edits += [reason for reason in verdict.reasons if not any(reason.endswith(told) for told in edits)]
     if stored.summary.get("verified") is not True:
-        edits.append(f"{SUMMARY} does not claim a verified motion")
+        edits.append(f"{JOINTS.summary} does not claim a verified motion")
     elif verdict.verified is not None:
-        edits += _edited_measures(stored.summary, verdict.report)
-        edits += _edited_entries(stored, robot)
+        edited = JOINTS.differences(stored.summary, verdict.report.asdict(), _near)
+        edits += edited or JOINTS.mistyped(stored.summary)
+        if stored.summary.get("robot") != robot.name:
+            told = shortened(repr(stored.summary.get("robot")))
+            edits.append(f"{JOINTS.summary} says robot = {told}, it is judged by {robot.name}")
     reasons = (*flaws, *edits)
     return replace(verdict, verified=None if reasons else verdict.verified, reasons=reasons)
+
+
+def _near(name: str, value: float) -> float:
+    """Return by how much a measure may differ from the one in the summary."""
+    return SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(value))
 
 
 _NOTHING = JointVerdict(None, JointReport(), ())
@@ -282,7 +268,7 @@ def _robot(stored: StoredJoints) -> Robot:
     if not isinstance(source, str) or not source:
         raise ResultError(
             "it does not say where the robot's description is",
-            file=stored.folder / SUMMARY,
+            file=stored.folder / JOINTS.summary,
             key="robot_file",
             way_out="name the robot",
         )
@@ -291,7 +277,7 @@ def _robot(stored: StoredJoints) -> Robot:
     except RobotError as error:
         raise ResultError(
             f"the robot that it names cannot be read ({error.message})",
-            file=stored.folder / SUMMARY,
+            file=stored.folder / JOINTS.summary,
             key="robot_file",
             way_out=f"put '{source}' back, or solve the scene again",
         ) from error
@@ -306,7 +292,7 @@ def _other_assumptions(
         "mass_shares": (None if mass_shares is None else [float(x) for x in mass_shares], "it is judged by"),
     }
     return [
-        f"{SUMMARY} says {key} = {shortened(repr(summary.get(key)))}, {says} {right}"
+        f"{JOINTS.summary} says {key} = {shortened(repr(summary.get(key)))}, {says} {right}"
         for key, (right, says) in assumed.items()
         if summary.get(key) != right
     ]
@@ -316,31 +302,25 @@ def _edited_checksums(stored: StoredJoints, solution: StoredResult, robot: Robot
     """List the checksums that do not fit, in words."""
     summary = stored.summary
     expected = {
-        "summary_sha256": (
-            _summary_checksum(summary),
-            f"{SUMMARY} was edited: its own checksum does not fit",
-        ),
-        "joints_sha256": (
-            checksum(stored.arrays),
-            f"{ARRAYS} was edited: its checksum is not the one in {SUMMARY}",
-        ),
         "scene_sha256": (
             stored.scene.sha256,
-            f"{SCENE} was edited: its checksum is not the one in {SUMMARY}",
+            f"{SCENE} was edited: its checksum is not the one in {JOINTS.summary}",
         ),
         "motion_sha256": (
             checksum(solution.arrays),
-            f"solution.npz is not the motion that the joints carry out: its checksum is not the one in {SUMMARY}",
+            "solution.npz is not the motion that the joints carry out: its checksum is not the one in "
+            f"{JOINTS.summary}",
         ),
         "robot_sha256": (
             robot.sha256,
             f"'{robot.name}' is not the robot that was judged: its description, models or meshes have changed",
         ),
     }
-    return [told for key, (right, told) in expected.items() if summary.get(key) != right]
+    others = [told for key, (right, told) in expected.items() if summary.get(key) != right]
+    return JOINTS.broken_seals(summary, stored.arrays) + others
 
 
-def _misshapen(arrays: Mapping[str, NDArray]) -> list[str]:
+def _misshapen(arrays: Arrays) -> list[str]:
     """List the arrays whose type or shape does not fit samples of joints, in words."""
     shape, flaws = arrays["position"].shape, []
     for name, array in arrays.items():
@@ -348,12 +328,12 @@ def _misshapen(arrays: Mapping[str, NDArray]) -> list[str]:
         right = shape[:1] if name == "time" else right
         if array.dtype.kind != kind or array.shape != right or len(shape) != 2:
             flaws.append(
-                f"'{name}' in {ARRAYS} was edited: it holds {array.dtype.name} of shape {array.shape}; {AGAIN}"
+                f"'{name}' in {JOINTS.arrays} was edited: it holds {array.dtype.name} of shape {array.shape}; {AGAIN}"
             )
     return flaws
 
 
-def _edited_samples(joints: JointMotion, arrays: Mapping[str, NDArray]) -> list[str]:
+def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
     """List the samples that do not fit the others, in words: for each joint, the first array, at its largest
     deviation.
 
@@ -372,8 +352,8 @@ def _edited_samples(joints: JointMotion, arrays: Mapping[str, NDArray]) -> list[
         if not of_rates[:, j].all():
             name, step = _furthest(joints, arrays, j)
         reasons.append(
-            f"'{name}[{step}, {j}]' in {ARRAYS} was edited: {joint} at {joints.time[step]:.2f} s does not go with "
-            f"the other samples; {AGAIN}"
+            f"'{name}[{step}, {j}]' in {JOINTS.arrays} was edited: {joint} at {joints.time[step]:.2f} s does not go "
+            f"with the other samples; {AGAIN}"
         )
     return reasons
 
@@ -385,7 +365,7 @@ def _shared(broken: NDArray[np.int64], n_intervals: int) -> int:
     return n_intervals if broken[0] == n_intervals - 1 else int(broken[0])
 
 
-def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) -> tuple[str, int]:
+def _furthest(joints: JointMotion, arrays: Arrays, joint: int) -> tuple[str, int]:
     """Return the name and the sample of the array that is furthest from the curve through the positions."""
     off = {}
     for name, right in (("velocity", joints.velocity), ("acceleration", joints.acceleration)):
@@ -393,46 +373,3 @@ def _furthest(joints: JointMotion, arrays: Mapping[str, NDArray], joint: int) ->
         off[name] = np.where(np.isnan(difference), np.inf, difference)
     name = max(off, key=lambda name: off[name].max())
     return name, int(off[name].argmax())
-
-
-def _edited_entries(stored: StoredJoints, robot: Robot) -> list[str]:
-    """List the other wrong entries of the summary, in words."""
-    reasons = []
-    if stored.summary.get("robot") != robot.name:
-        told = shortened(repr(stored.summary.get("robot")))
-        reasons.append(f"{SUMMARY} says robot = {told}, it is judged by {robot.name}")
-    try:
-        require_types(stored.summary, _ENTRIES, stored.folder / SUMMARY)
-    except ResultError as error:
-        reasons.append(f"{SUMMARY} was edited: {error.key}: {error.message}")
-    return reasons
-
-
-def _edited_measures(summary: Mapping[str, Any], report: JointReport) -> list[str]:
-    """List the measures of the summary that differ from those of the motion, in words."""
-    reasons = []
-    for name, right in _finite(report.asdict()).items():
-        stated = summary.get(name)
-        if stated is None or right is None:
-            same = stated is right
-        else:
-            near = SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(right))
-            same = agrees(stated, right, near)
-        if not same:
-            reasons.append(f"{SUMMARY} says {name} = {shortened(str(stated))}, the motion's is {right}")
-    return reasons
-
-
-def _summary_checksum(summary: Mapping[str, Any]) -> str:
-    """Compute the SHA-256 of all entries but the checksum itself."""
-    entries = {key: value for key, value in summary.items() if key != "summary_sha256"}
-    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
-
-
-def _finite(measures: Mapping[str, float]) -> dict[str, float | None]:
-    """Return measures as JSON has them: infinite clearances, and measures that were not computed, become null."""
-    return {name: value if math.isfinite(value) else None for name, value in measures.items()}
-
-
-def _no_constant(text: str) -> float:
-    raise ValueError(f"it holds {text}")

@@ -3,14 +3,12 @@
 Joint space is measured in metres: the length of a joint's motion is the largest change of distance between two bodies
 that it can cause. So, on a straight path, no distance changes between two checked configurations by more than half
 the length between them.
-
-Kuffner and LaValle, RRT-Connect: an efficient approach to single-query path planning, 2000.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +16,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.planning.clock import clock_until
+from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
 from comove.robots.verification.bodies import Bodies
 
 Array = NDArray[np.float64]
@@ -39,11 +39,13 @@ class Room:
     bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
     arms : columns of each arm's joints
     spare : clearance kept beyond the required one [m]
+    clock : clock of a search without a deadline
     """
 
     bodies: Bodies
     arms: tuple[NDArray[np.int64], ...]
     spare: float
+    clock: Array = field(default_factory=clock_until)
 
     @cached_property
     def _placed(self) -> tuple[Any, Any, NDArray[np.int64]]:
@@ -90,6 +92,38 @@ class Room:
         """Return the largest change of any distance on the straight path between two configurations [m]."""
         return float(np.abs(second - first) @ self.lever)
 
+    def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
+        """Write random joints, some of them near the straight way between both ends."""
+        robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
+        if rng.random() > NEAR_THE_LINE:
+            out[:] = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
+            return True
+        q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
+        np.clip(q, robot.lower, robot.upper, out=out)
+        return True
+
+    def nearest(self, tree: Array, count: int, q: Array) -> int:
+        """Return the number of the nearest node."""
+        return int((np.abs(tree[:count] - q) @ self.lever).argmin())
+
+    def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
+        """Write the node at most so many steps from p towards q; return whether the edge is free."""
+        away = self.length(p, q)
+        share = 1.0 if away <= steps * STEP else steps * STEP / away
+        out[:] = q if share == 1.0 else p + share * (q - p)
+        if away == 0.0 or not (self.is_free(out) and self.is_free_between(p, out)):
+            return BLOCKED
+        return ARRIVED if share == 1.0 else FREE
+
+    def between(self, p: Array, q: Array, share: float, out: Array) -> bool:
+        """Write the node at a share of an edge; return whether it is free."""
+        out[:] = p + share * (q - p)
+        return self.is_free(out)
+
+    def shortens(self, p: Array, q: Array, way: float) -> bool:
+        """Return True: the straight piece between two nodes is never longer."""
+        return True
+
     def is_free_between(self, first: Array, second: Array) -> bool:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
         count = int(np.ceil(self.length(first, second) / (2.0 * self.spare)))
@@ -108,8 +142,12 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     for path in _simple(room, start, goal):
         if all(room.is_free(q) for q in path[1:-1]) and _is_free_along(room, path):
             return path
-    path = _rrt_connect(room, start, goal, rng)
-    return None if path is None else _shortened(room, path, rng)
+    nothing = np.empty((0, len(start)))
+    path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
+    if len(path) == 0:
+        return None
+    path = shortened.py_func(room, path, 0.0, rng, SHORTCUTS)
+    return path[_corners(path)]
 
 
 def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
@@ -123,84 +161,6 @@ def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
 
 def _is_free_along(room: Room, path: Array) -> bool:
     return all(room.is_free_between(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
-
-
-class _Tree:
-    """A search tree: configurations, and the parent of each."""
-
-    def __init__(self, root: Array):
-        self.nodes, self.parents = [root], [-1]
-
-    def nearest(self, q: Array, lever: Array) -> int:
-        return int((np.abs(np.array(self.nodes) - q) @ lever).argmin())
-
-    def add(self, q: Array, parent: int) -> int:
-        self.nodes.append(q)
-        self.parents.append(parent)
-        return len(self.nodes) - 1
-
-    def branch(self, node: int) -> list[Array]:
-        """Return the configurations from the root to a node."""
-        path = []
-        while node >= 0:
-            path.append(self.nodes[node])
-            node = self.parents[node]
-        return path[::-1]
-
-
-def _rrt_connect(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
-    trees = _Tree(start), _Tree(goal)
-    while sum(len(tree.nodes) for tree in trees) < MOST_NODES:
-        one, other = trees
-        reached = _extend(room, one, _random(room, start, goal, rng))
-        if reached is not None:
-            target, node = one.nodes[reached], None
-            while (step := _extend(room, other, target)) is not None:
-                node = step
-                if other.nodes[step] is target:
-                    path = one.branch(reached) + other.branch(node)[-2::-1]
-                    return np.array(path if one.nodes[0] is start else path[::-1])
-        trees = other, one
-    return None
-
-
-def _extend(room: Room, tree: _Tree, target: Array) -> int | None:
-    """Add a step from the nearest node towards the target; returns the new node's number, None where the step is not
-    free.
-    """
-    near = tree.nearest(target, room.lever)
-    q, away = tree.nodes[near], room.length(tree.nodes[near], target)
-    if away == 0.0:
-        return None
-    step = target if away <= STEP else q + (STEP / away) * (target - q)
-    if room.is_free(step) and room.is_free_between(q, step):
-        return tree.add(step, near)
-    return None
-
-
-def _random(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array:
-    robot = room.bodies.robot
-    if rng.random() > NEAR_THE_LINE:
-        return robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
-    q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
-    return np.clip(q, robot.lower, robot.upper)
-
-
-def _shortened(room: Room, path: Array, rng: np.random.Generator) -> Array:
-    """Shorten the path by straight pieces between random points on it, where these are free."""
-    for _ in range(SHORTCUTS):
-        if len(path) < 3:
-            break
-        marks = np.sort(rng.random(2)) * (len(path) - 1)
-        (i, a), (j, b) = (_point(path, mark) for mark in marks)
-        if i < j and room.is_free(a) and room.is_free(b) and room.is_free_between(a, b):
-            path = np.concatenate([path[: i + 1], [a, b], path[j + 1 :]])
-    return path[_corners(path)]
-
-
-def _point(path: Array, mark: float) -> tuple[int, Array]:
-    i = min(int(mark), len(path) - 2)
-    return i, path[i] + (mark - i) * (path[i + 1] - path[i])
 
 
 def _corners(path: Array) -> list[int]:

@@ -12,38 +12,44 @@ in degrees where the key says so, quaternions in the order w, x, y, z.
 from __future__ import annotations
 
 import json
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
+    BaseModel,
     BeforeValidator,
     Discriminator,
     Field,
-    SerializerFunctionWrapHandler,
+    GetPydanticSchema,
     Tag,
-    model_serializer,
     model_validator,
 )
 
-from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
-from comove.scenes.keys import (
+from comove.constraints import KINDS, ConstraintKeys
+from comove.io.keys import (
     UNTURNED,
+    Hands,
+    Length,
     Name,
     NotNegative,
     Number,
+    Pair,
     Part,
     Positive,
+    PositiveLength,
     Quaternion,
     Sizes,
+    Sparse,
     Vector,
     Wrong,
     as_tuple,
     at_least,
     at_most,
-    no_minus_zero,
     safe_name,
 )
-from comove.scenes.messages import Contract, Family, counted, show
+from comove.io.messages import Contract, Family, show
 from comove.scenes.moving import Motion
 
 CHOICES = ("episode", "topic")
@@ -54,20 +60,6 @@ MAX_MANIPULATORS = 100
 """Hands of one scene; distances grow with the square of their number."""
 ROBOT_CLEARANCE = 0.005
 """[m], kept on robots where the file does not say."""
-
-
-def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names:
-        raise Wrong("no manipulator is named", "name at least one")
-    if len(set(names)) < len(names):
-        raise Wrong(f"{show(names)} names a manipulator twice", "name different manipulators")
-    return names
-
-
-def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(names) != 2:
-        raise Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
-    return _distinct(names)
 
 
 def _version(number: int) -> int:
@@ -90,10 +82,6 @@ def _robot_name(name: str) -> str:
     return name
 
 
-Names = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_distinct)]
-Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pair)]
-
-
 class Workspace(Part):
     """The box in which load and hands must stay [m].
 
@@ -104,14 +92,11 @@ class Workspace(Part):
     upper: Vector
 
 
-class _Obstacle(Part):
+class _Obstacle(Sparse):
     """An obstacle, which moves if it has a `motion`; obstacles without one keep their checksum."""
 
+    LATER = ("motion",)
     motion: Motion | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_motion(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in write(self).items() if key != "motion" or value is not None}
 
 
 class _Turned(_Obstacle):
@@ -136,15 +121,15 @@ class SphereObstacle(_Obstacle):
 
     shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
     center: Vector
-    radius: Positive
+    radius: PositiveLength
 
 
 class CapsuleObstacle(_Turned):
     """A segment of `length` that is thickened by `radius` [m]; along local x in the plane, local z in space."""
 
     shape: Literal["capsule"]
-    radius: Positive
-    length: Positive
+    radius: PositiveLength
+    length: PositiveLength
 
 
 class CylinderObstacle(_Obstacle):
@@ -152,8 +137,8 @@ class CylinderObstacle(_Obstacle):
 
     shape: Literal["cylinder"]
     center: Vector
-    radius: Positive
-    height: Positive
+    radius: PositiveLength
+    height: PositiveLength
     quaternion_wxyz: Quaternion = UNTURNED
 
 
@@ -174,8 +159,8 @@ class MeshObstacle(_Obstacle):
     file: str
     center: Vector
     quaternion_wxyz: Quaternion = UNTURNED
-    scale: Positive = 1.0
-    resolution: Positive | None = None
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
     """About how far what stands for it may reach beyond it [m]; 3 % of its longest side unless given."""
 
 
@@ -185,14 +170,11 @@ Obstacle = Annotated[
 ]
 
 
-class _Load(Part):
+class _Load(Sparse):
     """A load of `mass` [kg], None where the file does not say; loads without a mass keep their checksum."""
 
+    LATER = ("mass",)
     mass: Positive | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_mass(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in write(self).items() if key != "mass" or value is not None}
 
 
 class BarLoad(_Load):
@@ -202,9 +184,9 @@ class BarLoad(_Load):
     """
 
     shape: Literal["bar"]
-    length: Positive
-    radius: NotNegative = 0.0
-    overhang: NotNegative = 0.0
+    length: PositiveLength
+    radius: Length = 0.0
+    overhang: Length = 0.0
     held_by: Pair | None = None
 
 
@@ -213,26 +195,26 @@ class FrameLoad(_Load):
 
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
-    radius: NotNegative = 0.0
-    held_by: Names | None = None
+    radius: Length = 0.0
+    held_by: Hands | None = None
 
 
-class _Gripped(_Load):
+class Gripped(_Load):
     """A load that has its own frame, in which `grasps` says where each hand holds it [m]."""
 
     grasps: dict[str, Vector] | None = None
-    held_by: Names | None = None
+    held_by: Hands | None = None
 
 
-class PolygonLoad(_Gripped):
+class PolygonLoad(Gripped):
     """A polygon that has `vertices` in the load's frame and is thickened by `radius` [m]; planar scenes only."""
 
     shape: Literal["polygon"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
-    radius: NotNegative = 0.0
+    radius: Length = 0.0
 
 
-class BoxLoad(_Gripped):
+class BoxLoad(Gripped):
     """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's
     frame.
     """
@@ -241,7 +223,7 @@ class BoxLoad(_Gripped):
     size: Sizes
 
 
-class MeshLoad(_Gripped):
+class MeshLoad(Gripped):
     """A triangle mesh in the load's frame that is read from `file` in the scene's folder; spatial scenes only.
 
     Its lengths times `scale` are metres; `resolution` as of a `MeshObstacle`.
@@ -249,8 +231,8 @@ class MeshLoad(_Gripped):
 
     shape: Literal["mesh"]
     file: str
-    scale: Positive = 1.0
-    resolution: Positive | None = None
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
 
 
 Load = Annotated[BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad, Field(discriminator="shape")]
@@ -264,7 +246,7 @@ class Manipulator(Part):
     goal: Vector
 
 
-class LimitsPart(Part):
+class LimitsPart(Sparse):
     """Limits of each manipulator's motion, and the clearance that the load must keep.
 
     `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3], `clearance` [m].
@@ -273,76 +255,18 @@ class LimitsPart(Part):
     leaves the duration out, `solve` fills limits in.
     """
 
-    speed: Positive | None = None
-    acceleration: Positive | None = None
-    jerk: Positive | None = None
-    clearance: NotNegative | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_jerk(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a limit of jerk that is not set, so that scenes without one keep their checksum."""
-        return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
+    LATER = ("jerk",)
+    speed: PositiveLength | None = None
+    acceleration: PositiveLength | None = None
+    jerk: PositiveLength | None = None
+    clearance: Length | None = None
 
 
-class DistancePart(Part):
-    """A constraint that keeps two hands `distance` apart, within `tolerance` (None: not given) [m]."""
-
-    type: Literal["distance"]
-    between: Pair
-    distance: Positive
-    tolerance: NotNegative | None = None
-
-
-class RelativePosePart(Part):
-    """A constraint that moves two hands as one rigid body, as they start.
-
-    Ends may miss the hands' distance by `tolerance` [m].
-    """
-
-    type: Literal["relative_pose"]
-    between: Pair
-    tolerance: NotNegative | None = None
-
-
-class SeparationPart(Part):
-    """A constraint that keeps two hands at least `distance` apart, less `tolerance` [m]."""
-
-    type: Literal["separation"]
-    between: Pair
-    distance: Positive
-    tolerance: NotNegative = 0.0
-
-    @model_validator(mode="after")
-    def _demands_something(self) -> SeparationPart:
-        if self.tolerance >= self.distance:
-            raise Wrong(
-                f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
-                "give a smaller tolerance",
-            )
-        return self
-
-
-class UprightPart(Part):
-    """A constraint that lets the load turn about the vertical only.
-
-    The goal may miss the tilt of the start by `tolerance_deg`.
-    """
-
-    type: Literal["upright"]
-    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = UPRIGHT_TOLERANCE_DEG
-
-
-class SameHeightPart(Part):
-    """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
-
-    type: Literal["same_height"]
-    between: Pair
-    tolerance: NotNegative = HEIGHT_TOLERANCE
-
-
-Constraint = Annotated[
-    DistancePart | RelativePosePart | SeparationPart | UprightPart | SameHeightPart,
-    Field(discriminator="type"),
+_AnyConstraint = Annotated[
+    ConstraintKeys,
+    GetPydanticSchema(
+        lambda _, handler: handler(Annotated[reduce(or_, KINDS.values()), Field(discriminator="type")])
+    ),
 ]
 
 
@@ -383,7 +307,7 @@ class LeastJerkObjective(Part):
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
-    room: NotNegative = 0.01
+    room: Length = 0.01
 
 
 class LeastTimeObjective(Part):
@@ -408,12 +332,13 @@ Objective = Annotated[
 ]
 
 
-class DemonstrationSource(Part):
+class DemonstrationSource(Sparse):
     """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
     `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
     """
 
+    LATER = CHOICES
     file: str | None = None
     lasa: str | None = None
     demo: Annotated[int, Field(ge=0, le=6)] = 0
@@ -426,11 +351,6 @@ class DemonstrationSource(Part):
     """Name or number of a recording, where `file` holds several."""
     topic: str | None = None
     """Where `file` is a bag."""
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_left_out(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out episode and topic where they are not set, so that scenes without them keep their checksum."""
-        return {key: value for key, value in write(self).items() if key not in CHOICES or value is not None}
 
     @model_validator(mode="after")
     def _one_source(self) -> DemonstrationSource:
@@ -448,9 +368,10 @@ class DemonstrationSource(Part):
         return self
 
 
-class SceneFile(Part):
+class SceneFile(Sparse):
     """A scene as written in its file; :func:`load_scene_file` and :func:`parse_scene` create and cross-check it."""
 
+    LATER = ("objective",)
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
     duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)] | None = None
@@ -465,18 +386,13 @@ class SceneFile(Part):
         at_most(MAX_MANIPULATORS, "manipulators"),
     ]
     limits: LimitsPart = LimitsPart()
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(as_tuple)] = ()
+    constraints: Annotated[tuple[_AnyConstraint, ...], BeforeValidator(as_tuple)] = ()
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
     grasp: GraspPart | None = None
     objective: Objective | None = None
     """What the motion shall be best in, unless the command says something else."""
-
-    @model_serializer(mode="wrap")
-    def _without_no_objective(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an objective that is not set, so that scenes without one keep their checksum."""
-        return {key: value for key, value in write(self).items() if key != "objective" or value is not None}
 
     @model_validator(mode="after")
     def _fill_clearance(self) -> SceneFile:
@@ -508,7 +424,7 @@ class SceneFile(Part):
         return self.load.held_by or self.names
 
 
-_OBSTACLES = {
+_OBSTACLES: dict[str, type[BaseModel]] = {
     "box": BoxObstacle,
     "circle": SphereObstacle,
     "sphere": SphereObstacle,
@@ -518,21 +434,24 @@ _OBSTACLES = {
     "ellipse": EllipsoidObstacle,
     "mesh": MeshObstacle,
 }
-_LOADS = {"bar": BarLoad, "frame": FrameLoad, "polygon": PolygonLoad, "box": BoxLoad, "mesh": MeshLoad}
-_CONSTRAINTS = {
-    "distance": DistancePart,
-    "relative_pose": RelativePosePart,
-    "separation": SeparationPart,
-    "upright": UprightPart,
-    "same_height": SameHeightPart,
+_LOADS: dict[str, type[BaseModel]] = {
+    "bar": BarLoad,
+    "frame": FrameLoad,
+    "polygon": PolygonLoad,
+    "box": BoxLoad,
+    "mesh": MeshLoad,
 }
-_OBJECTIVES = {"least_jerk": LeastJerkObjective, "least_time": LeastTimeObjective, "paper": PaperObjective}
+_OBJECTIVES: dict[str, type[BaseModel]] = {
+    "least_jerk": LeastJerkObjective,
+    "least_time": LeastTimeObjective,
+    "paper": PaperObjective,
+}
 CONTRACT = Contract(
     root=SceneFile,
     families={
         "obstacles": Family("shape", _OBSTACLES, 2),
         "load": Family("shape", _LOADS, 1),
-        "constraints": Family("type", _CONSTRAINTS, 2),
+        "constraints": Family("type", KINDS, 2),
         "objective": Family("type", _OBJECTIVES, 1),
     },
 )

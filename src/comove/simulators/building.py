@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import RobotError
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
-from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
-from comove.simulators.bodies import ROBOT, THE_LOAD, add_load, add_obstacles
-from comove.simulators.engine import engine, hangs_on
+from comove.simulators.engine import below, engine, hangs_on
 from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load
-from comove.simulators.perturbation import PLAN, Perturbation
 from comove.simulators.servos import add_servos
+from comove.simulators.settings import PLAN, Perturbation
 from comove.simulators.urdf import for_mujoco
-from comove.simulators.world import World
+from comove.simulators.world import ROBOT, THE_LOAD, World, add_load, add_obstacles
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -113,17 +112,11 @@ def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
 
 
 def _let_hands_through(spec: Any, robot: Robot, holding: Sequence[Arm]) -> None:
-    """Exclude contact between the load and the hands that it is fixed to."""
+    """Exclude contact between the load and the hands that it is fixed to: what their arms' last joints move."""
     for arm in holding:
-        for body in _hand_bodies(spec, robot, arm):
+        for body in below(spec.joint(robot.joint_names[arm.columns[-1]]).parent):
             if body.geoms:
                 spec.add_exclude(name=f"load {body.name}", bodyname1=THE_LOAD, bodyname2=body.name)
-
-
-def _hand_bodies(spec: Any, robot: Robot, arm: Arm) -> list[Any]:
-    """Return the bodies that the arm's last joint moves."""
-    body = spec.joint(robot.joint_names[arm.columns[-1]]).parent
-    return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
 
 
 def _indexed(

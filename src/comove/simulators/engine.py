@@ -120,3 +120,8 @@ def hangs_on(model: Any, body: int, other: int) -> bool:
     while body not in (0, other):
         body = int(model.body_parentid[body])
     return body == other
+
+
+def below(body: Any) -> list[Any]:
+    """Return a body of a specification and all that hang on it."""
+    return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]

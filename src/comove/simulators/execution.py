@@ -1,4 +1,19 @@
-"""Record of an executed joint motion: series, contacts, and whether the load was delivered."""
+"""Record of an executed joint motion: series, contacts, and whether the load was delivered.
+
+The forces of the hands on the load are split into a part that moves it and an internal part. Hand i at p_i (from the
+load's origin) exerts the force f_i and the torque t_i. Together they give the load
+
+    F = sum f_i,    M = sum (t_i + p_i x f_i).
+
+What moves the load is shared out evenly by the non-squeezing pseudoinverse of the grasp matrix (Walker, Freeman and
+Marcus 1991, "Analyzing motion and internal loading of objects grasped by multiple cooperating manipulators"),
+
+    f_i = F / m,    t_i = (M - p_i x F) / m,
+
+and the rest is internal: it cancels out, moves nothing and only strains arms and load. For two hands the internal
+force is half the difference of their forces; its part along the line between them, the squeeze, is the force in the
+middle member of the virtual linkage (Williams and Khatib 1993).
+"""
 
 from __future__ import annotations
 
@@ -12,15 +27,11 @@ from numpy.typing import NDArray
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.forces import internal_wrenches, squeezes
 from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load, carried, inverse, points_of
-from comove.simulators.perturbation import PLAN, Perturbation
-from comove.simulators.settings import Settings
+from comove.simulators.settings import PLAN, Perturbation, Settings
 
 Array = NDArray[np.float64]
-
-DROPPED = 0.03  # m, that a load has slid in a hand that has lost it
 
 
 @dataclass(frozen=True)
@@ -139,9 +150,7 @@ class Execution:
 
     @cached_property
     def internal(self) -> Array:
-        """Return the wrenches that cancel out (`comove.simulators.forces`); array, shape (n_steps, n_holders, 6)
-        [N, N m].
-        """
+        """Return the wrenches that cancel out; array, shape (n_steps, n_holders, 6) [N, N m]."""
         return internal_wrenches(self.wrench, self._arms)
 
     @cached_property
@@ -243,8 +252,9 @@ class Execution:
 
 def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
     """Describe how far the load slid in a hand, in words; empty where it hardly did."""
-    if slip.max() > DROPPED:
-        return [f"the load left the hand '{hand}' at {time[slip > DROPPED][0]:.2f} s"]
+    dropped = 0.03  # m, that a load has slid in a hand that has lost it
+    if slip.max() > dropped:
+        return [f"the load left the hand '{hand}' at {time[slip > dropped][0]:.2f} s"]
     if slip.max() > limit:
         return [
             f"the load slid {1e3 * slip.max():.1f} mm in the hand '{hand}', beyond {1e3 * limit:g} mm from "
@@ -260,3 +270,39 @@ def _distances(points: Array) -> Array:
 
 def _largest(series: Array) -> float | None:
     return float(np.abs(series).max()) if series.size else None
+
+
+def internal_wrenches(wrenches: Array, points: Array) -> Array:
+    """Compute the part of the hands' wrenches that cancels out.
+
+    Parameters
+    ----------
+    wrenches : array, shape (n_steps, n_hands, 6), force [N] and torque [N m] at the hand's grasp
+    points : array, shape (n_steps, n_hands, 3), positions of the grasps from the load's origin [m], in the same axes
+
+    Returns
+    -------
+    array, shape (n_steps, n_hands, 6)
+    """
+    forces, torques = wrenches[..., :3], wrenches[..., 3:]
+    force = forces.sum(axis=1, keepdims=True)
+    torque = (torques + np.cross(points, forces)).sum(axis=1, keepdims=True)
+    share = np.concatenate(np.broadcast_arrays(force, torque - np.cross(points, force)), axis=-1)
+    return wrenches - share / max(wrenches.shape[1], 1)
+
+
+def squeezes(wrenches: Array, points: Array) -> Array:
+    """Compute half the difference of two hands' forces along the line between them [N], positive where they press.
+
+    Parameters
+    ----------
+    wrenches, points : as for `internal_wrenches`
+
+    Returns
+    -------
+    array, shape (n_steps, n_pairs), for the pairs (0, 1), (0, 2), ... (1, 2), ...
+    """
+    first, second = np.triu_indices(points.shape[1], 1)
+    across = points[:, second] - points[:, first]
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
+    return 0.5 * ((wrenches[:, first, :3] - wrenches[:, second, :3]) * across).sum(axis=-1)

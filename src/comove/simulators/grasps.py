@@ -1,5 +1,4 @@
-"""Models of how the hands hold the load in a simulation: rigidly, by a joint, or by fingers and friction
-(`friction`).
+"""Models of how the hands hold the load in a simulation: rigidly, by a joint, or by fingers and friction.
 
 Every hand has a site, its grasp frame, and the load has a site for each hand. Their relative poses are known only
 when the hands stand at the load, so a grasp is closed at run time: the load's sites are moved to the hands, and the
@@ -12,12 +11,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-from comove.robots.model import Arm
-from comove.simulators.bodies import STIFF
-from comove.simulators.engine import engine
-from comove.simulators.world import World
+import numpy as np
 
-HARD = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance of a grasp's constraint: 1 % soft at most
+from comove.errors import OptionError, RobotError
+from comove.robots.model import Arm
+from comove.simulators.engine import below, engine, hangs_on
+from comove.simulators.loads import THINNEST
+from comove.simulators.servos import add_servo
+from comove.simulators.world import STIFF, THE_LOAD, World
+
+
+def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:
+    """Add a constraint between two things, inactive at first.
+
+    Parameters
+    ----------
+    kind, of : kind of the constraint and of the two things, by MuJoCo's names without prefix
+    """
+    mj = engine()
+    equality = spec.add_equality(
+        type=getattr(mj.mjtEq, f"mjEQ_{kind}"),
+        objtype=getattr(mj.mjtObj, f"mjOBJ_{of}"),
+        active=False,
+        solref=STIFF,
+        solimp=(0.99, 0.999, 0.001, 0.5, 2.0),  # 1 % soft at most
+    )
+    equality.name, equality.name1, equality.name2 = name, first, second
 
 
 class GraspModel(Protocol):
@@ -61,16 +80,10 @@ class _Fixed:
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
         """Add a constraint, inactive at first, between each hand's site and the load's site for it."""
-        mj = engine()
         for arm in arms:
-            grasp = spec.add_equality(
-                type=getattr(mj.mjtEq, self.kind),
-                objtype=mj.mjtObj.mjOBJ_SITE,
-                active=False,
-                solref=STIFF,
-                solimp=HARD,
+            add_constraint(
+                spec, f"grasp {arm.name}", self.kind, "SITE", f"hand {arm.name}", f"held {arm.name}"
             )
-            grasp.name, grasp.name1, grasp.name2 = f"grasp {arm.name}", f"hand {arm.name}", f"held {arm.name}"
 
     def close(self, world: World, data: Any) -> None:
         """Activate the constraints, at the present poses of the hands."""
@@ -82,11 +95,164 @@ class _Fixed:
 class Weld(_Fixed):
     """A grasp that fixes position and orientation of the load to the hand, as one body."""
 
-    kind: ClassVar[str] = "mjEQ_WELD"
+    kind: ClassVar[str] = "WELD"
 
 
 @dataclass(frozen=True)
 class Connect(_Fixed):
     """A grasp that fixes one common point of hand and load, about which they may turn."""
 
-    kind: ClassVar[str] = "mjEQ_CONNECT"
+    kind: ClassVar[str] = "CONNECT"
+
+
+@dataclass(frozen=True)
+class Friction:
+    """A grasp in which fingers close on the load before the motion begins, and only friction holds it from then on.
+
+    Attributes
+    ----------
+    coefficient : coefficient of sliding friction between fingers and load
+    force : force of each finger [N]; None takes the effort limit of the URDF
+    size : width (between the fingers) and height of a bar [m]; None takes 5/3 and 2 times its radius: fingers
+        need sides to hold it by
+    """
+
+    coefficient: float = 1.0
+    force: float | None = None
+    size: tuple[float, float] | None = None
+    touching: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        given: dict[str, tuple[float | None, ...]] = {
+            "coefficient": (self.coefficient,),
+            "force": (self.force,),
+            "size": self.size or (),
+        }
+        for name, values in given.items():
+            if any(value is not None and not 0 < value < np.inf for value in values):
+                raise OptionError(
+                    f"{getattr(self, name)} is not possible", key=name, way_out="give positive numbers"
+                )
+
+    def section(self, radius: float) -> tuple[float, float] | None:
+        """Return width and height of a bar, which the fingers hold by its sides [m]."""
+        return self.size or (5 / 3 * max(radius, THINNEST), 2 * max(radius, THINNEST))
+
+    def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
+        """Return the names of the fingers' joints.
+
+        Raises
+        ------
+        RobotError
+            If an arm has no fingers.
+        """
+        for arm in arms:
+            if not arm.fingers:
+                raise RobotError(
+                    f"the arm '{arm.name}' has no fingers, so it cannot hold anything by friction",
+                    key=f"arms.{arm.name}.fingers",
+                    way_out="name them in the description, or weld the load to the hands",
+                )
+        return tuple(finger for arm in arms for finger in arm.fingers)
+
+    def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
+        """Add servos of the fingers, couplings that keep the load in their middle, and the friction of their
+        surfaces.
+        """
+        spin = (0.005, 0.0001)  # friction against spinning and rolling [m]
+        add_constraint(spec, "still", "WELD", "BODY", "world", THE_LOAD)
+        for finger in self.moving(arms):
+            self._drive(spec, finger)
+            for body in below(spec.joint(finger).parent):
+                for geom in body.geoms:
+                    geom.friction = (self.coefficient * friction, *spin)
+                    geom.priority, geom.condim, geom.solref = 1, 4, STIFF
+        for arm in arms:
+            for finger in arm.fingers[1:]:
+                add_constraint(spec, f"couple {finger}", "JOINT", "JOINT", finger, arm.fingers[0])
+
+    def _drive(self, spec: Any, finger: str) -> None:
+        """Add the servo of a finger."""
+        give = 0.001  # m, behind the surface, at which it has its whole force
+        mass = 0.1  # kg, that it is damped for
+        joint = spec.joint(finger)
+        force = float(joint.actfrcrange[1]) if self.force is None else self.force
+        if not (force > 0 and joint.range[1] > joint.range[0]):
+            raise RobotError(
+                f"the finger '{finger}' has no limits of position and effort",
+                key="limits",
+                way_out=f"give them: limits: {{{finger}: {{lower: 0, upper: 0.02, effort: 20}}}}",
+            )
+        joint.actfrclimited = False
+        add_servo(spec, finger, force / give, 2 * np.sqrt(mass * force / give), force)
+
+    def close(self, world: World, data: Any) -> None:
+        """Open the fingers, hold the load still, close them, and release the load to their friction.
+
+        Raises
+        ------
+        RobotError
+            If the load is wider than a hand opens.
+        """
+        closing = 0.5  # s, in which fingers close, and in which they then grip
+        beyond = 0.005  # m, behind its limit, to which a finger is sent
+        mj, model = engine(), world.model
+        fingers = [finger for hand in world.fingers for finger in hand]
+        inward = np.array([_inward(world, data, finger) for finger in fingers])
+        low, high = np.array([model.joint(finger).range for finger in fingers]).T
+        opened, closed = np.where(inward > 0, low, high), np.where(inward > 0, high, low)
+        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = opened
+        mj.mj_forward(model, data)
+        _require_room(world, data)
+        _couple(world, data, dict(zip(fingers, zip(opened, closed, strict=True), strict=True)))
+        still = model.equality("still").id
+        pose = np.concatenate([data.xpos[world.load_body], data.xquat[world.load_body]])
+        model.eq_data[still, :10] = [0.0, 0.0, 0.0, *pose]  # the anchor in the load, and where the load is
+        data.eq_active[still] = 1
+        servos = [model.actuator(finger).id for finger in fingers]
+        n_steps = round(closing / model.opt.timestep)
+        for share in np.linspace(0.0, 1.0, n_steps):
+            data.ctrl[servos] = opened + share * (closed + beyond * inward - opened)
+            mj.mj_step(model, data)
+        mj.mj_step(model, data, n_steps)
+        data.eq_active[still] = 0
+
+
+def _couple(world: World, data: Any, travel: dict[str, tuple[float, float]]) -> None:
+    """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
+    for first, *others in world.fingers:
+        begin, end = travel[first]
+        for finger in others:
+            equality = world.model.equality(f"couple {finger}").id
+            ratio = (travel[finger][1] - travel[finger][0]) / (end - begin)
+            # finger = a + ratio first
+            world.model.eq_data[equality, :5] = [travel[finger][0] - ratio * begin, ratio, 0.0, 0.0, 0.0]
+            data.eq_active[equality] = 1
+
+
+def _require_room(world: World, data: Any) -> None:
+    """Refuse a load that reaches into open hands."""
+    overlap = 0.001  # m, by which it may
+    for pair, distance in zip(data.contact.geom, data.contact.dist, strict=True):
+        hand = world.hand_of_geom[pair].max()
+        if hand >= 0 and distance < -overlap and not world.watched[tuple(pair)]:
+            raise RobotError(
+                f"the hand '{world.holder_names[hand]}' does not open wide enough for the load",
+                key="load",
+                way_out="make it thinner, turn the hands, or weld it to them",
+            )
+
+
+def _inward(world: World, data: Any, finger: str) -> float:
+    """Return the direction, 1 or -1, in which a joint brings its finger nearer to its hand's line of approach."""
+    mj, model = engine(), world.model
+    joint = model.joint(finger)
+    site = next(s for s, names in zip(world.holder_sites, world.fingers, strict=True) if finger in names)
+    of_finger = [hangs_on(model, body, int(model.jnt_bodyid[joint.id])) for body in model.geom_bodyid]
+    geoms = np.flatnonzero(of_finger & (model.geom_contype > 0))
+    away = data.geom_xpos[geoms] - data.site_xpos[site]
+    tip = int(np.linalg.norm(away, axis=1).argmin())
+    jacobian = np.zeros((3, model.nv))
+    mj.mj_jac(model, data, jacobian, None, data.geom_xpos[geoms[tip]], model.geom_bodyid[geoms[tip]])
+    across = data.site_xmat[site].reshape(3, 3)[:, :2]
+    return -float(np.sign((away[tip] @ across) @ (across.T @ jacobian[:, joint.dofadr[0]])))

@@ -153,7 +153,7 @@ def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | 
 
 
 def _rod(a: Array, b: Array, radius: float) -> LoadPart:
-    along = np.linalg.norm(a - b)
+    along = float(np.linalg.norm(a - b))
     z = (a - b) / along
     x = np.cross(np.eye(3)[first_least(np.abs(z))], z)
     x /= np.linalg.norm(x)

@@ -151,7 +151,8 @@ def _pieces(mesh: Path, data: bytes) -> list[Any]:
 
     suffix = mesh.suffix.lower()
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=_Beside(mesh.parent))
+        beside: Any = _Beside(mesh.parent)  # trimesh asks no more of a resolver
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=beside)
         if suffix == ".dae" and scene.units not in (None, "meters", "meter"):
             scene = scene.convert_units("meters")
         pieces = [piece for piece in scene.dump() if len(getattr(piece, "faces", ()))]

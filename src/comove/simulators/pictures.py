@@ -1,10 +1,17 @@
-"""Pictures of an execution: a sheet of instants and a film, drawn by MuJoCo without a screen."""
+"""Pictures of an execution: a sheet of instants and a film, drawn by MuJoCo without a screen.
+
+Films are MP4 by ffmpeg, where there is one, else GIF by Pillow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import shutil
+import subprocess
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +20,38 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from comove.errors import OptionError, ResultError
-from comove.geometry.rotations import matrices
-from comove.io.files import whole_file
-from comove.scenes.groups import quaternion_of_rotation
-from comove.simulators.bodies import lower_floor
+from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.io.files import whole_file, whole_path
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
 from comove.simulators.execution import Execution
-from comove.simulators.film import encoder, write_film
-from comove.simulators.lighting import FRONT, LARGEST, View, camera_for, furnish
-from comove.simulators.world import World
+from comove.simulators.world import World, lower_floor
 
 Array = NDArray[np.float64]
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
+LARGEST = (1080, 1920)  # pixels of a picture, height and width
+FIELD = 40.0  # degrees, that the camera sees from top to bottom
 LARGE = 2.0  # m, of a box that need not be seen to its ends
 GAP = 6  # pixels between the pictures of a sheet
 INK, PAPER = (40, 44, 52), (255, 255, 255)
+
+
+@dataclass(frozen=True)
+class View:
+    """Direction from which a camera looks.
+
+    Attributes
+    ----------
+    aside : angle from the robot's front to the camera, about the vertical axis [deg]
+    elevation : elevation of the line of sight, negative where the camera looks down [deg]
+    """
+
+    aside: float
+    elevation: float
+
+
+FRONT, ABOVE = View(aside=24.0, elevation=-30.0), View(aside=0.0, elevation=-89.0)
 
 
 def draw_sheet(
@@ -206,3 +228,137 @@ def _corners(obstacle: Any) -> Array:
     half = np.minimum(size, LARGE) / 2
     signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     return middle + (signs * half) @ matrices(np.array(obstacle.quaternion_wxyz)).T
+
+
+def furnish(spec: Any, *, shadows: bool = True) -> None:
+    """Add light, sky and a floor's pattern to a world; without shadows pictures are drawn four times as fast."""
+    mj = engine()
+    spec.visual.global_.offheight, spec.visual.global_.offwidth = LARGEST
+    spec.visual.global_.fovy = FIELD
+    spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 8192, 8 if shadows else 4
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.38,) * 3, (0.34,) * 3
+    spec.visual.headlight.specular = (0.05,) * 3
+    spec.visual.map.znear, spec.visual.map.zfar, spec.visual.map.shadowclip = 0.01, 30.0, 3.0
+    spec.stat.extent = 2.0
+    spec.add_texture(
+        name="sky",
+        type=mj.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mj.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.97, 0.98, 0.99),
+        rgb2=(0.80, 0.85, 0.90),
+        width=256,
+        height=256,
+    )
+    tiles = spec.add_texture(name="tiles", type=mj.mjtTexture.mjTEXTURE_2D, width=256, height=256)
+    tiles.builtin, tiles.rgb1, tiles.rgb2 = (
+        mj.mjtBuiltin.mjBUILTIN_CHECKER,
+        (0.72, 0.73, 0.75),
+        (0.68, 0.69, 0.71),
+    )
+    floor = spec.add_material(name="floor", texrepeat=(2, 2), texuniform=True)
+    floor.textures[mj.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.geom("the floor").material = "floor"
+    for position, strength in (((1.2, -1.4, 3.0), 0.50), ((1.6, 1.8, 2.4), 0.22)):
+        light = spec.worldbody.add_light(
+            pos=position, dir=[-x for x in position], castshadow=shadows and strength > 0.4
+        )
+        light.type = mj.mjtLightType.mjLIGHT_DIRECTIONAL
+        light.diffuse, light.specular = (strength,) * 3, (0.12,) * 3
+
+
+def camera_for(execution: Execution, seen: Array, aspect: float, view: View = FRONT) -> Any:
+    """Return a camera that looks at the robot and sees all of some points.
+
+    Parameters
+    ----------
+    seen : array, shape (n_points, 3), the points [m]
+    aspect : ratio of width to height of the picture
+    """
+    room = 0.10  # m, around the middles of what must be seen
+    camera = engine().MjvCamera()
+    camera.lookat[:] = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    camera.azimuth, camera.elevation = _front(execution) + view.aside, view.elevation
+    a, e = np.deg2rad([camera.azimuth, camera.elevation])
+    forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([np.sin(a), -np.cos(a), 0.0])
+    up = np.cross(right, forward)
+    wide = np.tan(np.deg2rad(FIELD) / 2)
+    for _ in range(4):  # nearer things look larger, so that the middle of the picture is found by looking
+        points = seen - camera.lookat
+        away, aside, above = points @ forward, points @ right, points @ up
+        sides = np.maximum(np.abs(aside) / aspect, np.abs(above)) + room
+        camera.distance = float((sides / wide - away).max())
+        depth = camera.distance + away
+        for axis, seen_at in ((right, aside / depth), (up, above / depth)):
+            camera.lookat[:] += 0.5 * (seen_at.min() + seen_at.max()) * camera.distance * axis
+    return camera
+
+
+def _front(execution: Execution) -> float:
+    """Return the azimuth of the line from the middle of the hands' work to the robot's bases, rounded to an axis
+    [deg].
+    """
+    work = execution.hands[:, :, :2, 3].mean(axis=(0, 1))
+    bases = np.mean([source.base.position[:2] for source in execution.robot.sources], axis=0)
+    x, y = bases - work
+    if np.hypot(x, y) < 0.1:  # robots around what they do have no front
+        return 180.0
+    return float(90.0 * np.round(2 / np.pi * np.arctan2(y, x)))
+
+
+def encoder() -> str | None:
+    """Return the ffmpeg that comes with imageio-ffmpeg, else the system's, None where there is none."""
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        return shutil.which("ffmpeg")
+
+
+def write_film(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str | None) -> None:
+    """Write pictures of one size as a film.
+
+    Parameters
+    ----------
+    path : path of the file, an MP4 if there is an encoder, else a GIF
+    rate : pictures a second
+    ffmpeg : path of the encoder; None writes a GIF
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written.
+    """
+    with whole_path(path, ResultError) as draft:
+        if ffmpeg is None:
+            _write_gif(pictures, draft, rate)
+        else:
+            _write_mp4(pictures, draft, rate, ffmpeg)
+
+
+def _write_mp4(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str) -> None:
+    pictures = iter(pictures)
+    first = next(pictures)
+    size = f"{first.width}x{first.height}"
+    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{rate:g}", "-i", "-", "-an"]
+    wanted = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "23", "-movflags", "+faststart", "-f", "mp4"]
+    command = [ffmpeg, "-y", "-loglevel", "error", *given, *wanted, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # what it has to say comes below
+            for picture in chain([first], pictures):
+                process.stdin.write(picture.tobytes())
+        _, said = process.communicate()
+    if process.returncode:
+        reason = said.decode(errors="replace").strip().splitlines()[-1:] or ["it failed"]
+        raise ResultError(
+            f"ffmpeg: {reason[0]}", file=path, way_out="remove that ffmpeg to get a GIF instead"
+        )
+
+
+def _write_gif(pictures: Iterable[Image.Image], path: Path, rate: float) -> None:
+    every = max(1, round(rate / 12.5))  # pictures a second of a GIF at most
+    frames = [picture.quantize(64) for picture in islice(pictures, 0, None, every)]
+    pause = round(1000 * every / rate)  # ms
+    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0)

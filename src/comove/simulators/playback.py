@@ -23,15 +23,14 @@ from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
 from comove.simulators.loads import Load, carried, hand_poses, inverse, load_of, require_fit
-from comove.simulators.settings import Settings
+from comove.simulators.settings import USUAL, Settings
 
 Array = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s^2
-DEFAULT = Settings()
 
 
-def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings = DEFAULT) -> Execution:
+def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings = USUAL) -> Execution:
     """Play a joint motion without physics.
 
     Raises
@@ -108,7 +107,8 @@ def _contacts(
 ) -> tuple[Contact, ...]:
     """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands."""
     geometry, names, moved = _geometry(robot, scene, load)
-    data, state, found = robot.model.createData(), geometry.createData(), {}
+    data, state = robot.model.createData(), geometry.createData()
+    found: dict[int, tuple[float, float]] = {}
     parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)

@@ -33,15 +33,16 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
     """
     sliding = np.array([_slides(robot, i) for i in range(len(robot.joint_names))], dtype=int)
     stiffness = robot.effort / np.array(FULL_EFFORT)[sliding]
-    given = robot.description.servo
-    for arm in robot.arms if given is not None else ():
-        if len(given.stiffness) != len(arm.columns) or min(given.stiffness) <= 0:
+    servo = robot.description.servo
+    given = () if servo is None else servo.stiffness
+    for arm in robot.arms if servo is not None else ():
+        if len(given) != len(arm.columns) or min(given) <= 0:
             raise RobotError(
-                f"it has {len(given.stiffness)} values, the arm '{arm.name}' {len(arm.columns)} joints",
+                f"it has {len(given)} values, the arm '{arm.name}' {len(arm.columns)} joints",
                 key="servo.stiffness",
                 way_out="give one positive value a joint, from the base to the tip",
             )
-        stiffness[arm.columns] = given.stiffness
+        stiffness[arm.columns] = given
     return stiffness, 2 * np.sqrt(np.array(INERTIA)[sliding] * stiffness)
 
 

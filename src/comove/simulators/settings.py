@@ -1,12 +1,15 @@
-"""Settings of a simulation, and the limits by which it is judged."""
+"""Settings of a simulation, the limits by which it is judged, and deviations from the plan."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import inf
+from numbers import Real
+from typing import Any
+
+import numpy as np
 
 from comove.errors import OptionError
-
-LOG_RATES = (10.0, 500.0)  # Hz, the least and the largest
 
 
 @dataclass(frozen=True)
@@ -30,13 +33,96 @@ class Settings:
     internal_force_limit: float = 40.0
 
     def __post_init__(self) -> None:
-        for name in ("log_rate", "settle", "hold", "slip_limit", "end_error_limit", "internal_force_limit"):
-            value = getattr(self, name)
-            if not (value > 0 or (value == 0 and name in ("settle", "hold"))) or value == float("inf"):
+        for name, value in vars(self).items():
+            if not (value > 0 or (value == 0 and name in ("settle", "hold"))) or value == inf:
                 raise OptionError(f"{value} is not possible", key=name, way_out="give a positive number")
-        if not LOG_RATES[0] <= self.log_rate <= LOG_RATES[1]:
+        if not 10.0 <= self.log_rate <= 500.0:
             raise OptionError(
-                f"{self.log_rate} Hz are not possible",
-                key="log_rate",
-                way_out=f"give a number from {LOG_RATES[0]:g} to {LOG_RATES[1]:g}",
+                f"{self.log_rate} Hz are not possible", key="log_rate", way_out="give a number from 10 to 500"
             )
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on the load's middle for a short time.
+
+    Attributes
+    ----------
+    at : beginning, as a share of the motion's duration
+    duration : duration [s]
+    force : force in the scene's axes [N]
+    """
+
+    at: float
+    duration: float
+    force: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        _require("push.at", self.at)
+        _require("push.duration", self.duration, positive=True)
+        _require("push.force", *self.force)
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Deviations of a simulation from the plan.
+
+    Attributes
+    ----------
+    friction, mass : factors on the friction between fingers and load, and on the load's mass
+    gains : factors on stiffness and damping of the servos, one for all joints or one each
+    start_error : displacement of the load from its planned place when it is grasped, in its own axes [m]; it is
+        unknown to the robot, so the hands carry the load displaced
+    push : force during the motion, None where there is none
+    """
+
+    friction: float = 1.0
+    mass: float = 1.0
+    gains: tuple[float, ...] = (1.0,)
+    start_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    push: Push | None = None
+
+    def __post_init__(self) -> None:
+        _require("friction", self.friction, positive=True)
+        _require("mass", self.mass, positive=True)
+        _require("gains", *self.gains, positive=True)
+        _require("start_error", *self.start_error)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, n_joints: int = 1) -> Perturbation:
+        """Draw a random perturbation.
+
+        Friction and mass are within 30 %, gains within 20 %; the start error is 5 mm in a random direction of the x-y
+        plane of the load's own axes; the push is up to 5 N for 0.1 s in any direction, in the middle of the motion.
+
+        Parameters
+        ----------
+        n_joints : number of the robot's joints, each of which gets its own gains
+        """
+        angle = rng.uniform(0.0, 2 * np.pi)
+        force = rng.normal(size=3)
+        force *= rng.uniform(0.0, 5.0) / np.linalg.norm(force)
+        x, y, z = force.tolist()
+        return cls(
+            friction=float(rng.uniform(0.7, 1.3)),
+            mass=float(rng.uniform(0.7, 1.3)),
+            gains=tuple(rng.uniform(0.8, 1.2, n_joints).tolist()),
+            start_error=(0.005 * float(np.cos(angle)), 0.005 * float(np.sin(angle)), 0.0),
+            push=Push(at=float(rng.uniform(0.3, 0.7)), duration=0.1, force=(x, y, z)),
+        )
+
+    def asdict(self) -> dict[str, Any]:
+        """Return the perturbation as plain values."""
+        return asdict(self)
+
+
+def _require(key: str, *values: float, positive: bool = False) -> None:
+    """Refuse values that are not finite numbers, or not greater than 0 where they must be."""
+    for value in values:
+        if not (isinstance(value, Real) and -inf < value < inf) or (positive and value <= 0):
+            least = " greater than 0" if positive else ""
+            raise OptionError(f"{value!r} is not possible", key=key, way_out=f"give a finite number{least}")
+
+
+USUAL, PLAN = Settings(), Perturbation()
+"""The settings unless others are given, and everything as planned."""

@@ -8,26 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
-from comove.simulators.bodies import lower_floor
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.loads import hand_poses, load_of, require_fit
-from comove.simulators.log import Log
-from comove.simulators.perturbation import PLAN, Perturbation
-from comove.simulators.servos import limit_servos
-from comove.simulators.settings import Settings
-from comove.simulators.world import World
+from comove.simulators.servos import limit_servos, motor_weight
+from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
+from comove.simulators.world import World, lower_floor
 
 Array = NDArray[np.float64]
-
-DEFAULT = Settings()
-LIMITING = 5  # time steps after which what the robot's weight leaves of the efforts is found anew
 
 
 def simulate(
@@ -37,7 +31,7 @@ def simulate(
     grasp: GraspModel | None = None,
     perturbation: Perturbation | None = None,
     *,
-    settings: Settings = DEFAULT,
+    settings: Settings = USUAL,
 ) -> Execution:
     """Simulate servos that follow a joint motion in MuJoCo, with the load in the hands.
 
@@ -119,13 +113,15 @@ def _run(
 ) -> dict[str, Any]:
     """Run the simulation; returns the logged quantities, by the names of `Execution`."""
     mj, model = engine(), world.model
+    limiting = 5  # time steps after which what the robot's weight leaves of the efforts is found anew
     every = max(1, round(1 / (settings.log_rate * TIMESTEP)))
     n_steps = every * int(np.ceil((motion.duration + settings.hold) / (every * TIMESTEP)))
-    time = np.arange(n_steps + 1) * TIMESTEP
+    time = (np.arange(n_steps + 1) * TIMESTEP).astype(np.float64)
     position, velocity, _ = motion.at(np.minimum(time, motion.duration))
     control = position + world.lead * np.where(time[:, None] < motion.duration, velocity, 0.0)
     push, pushed = _push(world, motion, perturbation, time)
-    log, contacts, unstable = Log(world, n_steps // every + 1), {}, None
+    log, unstable = _Log(world, n_steps // every + 1), None
+    contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()
     for step in range(n_steps + 1):
         data.ctrl[world.servos] = control[step]
@@ -139,7 +135,7 @@ def _run(
             _note_contacts(world, data, time[step], contacts)
         if logged:
             log.write_rest(data)
-        if step % LIMITING == 0:
+        if step % limiting == 0:
             limit_servos(world, data)
             if _broken(data):
                 unstable = float(time[step])
@@ -167,7 +163,9 @@ def _broken(data: Any) -> bool:
     )
 
 
-def _push(world: World, motion: JointMotion, perturbation: Perturbation, time: Array) -> tuple[Array, Array]:
+def _push(
+    world: World, motion: JointMotion, perturbation: Perturbation, time: Array
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return the force of a push, array of shape (3,) [N], and the steps at which it acts, array of bool."""
     push = perturbation.push
     if push is None or world.load is None:
@@ -185,3 +183,88 @@ def _note_contacts(
         pair = (int(pairs[i].min()), int(pairs[i].max()))
         first, deepest = found.get(pair, (float(time), 0.0))
         found[pair] = first, max(deepest, float(depths[i]))
+
+
+class _Log:
+    """Samples of the measured quantities, in arrays allocated in advance."""
+
+    def __init__(self, world: World, n_steps: int):
+        self.world, self.count = world, 0
+        model, holders = world.model, len(world.holder_sites)
+        self.finger_qpos = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
+        self.hand_of_equality = np.full(model.neq, -1)
+        for i, name in enumerate(world.holder_names):
+            equality = engine().mj_name2id(model, engine().mjtObj.mjOBJ_EQUALITY, f"grasp {name}")
+            if equality >= 0:
+                self.hand_of_equality[equality] = i
+        self.joints = np.empty((n_steps, len(world.qpos)))
+        self.torque = np.empty((n_steps, len(world.qpos)))
+        self.fingers = np.empty((n_steps, len(self.finger_qpos)))
+        self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
+        self.load_pose = np.full((n_steps, 4, 4), 0.0 if world.load is not None else np.nan)
+        self.wrench = np.zeros((n_steps, holders, 6))
+        self.hands[..., 3, 3] = 1.0
+
+    def write_state(self, data: Any) -> None:
+        """Log the state, which a step overwrites."""
+        self.joints[self.count] = data.qpos[self.world.qpos]
+        self.fingers[self.count] = data.qpos[self.finger_qpos]
+
+    def write_rest(self, data: Any) -> None:
+        """Log the other quantities of the same instant, after the step."""
+        world, i = self.world, self.count
+        self.torque[i] = data.qfrc_actuator[world.dofs] + motor_weight(world, data)
+        self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
+        self.hands[i, :, :3, :3] = data.site_xmat[world.sites].reshape(-1, 3, 3)
+        if world.load is not None:
+            self.load_pose[i, 3, 3] = 1.0
+            self.load_pose[i, :3, 3] = data.xpos[world.load_body]
+            self.load_pose[i, :3, :3] = data.xmat[world.load_body].reshape(3, 3)
+            self._write_wrenches(data)
+        self.count += 1
+
+    def _write_wrenches(self, data: Any) -> None:
+        """Sum the constraints' forces on the load by hand, and log them as wrenches.
+
+        The columns of the constraints' Jacobian for a free body give the force in the world's axes and the torque
+        about its origin in the body's axes.
+        """
+        world, n_dofs = self.world, self.world.model.nv
+        if not data.nefc:
+            return
+        rows = data.efc_J.reshape(data.nefc, n_dofs)[:, world.load_dof : world.load_dof + 6]
+        hand = self._hand_of_rows(data)
+        by_hand = (hand[None, :] == np.arange(len(world.holder_sites))[:, None]) * data.efc_force
+        wrench = by_hand @ rows
+        turned = data.xmat[world.load_body].reshape(3, 3)
+        arms = data.site_xpos[world.holder_sites] - data.xpos[world.load_body]
+        self.wrench[self.count, :, :3] = wrench[:, :3]
+        self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
+
+    def _hand_of_rows(self, data: Any) -> NDArray[np.int64]:
+        """Return the number of the holder that each row of the constraints belongs to, -1 for none; array, shape
+        (n_rows,).
+        """
+        kinds = engine().mjtConstraint
+        hand = np.full(data.nefc, -1)
+        equality = data.efc_type == int(kinds.mjCNSTR_EQUALITY)
+        hand[equality] = self.hand_of_equality[data.efc_id[equality]]
+        touching = data.efc_type >= int(kinds.mjCNSTR_CONTACT_FRICTIONLESS)
+        if touching.any():
+            pairs = data.contact.geom
+            hand[touching] = self.world.hand_of_geom[pairs].max(axis=1)[data.efc_id[touching]]
+        return hand
+
+    def forget_broken(self) -> None:
+        """Drop all samples from the first one with a value that is not finite, but keep one at least."""
+        broken = ~np.isfinite(self.hands[: self.count]).all(axis=(1, 2, 3))
+        broken |= ~np.isfinite(self.joints[: self.count]).all(axis=1)
+        if self.world.load is not None:
+            broken |= ~np.isfinite(self.load_pose[: self.count]).all(axis=(1, 2))
+        if broken.any():
+            self.count = max(1, int(broken.argmax()))
+
+    def series(self) -> dict[str, Array]:
+        """Return the logged series, by the names of `Execution`."""
+        names = ("joints", "torque", "hands", "load_pose", "wrench", "fingers")
+        return {name: getattr(self, name)[: self.count] for name in names}

@@ -9,10 +9,11 @@ from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, RobotError
-from comove.geometry.rotations import exponential, matrices
+from comove.geometry.rotations import matrices
 from comove.robots.description import Placement
 from comove.robots.urdf import Source, resolve
 from comove.simulators.meshes import as_obj, coloured_parts
@@ -69,8 +70,9 @@ def for_mujoco(
 
 def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
     """Return the joint that fixes a model to its base's place."""
-    children = {joint.find("child").get("link") for joint in tree.findall("joint")}
-    root = next(link.get("name") for link in tree.findall("link") if link.get("name") not in children)
+    children = {child.get("link", "") for child in tree.findall("joint/child")}
+    names = [link.get("name", "") for link in tree.findall("link")]
+    root = next(name for name in names if name not in children)
     joint = ET.Element("joint", name=f"{ROOT} {number}", type="fixed")
     ET.SubElement(joint, "parent", link=ROOT)
     ET.SubElement(joint, "child", link=root)
@@ -97,9 +99,10 @@ def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:
     except RobotError as error:
         warnings.warn(f"a part of the robot is not drawn: {error}", ComoveWarning, stacklevel=2)
         return []
-    copies = [deepcopy(visual) for _ in parts]
-    for copy, (path, colour) in zip(copies, parts, strict=True):
-        copy.find("geometry/mesh").set("filename", str(path))
+    copies = []
+    for path, colour in parts:
+        mesh.set("filename", str(path))
+        copies.append(copy := deepcopy(visual))
         if colour is not None:
             for material in copy.findall("material"):
                 copy.remove(material)
@@ -113,41 +116,22 @@ def _fix(joint: ET.Element, value: float) -> None:
     origin = joint.find("origin")
     if origin is None:
         origin = ET.SubElement(joint, "origin")
-    position, rotation = _vector(origin, "xyz"), _rotation(_vector(origin, "rpy"))
+    position, rotation = _vector(origin, "xyz"), pin.rpy.rpyToMatrix(_vector(origin, "rpy"))
     axis = joint.find("axis")
     along = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis, "xyz")
     along = along / np.linalg.norm(along)
     if joint.get("type") == "prismatic":
         position = position + rotation @ along * value
     elif joint.get("type") in ("revolute", "continuous"):
-        rotation = rotation @ matrices(exponential(along * value))
+        rotation = rotation @ pin.exp3(along * value)
     joint.set("type", "fixed")
     _write_origin(origin, position, rotation)
 
 
 def _write_origin(origin: ET.Element, position: Array, rotation: Array) -> None:
     origin.set("xyz", " ".join(repr(float(x)) for x in position))
-    origin.set("rpy", " ".join(repr(float(x)) for x in _roll_pitch_yaw(rotation)))
+    origin.set("rpy", " ".join(repr(float(x)) for x in pin.rpy.matrixToRpy(rotation)))
 
 
 def _vector(element: ET.Element, key: str) -> Array:
     return np.array([float(x) for x in element.get(key, "0 0 0").split()])
-
-
-def _rotation(rpy: Array) -> Array:
-    """Return the rotation matrix of roll, pitch and yaw about the fixed axes x, y and z."""
-    x, y, z = (matrices(exponential(axis * angle)) for axis, angle in zip(np.eye(3), rpy, strict=True))
-    return z @ y @ x
-
-
-def _roll_pitch_yaw(rotation: Array) -> Array:
-    """Return roll, pitch and yaw of a rotation matrix, the inverse of `_rotation`; the roll is 0 at a pitch of a
-    right angle.
-    """
-    across = np.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = np.arctan2(-rotation[2, 0], across)
-    if across < 1e-9:
-        return np.array([0.0, pitch, np.arctan2(-rotation[0, 1], rotation[1, 1])])
-    return np.array(
-        [np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])]
-    )

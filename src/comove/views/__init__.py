@@ -7,11 +7,11 @@ from comove.views.motion import (
     draw_progress,
     draw_progress_side_by_side,
     draw_side_by_side,
-    save,
 )
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
 from comove.views.run import animate_run, draw_run
+from comove.views.style import save, save_picture
 
 __all__ = [
     "Panel",
@@ -27,4 +27,5 @@ __all__ = [
     "draw_run",
     "draw_side_by_side",
     "save",
+    "save_picture",
 ]

@@ -8,13 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from comove.views.motion import new_figure
+from comove.views.style import COLOURS, new_figure
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
     from comove.robots.motion import JointMotion
-
-COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8c2f5a")
 
 
 def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.views.motion import COLOURS, new_figure
+from comove.views.style import COLOURS, new_figure
 
 Array = NDArray[np.float64]
 
@@ -75,8 +75,8 @@ def _draw_panel(axes: Axes, panel: Panel, n_groups: int) -> None:
         axes.axhspan(row - 0.5, row + 0.5, color="0.95" if row % 2 else "1.0", zorder=0, linewidth=0)
     for g in range(n_groups):
         at = rows + SPREAD * (g - (n_groups - 1) / 2)
-        look = {"color": COLOURS[g % len(COLOURS)]}
-        axes.hlines(at, low[:, g], high[:, g], linewidth=2.2, alpha=0.5, **look)
-        axes.plot(value[:, g], at, MARKERS[g % len(MARKERS)], markersize=4.5, **look)
+        colour = COLOURS[g % len(COLOURS)]
+        axes.hlines(at, low[:, g], high[:, g], linewidth=2.2, alpha=0.5, color=colour)
+        axes.plot(value[:, g], at, MARKERS[g % len(MARKERS)], markersize=4.5, color=colour)
     axes.grid(axis="x", alpha=0.3)
     axes.tick_params(labelsize=9)

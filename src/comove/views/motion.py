@@ -3,43 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.geometry import distances as sd
-from comove.geometry.polytopes import vertices_in
 from comove.scenes.scene import Scene
+from comove.views.shapes import hull_outline, outline
+from comove.views.style import COLOURS, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
 
-MESH_ALPHA = 0.2  # of a triangle
-COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a")
-N_GHOSTS, MOVING = 9, "#8c564b"  # of obstacles that move: how often they are drawn, and in which colour
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
-N_RATES = 401  # instants at which speeds and accelerations are drawn
-C_VEL = 0.01  # weight of velocities in the objective (4), as `planning.PaperCost` has it
-VIEWS = ((0, 1), (0, 2), (1, 2))  # planes in which a spatial scene is drawn
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without a window; sizes in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
-    figure.savefig(path, dpi=110)
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
@@ -54,7 +36,8 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
     views = views_of(motion.scene)
     figure = new_figure(*((6.0, 7.6) if len(views) == 1 else (16.5, 6.4)))
     figure.suptitle(title or motion.scene.name)
-    above, below = figure.subfigures(2, 1, height_ratios=[5, 1.4])
+    parts: Any = figure.subfigures(2, 1, height_ratios=[5, 1.4])
+    above, below = parts
     columns = len(views) + (len(views) > 1)
     for i, view in enumerate(views):
         draw_panel(above.add_subplot(1, columns, columns - len(views) + i + 1), motion, view, demonstration)
@@ -62,7 +45,7 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
         from comove.views.perspective import draw_perspective
 
         nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STATES)))[0]
-        draw_perspective(above, (1, columns, 1), motion, nodes, COLOURS, demonstration)
+        draw_perspective(above, (1, columns, 1), motion, nodes, demonstration)
     draw_legend(above)
     draw_rates(below, motion)
     return figure
@@ -70,7 +53,7 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
 
 def draw_rates(figure: FigureBase, motion: CoordinatedMotion) -> None:
     """Draw speed and acceleration of the hands over time, side by side."""
-    s, duration = np.linspace(0.0, 1.0, N_RATES), motion.scene.duration
+    s, duration = np.linspace(0.0, 1.0, 401), motion.scene.duration
     _, *rates = motion.hands(s)
     for i, (rate, name) in enumerate(zip(rates, ("speed [m/s]", "acceleration [m/s²]"), strict=True)):
         axes = figure.add_subplot(1, 2, i + 1)
@@ -132,19 +115,18 @@ def draw_panel(
             axes.plot(*demonstration[:, hand][:, columns].T, "--", color="0.45", linewidth=1, label=label)
     dense = motion.coordinates.motion(motion.at(np.linspace(0, 1, 401)))[0]
     for hand, name in enumerate(scene.manipulators):
-        path = dense[:, hand][:, columns]
-        axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=name)
-        axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
-        axes.plot(*scene.goal[hand][columns], "s", color="#d62728", markersize=7, zorder=5)
+        draw_way(axes, dense[:, hand][:, columns], scene.goal[hand][columns], hand, name)
 
 
-def draw_legend(figure: FigureBase, columns: int = 4) -> None:
+def draw_legend(figure: Figure | SubFigure, columns: int = 4) -> None:
     """Draw one legend for all panels."""
-    labelled = {}
+    labelled: dict[str, Artist] = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
         labelled |= dict(zip(labels, handles, strict=True))
-    figure.legend(labelled.values(), labelled, loc="outside lower center", ncols=columns, frameon=False)
+    figure.legend(
+        list(labelled.values()), list(labelled), loc="outside lower center", ncols=columns, frameon=False
+    )
 
 
 def draw_progress(motion: CoordinatedMotion) -> Figure:
@@ -155,13 +137,13 @@ def draw_progress(motion: CoordinatedMotion) -> Figure:
 
 
 def draw_progress_side_by_side(
-    motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, velocity: float = C_VEL
+    motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, velocity: float = 0.01
 ) -> Figure:
     """Draw objective and constraint along several motions, on the same axes.
 
     Parameters
     ----------
-    velocity : weight of the velocities in the objective
+    velocity : weight of the velocities in the objective, as in `planning.PaperCost`
     """
     figure = new_figure(5.6 * len(motions) + 1.6, 5.4)
     panels = figure.subplots(2, len(motions), sharex=True, sharey="row", squeeze=False)
@@ -214,7 +196,7 @@ def _draw_constraint(axes: Axes, motion: CoordinatedMotion) -> float:
 
 def views_of(scene: Scene) -> tuple[tuple[int, int], ...]:
     """Return the planes in which a scene is drawn."""
-    return ((0, 1),) if scene.n_dims == 2 else VIEWS
+    return ((0, 1),) if scene.n_dims == 2 else ((0, 1), (0, 2), (1, 2))
 
 
 def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
@@ -239,15 +221,15 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     solid = 1.0 if scene.n_dims == 2 else 0.35
     moves = scene.moving[scene.owners]
     for mesh in np.flatnonzero(~scene.moving[scene.surfaces.owner]):
-        _draw_triangles(axes, scene.surfaces.of(mesh)[:, :, list(view)])
+        _draw_triangles(axes, scene.surfaces.of(int(mesh))[:, :, list(view)])
     for row in scene.obstacles[~moves & scene.convex_rows]:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
     if not moves.any():
         return
-    for share in np.linspace(0.0, 1.0, N_GHOSTS):
+    for share in np.linspace(0.0, 1.0, 9):
         for row in scene.obstacles_at(share * scene.duration)[moves]:
-            look = {"facecolor": MOVING, "edgecolor": MOVING, "linewidth": 0.6}
-            axes.fill(*outline(row, view).T, alpha=solid * (0.08 + 0.3 * share), **look)
+            alpha = solid * (0.08 + 0.3 * share)
+            axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, linewidth=0.6, alpha=alpha)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
@@ -256,48 +238,8 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 def _draw_triangles(axes: Axes, triangles: Array) -> None:
     """Draw the projection of a mesh, darker where triangles overlap; triangles of shape (n, 3, 2)."""
     axes.add_collection(
-        PolyCollection(triangles, facecolors="0.62", alpha=MESH_ALPHA, edgecolors="none", rasterized=True)
+        PolyCollection(list(triangles), facecolors="0.62", alpha=0.2, edgecolors="none", rasterized=True)
     )
-
-
-def outline(row: Array, view: tuple[int, int]) -> Array:
-    """Compute the border of an obstacle's projection, from its support points in all directions of the view."""
-    angles = np.linspace(0.0, 2 * np.pi, 181)
-    directions = np.zeros((len(angles), 3))
-    directions[:, view[0]], directions[:, view[1]] = np.cos(angles), np.sin(angles)
-    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
-    local, size = directions @ rotation, row[sd.SIZE : sd.SIZE + 3]
-    kind = int(row[sd.KIND])
-    if kind == sd.BOX:
-        return _hull_of_box(row, rotation, size, view)
-    if kind == sd.POLYTOPE:
-        return hull_outline((row[sd.CENTER : sd.CENTER + 3] + vertices_in(row) @ rotation.T)[:, list(view)])
-    if kind == sd.SPHERE:
-        support = local * size[0]
-    elif kind == sd.CAPSULE:
-        support = local * size[0]
-        support[:, 2] += np.sign(local[:, 2]) * size[1]
-    elif kind == sd.CYLINDER:
-        radial = np.linalg.norm(local[:, :2], axis=1, keepdims=True)
-        support = np.concatenate(
-            [size[0] * local[:, :2] / np.maximum(radial, 1e-12), size[1] * np.sign(local[:, 2:])], axis=1
-        )
-    else:
-        support = local * size**2 / np.linalg.norm(local * size, axis=1, keepdims=True)
-    return (row[sd.CENTER : sd.CENTER + 3] + support @ rotation.T)[:, list(view)]
-
-
-def _hull_of_box(row: Array, rotation: Array, size: Array, view: tuple[int, int]) -> Array:
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-    half = np.minimum(size, 1e3)  # a planar scene's boxes are endless along z
-    return hull_outline((row[sd.CENTER : sd.CENTER + 3] + (signs * half) @ rotation.T)[:, list(view)])
-
-
-def hull_outline(corners: Array) -> Array:
-    """Return the corners, shape (n, 2), of the convex hull of points, in order."""
-    angles = np.linspace(0.0, 2 * np.pi, 721)
-    farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
-    return corners[list(dict.fromkeys(farthest.tolist()))]
 
 
 def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import FigureBase
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.geometry import distances as sd
-from comove.geometry.polytopes import vertices_in
 from comove.scenes.scene import Scene
+from comove.views.shapes import hull_faces, obstacle_faces
+from comove.views.style import COLOURS, GOAL, START
 
 Array = NDArray[np.float64]
-
-ELEVATION, ASIDE = 24.0, 62.0  # deg: of the camera above the ground, and from the way as seen from above
-LIGHT = np.array([0.35, -0.55, 0.75])  # where it comes from
-N_ROUND = 20  # directions of a round body's outline
-GREY, ALPHA = 0.72, 0.42
-FRONT = 0.16  # alpha of what stands between the camera and the way
 
 
 def draw_perspective(
@@ -26,7 +22,6 @@ def draw_perspective(
     position: tuple[int, int, int],
     motion: CoordinatedMotion,
     nodes: Array,
-    colours: tuple[str, ...],
     demonstration: Array | None = None,
 ) -> None:
     """Draw obstacles, the hands' paths and the load at some instants in perspective.
@@ -35,17 +30,18 @@ def draw_perspective(
     ----------
     position : position of the panel, as for `add_subplot`
     nodes : array, shape (n_states, n_nodes, 3), states in which the load is drawn [m]
-    colours : colours of the hands
     demonstration : array, shape (n_steps, n_manipulators, 3), [m], drawn dashed where given
     """
+    elevation, aside = 24.0, 62.0  # deg: of the camera above the ground, and from the way as seen from above
+    opaque, between = 0.42, 0.16  # the latter of what stands between the camera and the way
     scene = motion.scene
     axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     way = (scene.goal - scene.start).mean(axis=0)
-    azimuth = float(np.degrees(np.arctan2(way[1], way[0]))) - ASIDE
-    axes.view_init(elev=ELEVATION, azim=azimuth)
+    azimuth = float(np.degrees(np.arctan2(way[1], way[0]))) - aside
+    axes.view_init(elev=elevation, azim=azimuth)
     axes.set_proj_type("persp", focal_length=0.8)
     camera = np.array(
-        [np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), np.tan(np.radians(ELEVATION))]
+        [np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), np.tan(np.radians(elevation))]
     )
     middle = nodes.reshape(-1, 3).mean(axis=0)
     for faces in _obstacles(scene):
@@ -53,7 +49,7 @@ def draw_perspective(
         axes.add_collection3d(
             Poly3DCollection(
                 faces,
-                facecolors=_shaded(faces, FRONT if in_front else ALPHA),
+                facecolors=_shaded(faces, between if in_front else opaque),
                 edgecolors="none",
                 zorder=4 if in_front else 1,
             )
@@ -64,9 +60,9 @@ def draw_perspective(
             axes.plot(*demonstration[:, hand].T, "--", color="0.45", linewidth=0.9, zorder=3)
     path = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, 201)))[0]
     for hand in range(len(scene.manipulators)):
-        axes.plot(*path[:, hand].T, color=colours[hand % len(colours)], linewidth=1.6, zorder=3)
-        axes.plot(*path[:1, hand].T, "o", color="#2ca02c", markersize=5, zorder=5)
-        axes.plot(*scene.goal[hand][:, None], "s", color="#d62728", markersize=5, zorder=5)
+        axes.plot(*path[:, hand].T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, zorder=3)
+        axes.plot(*path[:1, hand].T, "o", color=START, markersize=5, zorder=5)
+        axes.plot(*scene.goal[hand][:, None], "s", color=GOAL, markersize=5, zorder=5)
     axes.set(
         xlim=(scene.lower[0], scene.upper[0]),
         ylim=(scene.lower[1], scene.upper[1]),
@@ -79,7 +75,7 @@ def draw_perspective(
     axes.locator_params(nbins=4)
 
 
-def _draw_load(axes, scene: Scene, nodes: Array) -> None:
+def _draw_load(axes: Any, scene: Scene, nodes: Array) -> None:
     """Draw the load's edges at every state, and its solids as the faces of their hulls."""
     edges = [tuple(edge) for edge in scene.body.edges if edge[0] != edge[1]]
     if not edges and not len(scene.body.solids):
@@ -104,57 +100,15 @@ def _draw_load(axes, scene: Scene, nodes: Array) -> None:
 def _obstacles(scene: Scene) -> list[Array]:
     """Return the faces of every obstacle at 0 s, cut off at the border; arrays, shape (n_faces, 3, 3) [m]."""
     found = [scene.surfaces.of(mesh) for mesh in range(len(scene.surfaces.owner))]
-    found += [hull_faces(_points(row)) for row in scene.obstacles[scene.convex_rows]]
+    found += [obstacle_faces(row) for row in scene.obstacles[scene.convex_rows]]
     return [np.clip(faces, scene.lower, scene.upper) for faces in found]
-
-
-def _points(row: Array) -> Array:
-    """Compute points whose convex hull is an obstacle, or nearly; array, shape (n, 3) [m]."""
-    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
-    size, kind = row[sd.SIZE : sd.SIZE + 3], int(row[sd.KIND])
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, N_ROUND, endpoint=False), np.linspace(-1, 1, N_ROUND // 2))
-    ring = np.sqrt(np.maximum(0.0, 1 - np.sin(0.5 * np.pi * v) ** 2))
-    ball = np.stack([ring * np.cos(u), ring * np.sin(u), np.sin(0.5 * np.pi * v)], axis=-1).reshape(-1, 3)
-    if kind == sd.BOX:
-        local = size * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-    elif kind == sd.POLYTOPE:
-        local = vertices_in(row)
-    elif kind == sd.SPHERE:
-        local = size[0] * ball
-    elif kind == sd.CAPSULE:
-        shift = np.array([0.0, 0.0, size[1]])
-        local = np.concatenate([size[0] * ball + shift, size[0] * ball - shift])
-    elif kind == sd.CYLINDER:
-        turn = np.linspace(0, 2 * np.pi, 2 * N_ROUND, endpoint=False)
-        rim = size[0] * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-        local = np.concatenate([rim + [0, 0, size[1]], rim - [0, 0, size[1]]])
-    else:
-        local = size * ball
-    return row[sd.CENTER : sd.CENTER + 3] + local @ rotation.T
-
-
-def hull_faces(points: Array) -> Array:
-    """Return the triangles of the convex hull of points, outwards; array, shape (n_faces, 3, 3).
-
-    There are none if the points lie in a plane.
-    """
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = ConvexHull(points)
-    except QhullError:
-        return np.zeros((0, 3, 3))
-    faces = points[hull.simplices]
-    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    inward = (normal * hull.equations[:, :3]).sum(axis=1) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return faces
 
 
 def _shaded(faces: Array, alpha: float) -> Array:
     """Compute grey colours of faces by their angle to the light; array, shape (n_faces, 4)."""
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    bright = np.clip(normal / length @ (LIGHT / np.linalg.norm(LIGHT)), -1.0, 1.0)
-    grey = np.clip(GREY + 0.22 * bright, 0.0, 1.0)[:, None]
+    light = np.array([0.35, -0.55, 0.75])  # where it comes from
+    bright = np.clip(normal / length @ (light / np.linalg.norm(light)), -1.0, 1.0)
+    grey = np.clip(0.72 + 0.22 * bright, 0.0, 1.0)[:, None]
     return np.concatenate([grey, grey, grey, np.full((len(faces), 1), alpha)], axis=1)

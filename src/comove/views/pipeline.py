@@ -10,7 +10,8 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.primitives.dmp import DMP
 from comove.verification.verify import verify
-from comove.views.motion import COLOURS, draw_legend, draw_panel, new_figure
+from comove.views.motion import draw_legend, draw_panel
+from comove.views.style import COLOURS, GOAL, START, new_figure
 
 N_POINTS = 60  # of the recording
 
@@ -71,8 +72,8 @@ def _draw_primitive(axes: Axes, demonstration: Demonstration, dmp: DMP) -> None:
 
 
 def _draw_ends(axes: Axes, demonstration: Demonstration) -> None:
-    axes.plot(*demonstration.start, "o", color="#2ca02c", markersize=7, zorder=5)
-    axes.plot(*demonstration.goal, "s", color="#d62728", markersize=7, zorder=5)
+    axes.plot(*demonstration.start, "o", color=START, markersize=7, zorder=5)
+    axes.plot(*demonstration.goal, "s", color=GOAL, markersize=7, zorder=5)
     unit = demonstration.unit
     axes.set(aspect="equal", adjustable="datalim", xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
 

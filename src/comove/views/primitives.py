@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -16,13 +17,13 @@ from comove.primitives import DMP, Primitive, Variant
 from comove.primitives.forcing import gaussians, mollifiers, von_mises
 from comove.primitives.poses import PoseDMP
 from comove.trajectory import Trajectory
-from comove.views.motion import new_figure
+from comove.views.style import GOAL, START, new_figure
 
 Array = NDArray[np.float64]
 
 COLOURS = ("#2456a4", "#b5541c", "#0f7c80", "#7a3e9d", "#8a6d1a", "#2a7f3f", "#3c3c3c")
-START, GOAL = "#2ca02c", "#d62728"
-RECORDED = {"color": "0.62", "linewidth": 4.0, "solid_capstyle": "round"}
+RECORDED: dict[str, Any] = {"color": "0.62", "linewidth": 4.0, "solid_capstyle": "round"}
+CURVE: dict[str, Any] = {"linewidth": 1.6}
 N_STEPS = 401
 SHOWN = 120  # thumbnails of one sheet
 NAMED = 7  # coordinates with a legend
@@ -54,29 +55,14 @@ def draw_primitive(
     (path, other, distance), (coordinates, speed, last) = figure.subplots(2, 3)
     played = _played(dmp, 0.0 if demonstration is None else demonstration.duration)
     view = _view(played)
-    recorded = None if demonstration is None else demonstration.position
     _draw_fit(path, dmp, view, demonstration, unit)
     _draw_goals(other, dmp, view, _goals(dmp, view, goals), unit)
     if demonstration is not None:
         _draw_distance(distance, dmp, demonstration, unit)
     else:
         _draw_acceleration(distance, dmp, unit)
-    for i, column in enumerate(played.position.T):
-        colour = COLOURS[i % len(COLOURS)]
-        if recorded is not None:
-            coordinates.plot(demonstration.time, recorded[:, i], **RECORDED)
-        coordinates.plot(played.time, column, color=colour, linewidth=1.6, label=_axis(i, dmp.n_dims))
-    coordinates.set(xlabel="time [s]", ylabel=f"position [{unit}]")
-    if dmp.n_dims <= 3 or dmp.n_dims > NAMED:
-        coordinates.set_title("coordinates", loc="left" if dmp.n_dims in (2, 3) else "center")
-    if 1 < dmp.n_dims <= NAMED:
-        _name_curves(coordinates, dmp.n_dims)
-    if demonstration is not None:
-        pace = np.gradient(recorded, demonstration.time, axis=0)
-        speed.plot(demonstration.time, np.linalg.norm(pace, axis=1), **RECORDED)
-    speed.plot(played.time, np.linalg.norm(played.velocity, axis=1), color=COLOURS[0], linewidth=1.6)
-    speed.set(title="speed", xlabel="time [s]", ylabel=f"speed [{unit}/s]")
-    speed.set_ylim(bottom=0.0)
+    _draw_coordinates(coordinates, dmp, played, demonstration, unit)
+    _draw_speed(speed, played, demonstration, unit)
     poses = primitive.dmp if isinstance(primitive, Primitive) else primitive
     if isinstance(poses, PoseDMP):
         _draw_orientation(last, poses, demonstration)
@@ -113,7 +99,7 @@ def _thumbnail(axes: Axes, primitive: Primitive) -> None:
     dmp = primitive.positions
     played = dmp.rollout(n_steps=201)
     view = _view(played)
-    axes.plot(*_seen(played, view), color=COLOURS[0], linewidth=1.6)
+    axes.plot(*_seen(played, view), color=COLOURS[0], **CURVE)
     _mark(axes, dmp, view, size=5)
     axes.margins(0.12)
     if len(view) == 2:
@@ -136,7 +122,7 @@ def _draw_fit(
         missed = np.linalg.norm(dmp.at(demonstration.time).position - demonstration.position, axis=1)
         title = f"fit: error {np.sqrt((missed**2).mean()):.2g} {unit} (rms)"
         axes.plot(*_seen(demonstration, view), label="recording", **RECORDED)
-    axes.plot(*_seen(_played(dmp), view), color=COLOURS[0], linewidth=1.6, label="primitive")
+    axes.plot(*_seen(_played(dmp), view), color=COLOURS[0], label="primitive", **CURVE)
     _mark(axes, dmp, view, size=7)
     _frame(axes, dmp, view, unit)
     axes.set_title(title)
@@ -148,7 +134,7 @@ def _draw_goals(axes: Axes, dmp: DMP, view: tuple[int, ...], goals: Array, unit:
         there = dmp.towards(goal=goal)
         axes.plot(*_seen(_played(there), view), color=colour, linewidth=1.1)
         axes.plot(*_end(there, view), "s", color=colour, markersize=4.5)
-    axes.plot(*_seen(_played(dmp), view), color="0.1", linewidth=1.6)
+    axes.plot(*_seen(_played(dmp), view), color="0.1", **CURVE)
     _mark(axes, dmp, view, size=7)
     _frame(axes, dmp, view, unit)
     axes.set_title("other centres" if dmp.variant is Variant.RHYTHMIC else "other goals")
@@ -166,10 +152,33 @@ def _draw_distance(axes: Axes, dmp: DMP, demonstration: Demonstration, unit: str
     axes.legend(frameon=False, loc="upper right")
 
 
+def _draw_coordinates(
+    axes: Axes, dmp: DMP, played: Trajectory, demonstration: Demonstration | None, unit: str
+) -> None:
+    for i, column in enumerate(played.position.T):
+        if demonstration is not None:
+            axes.plot(demonstration.time, demonstration.position[:, i], **RECORDED)
+        axes.plot(played.time, column, color=COLOURS[i % len(COLOURS)], label=_axis(i, dmp.n_dims), **CURVE)
+    axes.set(xlabel="time [s]", ylabel=f"position [{unit}]")
+    if dmp.n_dims <= 3 or dmp.n_dims > NAMED:
+        axes.set_title("coordinates", loc="left" if dmp.n_dims in (2, 3) else "center")
+    if 1 < dmp.n_dims <= NAMED:
+        _name_curves(axes, dmp.n_dims)
+
+
+def _draw_speed(axes: Axes, played: Trajectory, demonstration: Demonstration | None, unit: str) -> None:
+    if demonstration is not None:
+        pace = np.gradient(demonstration.position, demonstration.time, axis=0)
+        axes.plot(demonstration.time, np.linalg.norm(pace, axis=1), **RECORDED)
+    axes.plot(played.time, np.linalg.norm(played.velocity, axis=1), color=COLOURS[0], **CURVE)
+    axes.set(title="speed", xlabel="time [s]", ylabel=f"speed [{unit}/s]")
+    axes.set_ylim(bottom=0.0)
+
+
 def _draw_acceleration(axes: Axes, dmp: DMP, unit: str) -> None:
     acceleration = np.linalg.norm(dmp.curve.knots[2], axis=1) / dmp.duration**2
     time = np.linspace(0.0, dmp.duration, len(acceleration))
-    axes.plot(time, acceleration, color=COLOURS[0], linewidth=1.6)
+    axes.plot(time, acceleration, color=COLOURS[0], **CURVE)
     axes.set(title="acceleration", xlabel="time [s]", ylabel=f"acceleration [{unit}/s²]")
     axes.set_ylim(bottom=0.0)
 
@@ -183,7 +192,7 @@ def _draw_orientation(axes: Axes, dmp: PoseDMP, demonstration: Demonstration | N
         axes.plot(demonstration.time, signs * recorded, **RECORDED)
     played = dmp.at(np.linspace(0.0, dmp.duration, N_STEPS))
     for name, column, colour in zip("wxyz", played.orientation.T, COLOURS, strict=False):
-        axes.plot(played.time, column, color=colour, linewidth=1.6, label=name)
+        axes.plot(played.time, column, color=colour, label=name, **CURVE)
     axes.set(xlabel="time [s]", ylabel="quaternion")
     axes.set_title("orientation", loc="left")
     _name_curves(axes, 4)
@@ -270,9 +279,16 @@ def _square(axes: Axes) -> None:
 
 def _name_curves(axes: Axes, count: int) -> None:
     """Draw a legend above the axes, where no curve is."""
-    place = {"loc": "lower right", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0.1}
-    spacing = {"handlelength": 0.8, "handletextpad": 0.4, "columnspacing": 0.8}
-    axes.legend(frameon=False, ncols=count, **spacing, **place)
+    axes.legend(
+        frameon=False,
+        ncols=count,
+        loc="lower right",
+        bbox_to_anchor=(1.02, 1.0),
+        borderaxespad=0.1,
+        handlelength=0.8,
+        handletextpad=0.4,
+        columnspacing=0.8,
+    )
 
 
 def _axis(i: int, n_dims: int) -> str:

@@ -15,16 +15,9 @@ from comove.geometry.distances import CENTER
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
-from comove.views.motion import (
-    COLOURS,
-    MOVING,
-    draw_frame,
-    draw_legend,
-    hull_outline,
-    new_figure,
-    outline,
-    views_of,
-)
+from comove.views.motion import draw_frame, draw_legend, views_of
+from comove.views.shapes import hull_outline, outline
+from comove.views.style import COLOURS, GOAL, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
 
@@ -45,10 +38,7 @@ def draw_run(record: Record, title: str | None = None) -> Figure:
             _draw_obstacles(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share, still=k == 0)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
-            path = record.nodes[:, hand][:, list(view)]
-            axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=name)
-            axes.plot(*path[0], "o", color="#2ca02c", markersize=7, zorder=5)
-            axes.plot(*scene.goal[hand][list(view)], "s", color="#d62728", markersize=7, zorder=5)
+            draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
     draw_legend(figure)
     return figure
 
@@ -74,7 +64,7 @@ def animate_run(record: Record, path: Path) -> None:
                 way = record.nodes[max(0, step - trail) : step + 1, hand][:, list(view)]
                 axes.plot(*way.T, color=colour, linewidth=1.4)
                 axes.plot(*way[-1], "o", color=colour, markersize=5)
-                axes.plot(*scene.goal[hand][list(view)], "s", color="#d62728", markersize=6, alpha=0.6)
+                axes.plot(*scene.goal[hand][list(view)], "s", color=GOAL, markersize=6, alpha=0.6)
 
     animation = FuncAnimation(figure, frame, frames=steps.tolist())
     animation.save(path, writer=PillowWriter(fps=FRAME_RATE), dpi=70)

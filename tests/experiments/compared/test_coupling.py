@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from comove.errors import OptionError
-from comove.experiments.compared.coupling import Gains, learn, run_epoch, spectral_radius, transition
+from comove.experiments.compared.leader_follower import Gains, learn, run_epoch, spectral_radius, transition
 from comove.primitives.flow import OMEGA
 
 DISTANCE, DURATION = 0.5, 2.0  # m, s

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.random_scenes import moving_scene
 from comove.execution import Executor
 from comove.experiments.examples import example_path
 from comove.experiments.modulation.comparison import compare
 from comove.experiments.modulation.pictures import MAX_FRAMES, animate_comparison, draw_comparison
-from comove.experiments.random_scenes import moving_scene
 from comove.scenes import Scene
 from comove.views import save
 

@@ -164,7 +164,6 @@ def test_the_question_of_deformation_is_about_both_rules(ideal):
 
 def test_every_verdict_has_its_rule(ideal):
     for claim, finding in judge_all(ideal):
-        assert finding.verdict is ClaimVerdict.UNTESTED or claim.judge.__name__ in claims.RULES
         assert claim.rule.split(":")[0] in (
             "reproduced",
             "remark",

@@ -14,8 +14,7 @@ from comove.errors import ResultError
 from comove.experiments.paper.claims import ClaimVerdict, judge_all
 from comove.experiments.paper.figures import BAXTER, FIGURES, story_panels
 from comove.experiments.paper.jobs import CONTENDERS, run
-from comove.experiments.paper.page import Effort, write_page
-from comove.experiments.paper.reproduction import CONTENTS
+from comove.experiments.paper.page import CONTENTS, Effort, write_page
 from comove.experiments.paper.runs import (
     RECORDED,
     SCENES,
@@ -27,8 +26,8 @@ from comove.experiments.paper.runs import (
     recordings,
 )
 from comove.experiments.paper.tables import all_runs
+from comove.io.folders import check_target
 from comove.primitives import DMP
-from comove.results import check_target
 from tests.experiments.paper.ideal import ideal_runs
 
 

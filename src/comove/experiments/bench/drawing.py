@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from comove.errors import SceneError
 from comove.experiments.bench.witness import Witness, poses
+from comove.experiments.examples import scene_contents, wall
 from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.scenes.scene import Scene
 
@@ -23,9 +24,7 @@ Range = tuple[float, float]
 
 BAR = 0.2  # m
 RADIUS = 0.005  # m, of loads in space
-DURATION, SPEED = 10.0, 1.0  # s, m/s
 HEIGHT = 1.0  # m, of the workspace across the way
-BEYOND = 0.1  # m, by which walls reach beyond it
 ROOM = 0.01  # m, to spare besides the load where it turns
 ENDS = 0.05  # m, more of it before the first wall and behind the last
 TILTS = (np.pi, 0.6, 0.4, 0.25, 0.15, 0.08, 0.03, 0.0)  # rad, tried around the pose that fits an opening best
@@ -106,9 +105,9 @@ class _Draft:
         """Draw the walls; return the length of the workspace [m] and the poses."""
         d, rng, aside = self.difficulty, self.rng, self.reach + self.difficulty.spare + ROOM
         x, found = 2 * aside + ENDS + rng.uniform(*d.corridor), [self._end(aside)]
-        for wall in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
+        for k in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
             thickness = round(rng.uniform(*d.thickness), 3)
-            x += (rng.uniform(*d.corridor) if wall else 0.0) + thickness / 2
+            x += (rng.uniform(*d.corridor) if k else 0.0) + thickness / 2
             middle = round(x, 3)
             opening, turn, off = self._opening()
             at = np.round(rng.uniform(aside, HEIGHT - aside, self.n_dims - 1), 3)
@@ -142,15 +141,14 @@ class _Draft:
         """
         d, rng = self.difficulty, self.rng
         need = 2 * (self.radius + d.spare) + 0.001
+        narrowest, along = _narrowest(self.held)
         if len(self.held) == 2:
             opening = BAR * rng.uniform(*d.ratio, self.n_dims - 1)
         else:
-            narrowest = _narrowest(self.held)
             opening = np.array([narrowest * rng.uniform(*d.width) + need])
             if self.n_dims == 3:
                 opening = rng.permutation(np.append(opening, narrowest * rng.uniform(*d.ratio)))
-        opening = np.round(np.maximum(opening, need + 0.003), 3)
-        along = _across_first(self.held)
+        opening = np.maximum(opening, need + 0.003).round(3)
         for tilt in TILTS:
             for _ in range(16):
                 turn = quaternion_product(_any_turn(rng, self.n_dims, tilt), self._best(along, opening))
@@ -161,7 +159,7 @@ class _Draft:
                     return opening, turn, 0.5 * (across.max(axis=0) + across.min(axis=0))
         raise AssertionError("the best pose fits")
 
-    def _best(self, along: Array, opening: Array) -> Array:
+    def _best(self, along: float, opening: Array) -> Array:
         """Return an orientation in which the load is narrowest: along x, flat along the opening's narrow side."""
         rng = self.rng
         turn = np.array([np.cos(along / 2), 0, 0, np.sin(along / 2)])
@@ -182,21 +180,13 @@ class _Draft:
         names = list(NAMES[: len(self.held)])
         edges = [[a, b] for a, b in zip(names, names[1:] + names[:1], strict=True)]
         load = {"shape": "bar", "length": BAR} if len(names) == 2 else {"shape": "frame", "edges": edges}
-        return {
-            "name": self.name,
-            "duration": DURATION,
-            "workspace": {
-                "lower": [0.0] * self.n_dims,
-                "upper": [self.length, *[HEIGHT] * (self.n_dims - 1)],
-            },
-            "obstacles": self.obstacles,
-            "load": load | ({"radius": self.radius} if self.radius else {}),
-            "manipulators": [
-                {"name": name, "start": start.tolist(), "goal": goal.tolist()}
-                for name, start, goal in zip(names, *hands, strict=True)
-            ],
-            "limits": {"speed": SPEED},
-        }
+        return scene_contents(
+            self.name,
+            [self.length, *[HEIGHT] * (self.n_dims - 1)],
+            self.obstacles,
+            load | ({"radius": self.radius} if self.radius else {}),
+            hands,
+        )
 
     def feasible(self, obstacles: list[dict[str, Any]] | None = None) -> bool:
         """Return whether the judge accepts the witness with a margin, among all obstacles or only the given ones."""
@@ -238,21 +228,12 @@ def _held(rng: np.random.Generator, n_hands: int) -> Array:
     return points - points.mean(axis=0)
 
 
-def _widths(held: Array) -> tuple[Array, Array]:
-    """Return angles of rotation about z, and the width of the load across x at each of them."""
+def _narrowest(held: Array) -> tuple[float, float]:
+    """Return the least width of the load across x [m], and the angle about z at which it is so narrow [rad]."""
     angles = np.linspace(-np.pi, np.pi, 721)
     across = held[:, 0] * np.sin(angles)[:, None] + held[:, 1] * np.cos(angles)[:, None]
-    return angles, np.ptp(across, axis=1)
-
-
-def _narrowest(held: Array) -> float:
-    return float(_widths(held)[1].min())
-
-
-def _across_first(held: Array) -> float:
-    """Return the angle [rad] at which the load is narrowest across x."""
-    angles, widths = _widths(held)
-    return float(angles[np.argmin(widths)])
+    widths = np.ptp(across, axis=1)
+    return float(widths.min()), float(angles[np.argmin(widths)])
 
 
 def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
@@ -267,20 +248,11 @@ def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
 
 
 def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[str, Any]]:
-    """Return boxes that form a wall across x with an opening around `at`: two in the plane, four in space."""
+    """Return boxes that form a wall across x with an opening around `at`, in numbers that a file can hold."""
     low, high = np.round(at - opening / 2, 4), np.round(at + opening / 2, 4)
-    sides = [((-BEYOND, low[0]),), ((high[0], HEIGHT + BEYOND),)]
-    if len(at) == 2:
-        whole, between = (-BEYOND, HEIGHT + BEYOND), (low[0], high[0])
-        sides = [(*side, whole) for side in sides]
-        sides += [(between, (-BEYOND, low[1])), (between, (high[1], HEIGHT + BEYOND))]
     return [
-        {
-            "shape": "box",
-            "center": [x, *(round(float(a + b) / 2, 5) for a, b in side)],
-            "size": [thickness, *(round(float(b - a), 5) for a, b in side)],
-        }
-        for side in sides
+        box | {key: [round(value, 5) for value in box[key]] for key in ("center", "size")}
+        for box in wall(x, thickness, low, high, HEIGHT)
     ]
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.views.motion import COLOURS, new_figure
+from comove.views.motion import draw_legend
+from comove.views.style import COLOURS, new_figure
 
 Array = NDArray[np.float64]
 
@@ -26,21 +26,11 @@ def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
     ----------
     times : by set and system, array, shape (n_runs,), time to the first verified motion, infinite if none [s]
     """
-    known = [t for of in times.values() for t in of.values()]
-    finite = np.concatenate([np.empty(0), *(t[np.isfinite(t)] for t in known)])
-    least, most = (finite.min(), finite.max()) if len(finite) else (LEAST, 1.0)
-    least = max(LEAST, 0.5 * least)
-
-    def draw(axes: Axes, values: Array, style: dict) -> None:
-        ordered = np.sort(values[np.isfinite(values)])
-        share = np.arange(len(ordered) + 1) / len(values)
-        x = np.concatenate([[least], np.maximum(ordered, least), [1.5 * most]])
-        axes.step(x, np.append(share, share[-1]), where="post", **style)
-
-    figure = _panels(times, draw)
+    finite = [t for of in times.values() for runs in of.values() for t in runs[np.isfinite(runs)]]
+    least = max(LEAST, 0.5 * min(finite, default=LEAST))
+    figure = _draw_below(times, least, 1.5 * max(finite, default=1.0))
     for axes in figure.axes:
-        axes.set(xscale="log", xlabel="time to the first verified motion [s]", ylim=(-0.02, 1.02))
-    figure.axes[0].set_ylabel("share of runs")
+        axes.set(xscale="log", xlabel="time to the first verified motion [s]")
     return figure
 
 
@@ -52,40 +42,36 @@ def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
     ----------
     ratios : by set and system, array, shape (n_runs,), ratios of cost, infinite where nothing is verified
     """
-
-    def draw(axes: Axes, values: Array, style: dict) -> None:
-        ordered = np.sort(values[values <= LARGEST])
-        share = np.arange(len(ordered) + 1) / len(values)
-        axes.step(
-            np.concatenate([[1.0], ordered, [LARGEST]]), np.append(share, share[-1]), where="post", **style
-        )
-
-    figure = _panels(ratios, draw)
+    figure = _draw_below(ratios, 1.0, LARGEST)
     for axes in figure.axes:
-        axes.set(
-            xscale="log", xlabel="final cost / best cost known", xlim=(0.98, LARGEST), ylim=(-0.02, 1.02)
-        )
+        axes.set(xscale="log", xlabel="final cost / best cost known", xlim=(0.98, LARGEST))
         axes.set_xticks([1, 1.5, 2, 3, 5, 10], ["1", "1.5", "2", "3", "5", "10"])
         axes.minorticks_off()
-    figure.axes[0].set_ylabel("share of runs")
     return figure
 
 
-def _panels(values: Mapping[str, Mapping[str, Array]], draw) -> Figure:
+def _draw_below(values: Mapping[str, Mapping[str, Array]], least: float, most: float) -> Figure:
+    """Draw the share of runs whose value is below a limit between `least` and `most`, one panel for each set."""
     names = list(dict.fromkeys(name for of in values.values() for name in of))
     figure = new_figure(4.2 * len(values) + 0.6, 4.0)
     panels = figure.subplots(1, len(values), squeeze=False, sharey=True)[0]
     for axes, (title, of) in zip(panels, values.items(), strict=True):
-        for name, those in of.items():
+        for name, runs in of.items():
+            ordered = np.sort(runs[runs <= most])
+            share = np.arange(len(ordered) + 1) / len(runs)
             k = names.index(name)
-            style = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k // len(COLOURS) % len(STYLES)]}
-            draw(axes, those, {**style, "label": name})
-        axes.set_title(title)
+            axes.step(
+                np.concatenate([[least], np.maximum(ordered, least), [most]]),
+                np.append(share, share[-1]),
+                where="post",
+                color=COLOURS[k % len(COLOURS)],
+                linestyle=STYLES[k // len(COLOURS) % len(STYLES)],
+                label=name,
+            )
+        axes.set(title=title, ylim=(-0.02, 1.02))
         axes.grid(alpha=0.25)
-    found = dict(
-        pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
-    )
-    figure.legend(found.values(), found, loc="outside lower center", ncols=min(5, len(found)), frameon=False)
+    panels[0].set_ylabel("share of runs")
+    draw_legend(figure, min(5, max(1, len(names))))
     return figure
 
 

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 
 from comove.errors import ResultError
 from comove.experiments.bench.pictures import draw_cost_ratios, draw_shares
-from comove.experiments.bench.store import Run, RunStore
-from comove.experiments.markdown import table
-from comove.experiments.statistics import (
-    NOTHING,
+from comove.experiments.bench.store import Configuration, Run, RunStore
+from comove.experiments.summaries import (
     Interval,
     mean_interval,
     median,
     median_interval,
+    table,
     wilson,
 )
-from comove.results.folder import Contents, whole_folder
-from comove.views.motion import save
+from comove.io.folders import Contents, whole_folder
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 
@@ -41,6 +40,17 @@ FIGURES = {  # column: figure, factor
     "distance error [mm]": ("distance_error_max", 1e3),
     "clearance [mm]": ("clearance_min", 1e3),
 }
+
+
+LEGEND = (
+    "Shares of runs with their Wilson interval; where scenes were run with several seeds, the interval is by "
+    "the bootstrap over scenes. Times, ratios and their intervals are medians over scenes (of the median over "
+    "seeds), intervals of 95 % by the bootstrap; never counts as infinite. *First verified*: until the first "
+    "motion that the judge accepts. *Near the best*: until a verified motion that costs at most 5 % more than "
+    "the best one that any system has found for the scene. *Cost / best* and what follows are over the runs "
+    "whose last motion is verified, so systems that solve less are shown on what they solve. *Refused* scenes "
+    "are no failures in the tables; in the pictures they count as not solved."
+)
 
 
 @dataclass(frozen=True)
@@ -146,12 +156,9 @@ def _labels(runs: Iterable[Run]) -> Callable[[Run], str]:
 
 def paired_ratio(one: dict[str, float], other: dict[str, float]) -> tuple[Interval, int]:
     """Return the median of one / other over the scenes where both are finite, and the number of these scenes."""
-    ratios = [
-        one[scene] / other[scene]
-        for scene in one
-        if scene in other and np.isfinite([one[scene], other[scene]]).all() and other[scene] > 0
-    ]
-    return (median_interval(ratios) if ratios else NOTHING), len(ratios)
+    one, other = _finite(one), _finite(other)
+    ratios = [one[scene] / other[scene] for scene in one if other.get(scene, 0.0) > 0.0]
+    return median_interval(ratios), len(ratios)
 
 
 def write_report(store: RunStore, folder: str | Path) -> str:
@@ -181,7 +188,8 @@ def write_report(store: RunStore, folder: str | Path) -> str:
 def missing_of(store: RunStore, runs: Sequence[Run]) -> list[str]:
     """Return a line for each set and system with planned runs that have not ended."""
     ended = {run.configuration.key for run in runs}
-    planned, missing = Counter(), defaultdict(list)
+    planned: Counter[tuple[str, str]] = Counter()
+    missing: dict[tuple[str, str], list[Configuration]] = defaultdict(list)
     for c in store.planned():
         planned[c.set, c.system] += 1
         if c.key not in ended:
@@ -207,7 +215,7 @@ def report_text(runs: Sequence[Run], found: Sequence[Standing], missing: Sequenc
         lines += ["", "Not verified:", "", *failures] if failures else []
     lines += ["", "## Pictures", ""]
     lines += [f"![Share of runs with a verified motion against time]({SHARES})", ""]
-    lines += [f"![Share of runs within a ratio of the best cost known]({RATIOS})", "", *_legend()]
+    lines += [f"![Share of runs within a ratio of the best cost known]({RATIOS})", "", LEGEND]
     return "\n".join(lines) + "\n"
 
 
@@ -218,45 +226,36 @@ def _about(runs: Sequence[Run]) -> list[str]:
     seeds = len({r.configuration.seed for r in runs})
     tools = sorted({f"{r.configuration.system} {r.configuration.tool}" for r in runs if r.configuration.tool})
     lines = [
-        f"{len(runs)} runs with comove {', '.join(versions)}, {_counted(seeds, 'seed')} a scene, budget "
-        f"{', '.join(f'{b:g}' for b in budgets)} s, from {min(r.started for r in runs)[:16]} to "
+        f"{len(runs)} runs with comove {', '.join(versions)}, {seeds} seed{'' if seeds == 1 else 's'} a scene, "
+        f"budget {', '.join(f'{b:g}' for b in budgets)} s, from {min(r.started for r in runs)[:16]} to "
         f"{max(r.started for r in runs)[:16]} UTC, on {'; '.join(machines)}."
     ]
     return lines + ([f"Tools: {', '.join(tools)}."] if tools else [])
 
 
 def _success_table(of_set: Sequence[Standing]) -> str:
-    rows = []
-    for s in of_set:
-        success = s.success
-        rows.append(
-            [
-                s.system,
-                f"{s.n_verified}/{len(s.runs)}",
-                f"{100 * success.value:.0f} % ({100 * success.low:.0f}-{100 * success.high:.0f})"
-                if len(s.runs)
-                else "-",
-                str(s.refused or "-"),
-                _with_interval(median_interval(list(s.by_scene(s.first).values())), "never"),
-                _with_interval(median_interval(list(s.by_scene(s.near_best).values())), "never"),
-                _with_interval(_over_verified(s), "-"),
-            ]
-        )
-    head = [
-        "system",
-        "verified",
-        "success",
-        "refused",
-        "first verified [s]",
-        "near the best [s]",
-        "cost / best",
-    ]
-    return table(head, rows)
+    columns: dict[str, Callable[[Standing], str]] = {
+        "system": lambda s: s.system,
+        "verified": lambda s: f"{s.n_verified}/{len(s.runs)}",
+        "success": lambda s: _percent(s.success) if s.runs else "-",
+        "refused": lambda s: str(s.refused or "-"),
+        "first verified [s]": lambda s: _over_scenes(s.by_scene(s.first), "never"),
+        "near the best [s]": lambda s: _over_scenes(s.by_scene(s.near_best), "never"),
+        "cost / best": lambda s: _over_scenes(_finite(s.by_scene(s.cost_ratio)), "-"),
+    }
+    return table(list(columns), [[cell(s) for cell in columns.values()] for s in of_set])
 
 
-def _over_verified(s: Standing) -> Interval:
-    finite = [ratio for ratio in s.by_scene(s.cost_ratio).values() if np.isfinite(ratio)]
-    return median_interval(finite) if finite else NOTHING
+def _percent(share: Interval) -> str:
+    return f"{100 * share.value:.0f} % ({100 * share.low:.0f}-{100 * share.high:.0f})"
+
+
+def _over_scenes(by_scene: dict[str, float], otherwise: str) -> str:
+    return _with_interval(median_interval(list(by_scene.values())), otherwise)
+
+
+def _finite(by_scene: dict[str, float]) -> dict[str, float]:
+    return {scene: value for scene, value in by_scene.items() if np.isfinite(value)}
 
 
 def _figure_table(of_set: Sequence[Standing]) -> str:
@@ -277,19 +276,11 @@ def _against_table(of_set: Sequence[Standing]) -> str:
     for s in others:
         mine, first = s.by_scene(s.first), reference.by_scene(reference.first)
         costs = paired_ratio(s.by_scene(s.cost_ratio), reference.by_scene(reference.cost_ratio))
-        times = paired_ratio(mine, first)
-        shared = mine.keys() & first.keys()
-        alone = sum(np.isfinite(mine[scene]) and not np.isfinite(first[scene]) for scene in shared)
-        not_it = sum(np.isfinite(first[scene]) and not np.isfinite(mine[scene]) for scene in shared)
-        rows.append(
-            [
-                s.system,
-                f"{_with_interval(times[0], '-')}, {times[1]} scenes",
-                f"{_with_interval(costs[0], '-')}, {costs[1]} scenes",
-                str(alone),
-                str(not_it),
-            ]
-        )
+        ratios = [
+            f"{_with_interval(ratio, '-')}, {n} scenes" for ratio, n in (paired_ratio(mine, first), costs)
+        ]
+        solved, by_reference = (_finite(of).keys() & mine.keys() & first.keys() for of in (mine, first))
+        rows.append([s.system, *ratios, str(len(solved - by_reference)), str(len(by_reference - solved))])
     head = [
         f"against {reference.system}",
         "first verified, ratio",
@@ -312,18 +303,6 @@ def _failures(of_set: Sequence[Standing]) -> list[str]:
     return lines
 
 
-def _legend() -> list[str]:
-    return [
-        "Shares of runs with their Wilson interval; where scenes were run with several seeds, the interval is by "
-        "the bootstrap over scenes. Times, ratios and their intervals are medians over scenes (of the median over "
-        "seeds), intervals of 95 % by the bootstrap; never counts as infinite. *First verified*: until the first "
-        "motion that the judge accepts. *Near the best*: until a verified motion that costs at most 5 % more than "
-        "the best one that any system has found for the scene. *Cost / best* and what follows are over the runs "
-        "whose last motion is verified, so systems that solve less are shown on what they solve. *Refused* scenes "
-        "are no failures in the tables; in the pictures they count as not solved."
-    ]
-
-
 def _with_interval(interval: Interval, otherwise: str) -> str:
     if np.isnan(interval.value):
         return "-"
@@ -343,7 +322,3 @@ def _number(value: float) -> str:
         return "-"
     text = f"{value:.3g}"
     return f"{float(text):.0f}" if "e+" in text else text
-
-
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"

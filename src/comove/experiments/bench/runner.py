@@ -30,6 +30,8 @@ from comove.experiments.bench.sets import BenchScene
 from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.experiments.workers import ONE_THREAD
+from comove.primitives.dmp import DMP
+from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
 
 KILLS = 3  # of workers, before a run is given up
@@ -297,7 +299,10 @@ def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, 
     why = job.system.refuses(scene)
     if why:
         return "refused", why, None
-    problem = SystemProblem(scene, scene.taught, c.seed, c.budget)
+    demonstration = demonstration_of(scene)
+    if not (demonstration is None or isinstance(demonstration, DMP)):
+        return "refused", "It begins from one movement, and the scene names several or one of poses.", None
+    problem = SystemProblem(scene, demonstration, c.seed, c.budget)
     job.system.warm_up(problem)
     start_clock()
     with _alarm(job.allowed):
@@ -346,7 +351,8 @@ def _run_of(
     started: datetime | None = None,
     outcome: SystemOutcome | None = None,
 ) -> Run:
-    figures, history = Figures(), ()
+    figures = Figures()
+    history: tuple[tuple[float, float], ...] = ()
     if outcome is not None:
         figures = Figures(**{name: getattr(outcome, name) for name in vars(figures)})
         history = outcome.history

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +22,17 @@ from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.pictures import Growth, draw_growth
 from comove.experiments.bench.runner import machine
-from comove.experiments.markdown import table
-from comove.experiments.statistics import Interval, slope_interval
+from comove.experiments.examples import scene_contents, wall
+from comove.experiments.summaries import Interval, slope_interval, table
+from comove.io.folders import Contents, whole_folder
 from comove.planning.kernels import load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
-from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
-from comove.views.motion import save
+from comove.views.style import save
 
 Array = NDArray[np.float64]
 
@@ -124,44 +124,25 @@ def ring_scene(n_hands: int = HANDS, n_obstacles: int = OBSTACLES) -> Scene:
     ring = RADIUS * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
     names = [f"hand{i}" for i in range(n_hands)]
     edges = [[names[i], names[(i + 1) % n_hands]] for i in range(n_hands if n_hands > 2 else 1)]
-    rng, centers = np.random.default_rng(n_obstacles), []
+    rng = np.random.default_rng(n_obstacles)
+    centers: list[Array] = []
     while len(centers) < n_obstacles:
         center = rng.uniform(0.0, 1.0, 3)
         if np.linalg.norm(center[1:] - 0.5) > TUBE:
             centers.append(center)
     ends = [np.array([x, 0.5, 0.5]) + ring for x in (0.15, 0.85)]
-    return Scene.from_dict(
-        _scene("ring", 3, {"shape": "frame", "edges": edges, "radius": 0.005}, names, ends)
-        | {"obstacles": [{"shape": "sphere", "center": c.tolist(), "radius": 0.01} for c in centers]}
-    )
+    spheres = [{"shape": "sphere", "center": c.tolist(), "radius": 0.01} for c in centers]
+    load = {"shape": "frame", "edges": edges, "radius": 0.005}
+    return Scene.from_dict(scene_contents("ring", [1.0] * 3, spheres, load, ends, names=names))
 
 
 def gap_scene(ratio: float) -> Scene:
     """Return a planar scene: a bar of 0.2 m, across its path at both ends, and a gap of `ratio` bar lengths."""
-    gap = 0.2 * ratio
+    half = 0.1 * ratio
     ends = [np.array([[x, 0.4], [x, 0.6]]) for x in (0.15, 0.85)]
-    walls = [
-        {"shape": "box", "center": [0.5, 0.5 + side * (gap / 2 + 0.3)], "size": [0.05, 0.6]}
-        for side in (-1, 1)
-    ]
-    return Scene.from_dict(
-        _scene("gap", 2, {"shape": "bar", "length": 0.2}, ["left", "right"], ends) | {"obstacles": walls}
-    )
-
-
-def _scene(
-    name: str, n_dims: int, load: dict[str, Any], names: list[str], ends: list[Array]
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "duration": 10.0,
-        "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
-        "load": load,
-        "manipulators": [
-            {"name": n, "start": a.tolist(), "goal": b.tolist()} for n, a, b in zip(names, *ends, strict=True)
-        ],
-        "limits": {"speed": 1.0},
-    }
+    walls = wall(0.5, 0.05, np.array([0.5 - half]), np.array([0.5 + half]))
+    bar = {"shape": "bar", "length": 0.2}
+    return Scene.from_dict(scene_contents("gap", [1.0] * 2, walls, bar, ends, names=("left", "right")))
 
 
 FAMILIES = {

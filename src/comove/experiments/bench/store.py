@@ -16,10 +16,12 @@ from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from types import NoneType
-from typing import Any
+from typing import TypeVar
 
 from comove.errors import ExtraError, ResultError
 from comove.io.files import telling, whole_path
+
+Part = TypeVar("Part")
 
 APPLICATION = 0x636F6D76  # "comv", in the header of the file
 WAIT = 60.0  # s, for others that write
@@ -67,7 +69,21 @@ class Machine:
 
 @dataclass(frozen=True)
 class Figures:
-    """Measures of a run, as in `comove.experiments.systems.Outcome`; None where there is nothing to measure."""
+    """Figures of a run; None where there is nothing to measure.
+
+    Attributes
+    ----------
+    seconds : time until the system ended [s]
+    first_verified : time until the first verified offer [s]
+    cost : J of equation (4) in unit duration, of the last offer, like all that follows
+    path_length : length of the paths of all hands together [m]
+    acceleration_max : largest acceleration, from step to step [m/s^2]
+    jerk_max : largest jerk, from step to step [m/s^3]
+    jerk_ratio : integrated squared jerk of all hands, divided by that of straight motions of minimum jerk
+    duration : duration of the motion [s]
+    distance_error_max : largest error of a distance [m]
+    clearance_min : certified clearance [m]
+    """
 
     seconds: float | None = None
     first_verified: float | None = None
@@ -295,21 +311,34 @@ class RunStore:
 
     def runs(self) -> list[Run]:
         """Return the runs that have ended, in that order."""
-        return [self._run(row) for row in self._rows()]
+        return [self._run(row) for row in self.rows()]
 
-    def _rows(self) -> list[tuple]:
+    def rows(self) -> list[tuple]:
+        """Return the rows of the runs that have ended, in that order; `COLUMNS` names their entries."""
         with self.connected(reading=True) as connection:
             return connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
 
     def _run(self, row: tuple) -> Run:
         """Build a run from its row, and check it."""
         values = dict(zip(COLUMNS, row, strict=True))
+
+        def part(kind: type[Part]) -> Part:
+            return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]
+
         try:
             for name, value in values.items():
                 kind = (float, NoneType) if name in _MEASURED else _KINDS.get(name, str)
                 if not isinstance(value, kind):
                     raise ValueError(f"{name} is {value!r}")
-            run = _run(values)
+            run = Run(
+                part(Configuration),
+                values["status"],
+                values["message"],
+                values["started"],
+                part(Machine),
+                part(Figures),
+                tuple((seconds, cost) for seconds, cost in json.loads(values["history"])),
+            )
             if run.status not in STATUSES or run.configuration.key != values["key"]:
                 raise ValueError("it is not what was run")
             return run
@@ -398,21 +427,6 @@ class RunStore:
             return connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
 
 
-def _run(row: dict[str, Any]) -> Run:
-    def part(kind: type) -> Any:
-        return kind(**{field.name: row[field.name] for field in fields(kind)})
-
-    return Run(
-        part(Configuration),
-        row["status"],
-        row["message"],
-        row["started"],
-        part(Machine),
-        part(Figures),
-        tuple((seconds, cost) for seconds, cost in json.loads(row["history"])),
-    )
-
-
 def export_parquet(store: RunStore, path: str | Path) -> int:
     """Write all runs to a Parquet file, with the columns of the SQLite file; returns the number of runs.
 
@@ -428,8 +442,8 @@ def export_parquet(store: RunStore, path: str | Path) -> int:
         import pyarrow.parquet
     except ImportError as error:
         raise ExtraError("a Parquet file", "data") from error
-    store.runs()  # looks at all rows
-    rows = store._rows()
+    store.runs()  # checks all rows
+    rows = store.rows()
     kinds = {c: pyarrow.float64() for c in _REALS} | {c: pyarrow.int64() for c in _WHOLE}
     columns = {
         name: pyarrow.array([row[i] for row in rows], type=kinds.get(name, pyarrow.string()))

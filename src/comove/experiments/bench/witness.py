@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
+from comove.planning.seeds import minimum_jerk
 from comove.scenes.scene import Scene
 from comove.verification.record import RecordReport, RecordSamples, judge
 
@@ -68,8 +69,7 @@ class Witness:
         ends = np.cumsum(np.append(0.0, ways + WHERE_NOTHING_MOVES))
         s = np.linspace(0.0, ends[-1], n_samples)
         k = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(moves) - 1)
-        share = np.clip((s - ends[k]) / (ends[k + 1] - ends[k]), 0.0, 1.0)
-        share = (share**3 * (10 - 15 * share + 6 * share**2))[:, None]
+        share = minimum_jerk((s - ends[k]) / (ends[k + 1] - ends[k]))[:, None]
         center = self.center[k] + share * moves[k]
         rotation = matrices(quaternion_product(self.quaternion[k], exponential(share * turns[k])))
         return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)

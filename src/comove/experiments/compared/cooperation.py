@@ -37,19 +37,21 @@ its partner varies.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.experiments.compared.frenet import frenet_frames
 from comove.primitives.arguments import require_positive
 
 Array = NDArray[np.float64]
 
 SLOWEST, FASTEST = 0.05, 20.0  # paces, in 1/duration
 LONGEST = 20.0  # longest cycle, in durations
+STILL, STRAIGHT = 1e-6, 1e-6  # shares of the largest slope and bend below which they have no direction
 
 
 @dataclass(frozen=True)
@@ -178,16 +180,11 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
     tangent = frames[:, :, :, 0]
     across = np.eye(tangent.shape[2]) - tangent[:, :, :, None] * tangent[:, :, None, :]
     wanted = np.einsum("spde,spe->spd", across, intention.path - skill.path[0])
+    k_t = stiffness[:, :, 0].mean(axis=1)
     phase, deviation, pace, effort = _move(
-        of_robot,
-        damping,
-        across,
-        wanted,
-        stiffness[:, :, 0].mean(axis=1),
-        skill.slowness,
-        intention.pace,
+        Springs(of_robot, damping, across, wanted),
+        Pacing(k_t, skill.slowness, intention.pace, laws.pace_time),
         intention.stiffness,
-        laws.pace_time,
         duration,
         period,
     )
@@ -197,7 +194,7 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
     measured = measured.reshape(skill.path.shape[1:])
     force = np.einsum("spde,spef,spf->spd", across, of_robot, measured)
     slowness = np.interp(s, phase, 1.0 / pace)
-    along = stiffness[:, :, 0].mean(axis=1) / laws.partner
+    along = k_t / laws.partner
     return Cycle(
         measured,
         measured + force / laws.partner,
@@ -226,12 +223,48 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
     )
 
 
+class Springs(NamedTuple):
+    """What acts across the paths, at the samples of the phase.
+
+    Attributes
+    ----------
+    of_robot, damping : arrays, shape (n_samples, n_paths, n_dims, n_dims), K [N/m] and D [N s/m]
+    across : array of the same shape, 1 - t t^T
+    wanted : array, shape (n_samples, n_paths, n_dims), deviation that the human wants [m]
+    """
+
+    of_robot: Array
+    damping: Array
+    across: Array
+    wanted: Array
+
+
+class Pacing(NamedTuple):
+    """What decides on the pace, at the samples of the phase.
+
+    Attributes
+    ----------
+    k_t : array, shape (n_samples,), stiffness along the paths [N/m]
+    slowness, wanted : arrays, shape (n_samples,), nu of the robot, and mu of the human [1/duration]
+    time : T_pace [s]
+    """
+
+    k_t: Array
+    slowness: Array
+    wanted: Array
+    time: float
+
+
 @numba.njit(cache=True, error_model="numpy")
-def _move(of_robot, damping, across, wanted, k_t, slowness, pace_wanted, k_h, pace_time, duration, period):
+def _move(
+    springs: Springs, pacing: Pacing, k_h: float, duration: float, period: float
+) -> tuple[Array, Array, Array, float]:
     """Return phase, deviation and pace at every step, and the mean square of the human's force.
 
     The deviation is integrated by the backward Euler method, with the coefficients of the phase before each step.
     """
+    of_robot, damping, across, wanted = springs
+    k_t, slowness, pace_wanted, pace_time = pacing
     n_samples, n_paths, n_dims = wanted.shape
     most = int(LONGEST * duration / period) + 2
     phase, pace = np.empty(most), np.empty(most)
@@ -271,3 +304,79 @@ def _move(of_robot, damping, across, wanted, k_t, slowness, pace_wanted, k_h, pa
         rate = min(max(rate, SLOWEST), FASTEST)
         s = s + rate * period / duration
     return phase, deviation, pace, total
+
+
+def frenet_frames(slope: Array, bend: Array) -> Array:
+    """Compute tangent, normal and binormal at every sample of a path.
+
+    The normal is perpendicular to the tangent and points to the side to which the path bends. In the plane it is the
+    tangent, turned to the left by 90 degrees. Where the path stands still, the nearest tangent is taken; where it is
+    straight, the normal is transported along it with the least rotation (Bishop, 1975).
+
+    Parameters
+    ----------
+    slope, bend : arrays, shape (n_steps, n_dims), first and second derivatives of the path by any parameter
+
+    Returns
+    -------
+    array, shape (n_steps, n_dims, n_dims), with the columns tangent, normal (and binormal)
+    """
+    tangent = _tangents(slope)
+    if slope.shape[1] == 2:
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        return np.stack([tangent, normal], axis=2)
+    across = bend - (bend * tangent).sum(axis=1, keepdims=True) * tangent
+    speed = np.linalg.norm(slope, axis=1)
+    size = np.linalg.norm(across, axis=1)
+    # A curvature counts where the path moves and turns noticeably in the time that it takes.
+    bent = (size > STRAIGHT * max(np.linalg.norm(bend, axis=1).max(), 1e-300)) & (speed > STILL * speed.max())
+    across[bent] /= size[bent, None]
+    normal = _normals(tangent, across, bent)
+    return np.stack([tangent, normal, np.cross(tangent, normal)], axis=2)
+
+
+def _tangents(slope: Array) -> Array:
+    """Return unit tangents: the nearest one where the path stands still, the x axis if it never moves."""
+    speed = np.linalg.norm(slope, axis=1)
+    moving = np.flatnonzero(speed > STILL * max(speed.max(), 1e-300))
+    if not len(moving):
+        return np.tile(np.eye(slope.shape[1])[0], (len(slope), 1))
+    steps = np.arange(len(slope))
+    after = np.searchsorted(moving, steps).clip(max=len(moving) - 1)
+    before = (after - 1).clip(min=0)
+    nearer = np.abs(moving[after] - steps) <= np.abs(moving[before] - steps)
+    nearest = np.where(nearer, moving[after], moving[before])
+    return slope[nearest] / speed[nearest, None]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
+    """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
+    n_steps = tangent.shape[0]
+    normal = np.empty((n_steps, 3))
+    first = 0
+    while first < n_steps and not bent[first]:
+        first += 1
+    last = np.zeros(3)
+    if first < n_steps:
+        last[:] = across[first]
+    else:  # straight all along: any normal
+        smallest = 0
+        for axis in range(3):
+            if abs(tangent[0, axis]) < abs(tangent[0, smallest]):
+                smallest = axis
+        last[smallest] = 1.0
+    for k in range(n_steps):
+        if bent[k]:
+            last[:] = across[k]
+        along, square = 0.0, 0.0
+        for axis in range(3):
+            along += last[axis] * tangent[k, axis]
+        for axis in range(3):
+            normal[k, axis] = last[axis] - along * tangent[k, axis]
+            square += normal[k, axis] ** 2
+        length = sqrt(square)
+        for axis in range(3):
+            normal[k, axis] /= length
+            last[axis] = normal[k, axis]
+    return normal

@@ -1,32 +1,94 @@
 """The method of reference [7]: iterative learning of a coupling between leader and follower, or between equals.
 
-The primitives are taught jointly. In every epoch they are executed with coupling (see `coupling`), and the coupling
-that was needed is learned for the next epoch. The last epoch is returned. The source treats pairs of hands and the
-distances between them, but no obstacles.
+The primitives are taught jointly. In every epoch they are executed with coupling, and the coupling that was needed
+is learned for the next epoch (iterative learning control; Gams et al., T-RO 2014). The last epoch is returned. The
+source treats pairs of hands and the distances between them, but no obstacles.
+
+In unit duration, with r = y_2 - y_1 and u = r/|r|, the hands i of a pair move as
+
+    y_i' = z_i + w_i C_i                              F   = (D - |r|) u
+    z_i' = alpha (beta (g_i - y_i) - z_i) + f_i(s)    C_2 = c F + F_c,   C_1 = -C_2
+           + w_i c_2 C_i'
+
+where w is 0 for a leader and 1 for a follower; both are 1 in mutual coupling. F is the virtual force that draws the
+hands to their distance D, and F_c the coupling learned in former epochs, at every step k of an epoch i,
+
+    F_c,i+1(k) = Q (F_c,i(k) + L c F_i(k + 1)).
+
+The transformed system is linear, so the position of a hand is that of the uncoupled primitive plus a deviation that
+obeys the same equation without goal and forcing. C is held over a control period and the deviation is advanced
+exactly, as a controller in discrete time would see it; C' is an impulse at each change of C.
+
+The control period bounds the gains from above. Along u the three numbers (deviation, its z, last C) obey a linear
+recursion; `spectral_radius` gives the factor by which it grows in a step.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from math import exp, sqrt
 from typing import ClassVar
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError, near_name
-from comove.experiments.compared.coupling import Gains, learn, run_epoch, spectral_radius
-from comove.experiments.compared.curve import count_execution, fit_curve
-from comove.experiments.compared.taught import taught_primitives
+from comove.experiments.compared.common import (
+    control_times,
+    count_execution,
+    judge_execution,
+    taught_primitives,
+)
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import require_count, require_positive
+from comove.primitives.arguments import is_number, require_count, require_positive
+from comove.primitives.flow import OMEGA
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_LEAST, N_MOST = 200, 100_000  # steps of an epoch
+TINY = 1e-9  # m, distance below which the direction is undefined
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains of the coupling and of learning.
+
+    Attributes
+    ----------
+    coupling : c, gain from the force to the velocity [1]
+    derivative : c_2, gain from the derivative of the coupling by normalised time to the acceleration [1]; 0 for a
+        coupling of the velocity alone
+    forgetting : Q, factor of the learned coupling and the update together
+    learning : L, factor of the update
+
+    Raises
+    ------
+    OptionError
+        If a gain is out of range.
+    """
+
+    coupling: float = 20.0
+    derivative: float = 0.0
+    forgetting: float = 0.99
+    learning: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("coupling", np.inf),
+            ("derivative", np.inf),
+            ("forgetting", 1.0),
+            ("learning", 2.0),
+        ):
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= value <= most:
+                way_out = "give a number, 0 or more" + ("" if most == np.inf else f", at most {most:g}")
+                raise OptionError(f"{name} = {value!r}", key=name, way_out=way_out)
+
+
 GAINS = Gains()
 
 
@@ -59,11 +121,10 @@ class LeaderFollower(Method):
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the epochs and have the last one verified; no path is planned."""
         scene, pairs = search.scene, self._pairs(search.scene)
-        n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
-        self._require_stable(1.0 / (n_steps - 1), scene.duration)
-        s = np.linspace(0.0, 1.0, n_steps)
+        s = control_times(scene.duration, self.period, most=100_000)
+        self._require_stable(s[1], scene.duration)
         uncoupled = taught_primitives(search).rollout().hands(s)[0]
-        learned = np.zeros((len(pairs), n_steps, scene.n_dims))
+        learned = np.zeros((len(pairs), len(s), scene.n_dims))
         following = np.ones(2) if self.mutual else np.array([0.0, 1.0])
         rms, worst, hands = [], [], uncoupled.copy()
         for epoch in range(self.epochs):
@@ -79,9 +140,8 @@ class LeaderFollower(Method):
             count_execution(search, hands)
             if search.over():
                 break
-        fit = fit_curve(scene, search.objective.coordinates, s, hands)
-        search.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst, **fit.log()}
-        search.judge(fit.motion)
+        search.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst}
+        judge_execution(search, s, hands)
 
     def _pairs(self, scene: Scene) -> list[tuple[int, int, float]]:
         """Return leader, follower and distance [m] of every pair."""
@@ -119,3 +179,134 @@ class LeaderFollower(Method):
                 key="gains",
                 way_out="give a shorter period or smaller gains",
             )
+
+
+def transition(h: float) -> tuple[Array, Array]:
+    """Return the exact transition in a step of a deviation (e, zeta) under a constant coupling C.
+
+    The deviation obeys ``e' = zeta + C, zeta' = -omega^2 e - 2 omega zeta``.
+
+    Parameters
+    ----------
+    h : length of the step [durations]
+
+    Returns
+    -------
+    of_state : array, shape (2, 2), factor of the deviation
+    of_coupling : array, shape (2,), factor of C
+    """
+    x, decay = OMEGA * h, exp(-OMEGA * h)
+    of_state = decay * np.array([[1.0 + x, h], [-OMEGA * x, 1.0 - x]])
+    of_coupling = np.array([(2.0 * (1.0 - decay) - x * decay) / OMEGA, decay - 1.0 + x * decay])
+    return of_state, of_coupling
+
+
+def spectral_radius(gains: Gains, n_following: int, h: float) -> float:
+    """Return the growth of a small error of the distance in a step; below 1 the coupling is stable.
+
+    Parameters
+    ----------
+    n_following : number of hands that follow: 1 if one hand leads, 2 in mutual coupling
+    h : length of the step [durations]
+    """
+    of_state, of_coupling = transition(h)
+    c, kick = gains.coupling, n_following * gains.derivative
+    # C_k = -c e_k; zeta is kicked by c_2 (C_k - C_k-1) before the step.
+    kicked = np.array([[1.0, 0.0, 0.0], [-kick * c, 1.0, -kick]])
+    held = np.array([-c, 0.0, 0.0])
+    step = np.vstack([of_state @ kicked + n_following * np.outer(of_coupling, held), held])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """One execution of a coupled pair of hands.
+
+    Attributes
+    ----------
+    position : array, shape (n_steps, 2, n_dims), positions of both hands [m]
+    force : array, shape (n_steps, n_dims), virtual force F [m]
+    error : array, shape (n_steps,), error of the distance |r| - D [m]
+    """
+
+    position: Array
+    force: Array
+    error: Array
+
+    @property
+    def error_rms(self) -> float:
+        """Return the root mean square of the error [m]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+
+def run_epoch(uncoupled: Array, distance: float, following: Array, learned: Array, gains: Gains) -> Epoch:
+    """Simulate one execution of a coupled pair.
+
+    Parameters
+    ----------
+    uncoupled : array, shape (n_steps, 2, n_dims), positions of the primitives without coupling, at even times [m]
+    distance : distance D of the hands [m]
+    following : array, shape (2,), w: 1 for a follower, 0 for a leader
+    learned : array, shape (n_steps, n_dims), learned coupling F_c [m]
+    """
+    of_state, of_coupling = transition(1.0 / (len(uncoupled) - 1))
+    position, force, error = _execute(
+        np.ascontiguousarray(uncoupled),
+        float(distance),
+        np.asarray(following, dtype=float),
+        np.ascontiguousarray(learned),
+        gains.coupling,
+        gains.derivative,
+        of_state,
+        of_coupling,
+    )
+    return Epoch(position, force, error)
+
+
+def learn(learned: Array, force: Array, gains: Gains) -> Array:
+    """Return F_c of the next epoch.
+
+    Parameters
+    ----------
+    learned, force : arrays, shape (n_steps, n_dims), F_c and F of this epoch [m]
+    """
+    ahead = np.concatenate([force[1:], force[-1:]])
+    return gains.forgetting * (learned + gains.learning * gains.coupling * ahead)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _execute(
+    uncoupled: Array,
+    distance: float,
+    following: Array,
+    learned: Array,
+    c: float,
+    c2: float,
+    of_state: Array,
+    of_coupling: Array,
+) -> tuple[Array, Array, Array]:
+    n_steps, _, n_dims = uncoupled.shape
+    position, force = np.empty(uncoupled.shape), np.empty((n_steps, n_dims))
+    error, deviation = np.empty(n_steps), np.zeros((2, 2, n_dims))  # hand; e and zeta
+    held = np.zeros(n_dims)
+    for k in range(n_steps):
+        square = 0.0
+        for d in range(n_dims):
+            for i in range(2):
+                position[k, i, d] = uncoupled[k, i, d] + deviation[i, 0, d]
+            square += (position[k, 1, d] - position[k, 0, d]) ** 2
+        length = sqrt(square)
+        error[k] = length - distance
+        for d in range(n_dims):
+            force[k, d] = -error[k] * (position[k, 1, d] - position[k, 0, d]) / max(length, TINY)
+            coupling = c * force[k, d] + learned[k, d]
+            change = coupling - held[d] if k > 0 else 0.0
+            held[d] = coupling
+            for i in range(2):
+                sign = following[i] if i == 1 else -following[i]
+                e, zeta = deviation[i, 0, d], deviation[i, 1, d] + sign * c2 * change
+                for row in range(2):
+                    deviation[i, row, d] = (
+                        of_state[row, 0] * e + of_state[row, 1] * zeta + of_coupling[row] * sign * coupling
+                    )
+    return position, force, error

@@ -108,7 +108,9 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near(nodes, edges, radii, table, cutoff):
+def _near(
+    nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, cutoff: float
+) -> tuple[Array, int]:
     """Find the points of the load that are nearer to an obstacle than `cutoff`.
 
     Returns

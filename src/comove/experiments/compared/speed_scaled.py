@@ -19,9 +19,14 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
+from comove.experiments.compared.common import (
+    N_BASIS,
+    count_execution,
+    group_means,
+    judge_execution,
+    taught_primitives,
+)
 from comove.experiments.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
-from comove.experiments.compared.curve import count_execution, fit_curve
-from comove.experiments.compared.taught import N_BASIS, group_means, taught_primitives
 from comove.planning.method import Method
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number, require_count, require_positive
@@ -118,7 +123,6 @@ class SpeedScaled(Method):
             count_execution(search, hands)
             if search.over():
                 break
-        fit = fit_curve(scene, search.objective.coordinates, times, hands)
         search.log |= {
             "cycle_deviation_rms_m": [
                 float(np.sqrt(np.square(cycle.deviation).sum(axis=2).mean())) for cycle in cycles
@@ -129,9 +133,8 @@ class SpeedScaled(Method):
                 f"stiffness_{name}_N_per_m": [float(k[i]) for k in stiffness]
                 for i, name in enumerate(("tangent", "normal", "binormal")[: scene.n_dims])
             },
-            **fit.log(),
         }
-        search.judge(fit.motion)
+        judge_execution(search, times, hands)
 
     def cooperate(self, search: Search) -> Iterator[tuple[Skill, Cycle]]:
         """Yield the skill after every cycle, and the measurements of that cycle."""

@@ -7,9 +7,19 @@ In every control step the hands' velocities v solve, in this order (see `hierarc
     L2   absolute motion: the middle m_g of every rigid group,   m_g' = m_g,ref' + prescribed(m_g - m_g,ref)
     L3   posture: the rest, such as the rotation of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
 
-where the reference is the jointly taught movement and `prescribed` is the velocity of `performance`. In the source, a
+where the reference is the jointly taught movement and `prescribed` is the velocity of `Performance`. In the source, a
 dynamical system is the reference, and postures are those of joints. Here scenes have hands only, and the primitive is
 the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later.
+
+**Prescribed performance** keeps an error within a shrinking bound (Bechlioulis and Rovithakis, 2008). With the bound
+rho(t) = (rho_0 - rho_end) exp(-a t) + rho_end and xi = e/rho, the error is mapped to eps = artanh(xi),
+which is finite only inside the bound. With the control law
+
+    e' = rho'/rho e - k rho eps / (1 - xi^2)        eps' = -k eps / (1 - xi^2)^2
+
+eps decays at least as fast as exp(-k t), so that an error that begins inside the bound stays inside; a small error
+decays like exp(-k t). In discrete time the pull removes at most half of the error in a step, which also draws an
+error back that was forced outside.
 """
 
 from __future__ import annotations
@@ -19,29 +29,77 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from comove.constraints import SameHeightConstraint
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError
-from comove.experiments.compared.curve import count_execution, fit_curve
+from comove.experiments.compared.common import (
+    control_times,
+    count_execution,
+    group_means,
+    judge_execution,
+    taught_primitives,
+)
 from comove.experiments.compared.hierarchy import PriorityTask, lexicographic
 from comove.experiments.compared.nearness import Approach, clearance_rows
-from comove.experiments.compared.performance import Performance
-from comove.experiments.compared.taught import group_means, taught_primitives
+from comove.experiments.systems import distance_errors
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number
+from comove.primitives.arguments import is_number, require_positive
 from comove.primitives.online import rate_for_lag
-from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_LEAST, N_MOST = 200, 20_000  # steps
 ROUNDS = 12  # rounds of solving and adding tangents of the limits
 INSIDE = 0.99  # share of the limits that is used
 CATCHING_UP = 2.0  # largest pace, in terms of the taught pace
 REACH = 0.1  # m beyond the braking distance, from which on obstacles are left out
+MOST = 0.5  # largest share of an error that is removed in a step
+OUTSIDE = 1.0 - 1e-6  # xi from which on an error counts as outside its bound
+
+
+@dataclass(frozen=True)
+class Performance:
+    """The bound of an error, and the gain that draws the error to zero.
+
+    Attributes
+    ----------
+    first, last : rho_0 and rho_end, the bound at first and in the limit [m]
+    decay : a, decay rate of the bound [1/s]
+    gain : k, decay rate of the error [1/s]
+    """
+
+    first: float
+    last: float
+    decay: float
+    gain: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require_positive(name, value)
+        if not self.last <= self.first:
+            raise OptionError(f"last = {self.last!r}", key="last", way_out=f"give at most {self.first:g}")
+
+    def bound(self, time: ArrayLike) -> Array:
+        """Return the bound rho [m] at times [s]; arrays of any one shape."""
+        return (self.first - self.last) * np.exp(-self.decay * np.asarray(time, dtype=float)) + self.last
+
+    def wanted(self, error: Array, time: float, period: float) -> Array:
+        """Return the rate e' [m/s] that keeps errors [m] within the bound; arrays of the same shape.
+
+        Parameters
+        ----------
+        period : control period [s]
+        """
+        rho = float(self.bound(time))
+        shrinking = -self.decay * (rho - self.last) / rho
+        xi = np.clip(np.abs(error) / rho, 1e-9, OUTSIDE)
+        pull = self.gain * np.arctanh(xi) / (xi * (1.0 - xi**2))
+        return (shrinking - np.minimum(pull, MOST / period)) * error
+
+
 RELATIVE = Performance(first=0.02, last=1e-3, decay=2.0, gain=100.0)
 ABSOLUTE = Performance(first=0.05, last=0.02, decay=2.0, gain=5.0)
 
@@ -82,11 +140,10 @@ class TaskPriority(Method):
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the controller from start to end and have its motion verified; no path is planned."""
         scene = search.scene
-        n_steps = int(np.clip(np.ceil(scene.duration / self.period), N_LEAST, N_MOST)) + 1
-        s = np.linspace(0.0, 1.0, n_steps)
+        s = control_times(scene.duration, self.period, most=20_000)
         reference = taught_primitives(search).rollout().hands(s)[0]
         hands = np.broadcast_to(scene.start, reference.shape).copy()
-        slacks, controller = [0.0], Controller(self, scene, scene.duration / (n_steps - 1))
+        slacks, controller = [0.0], Controller(self, scene, scene.duration * s[1])
         followed = reference.copy()
         search.stage = "following by quadratic programmes"
         for k, (velocity, slack, here) in enumerate(controller.velocities(hands, reference)):
@@ -97,22 +154,18 @@ class TaskPriority(Method):
                 break
         hands[len(slacks) :] = hands[len(slacks) - 1]  # where time was up
         count_execution(search, hands)
-        fit = fit_curve(scene, search.objective.coordinates, s, hands)
-        search.log |= {**self._measures(scene, s * scene.duration, hands, followed), **fit.log()}
+        search.log |= self._measures(scene, s * scene.duration, hands, followed)
         search.log |= {
             "slack_max_m_per_s": max(slacks),
-            "carried_out_share": (len(slacks) - 1) / (n_steps - 1),
+            "carried_out_share": (len(slacks) - 1) / (len(s) - 1),
         }
-        search.judge(fit.motion)
+        judge_execution(search, s, hands)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
         """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
         middles = group_means(scene)
         absolute = np.abs(np.einsum("gm,tmd->tgd", middles, hands - reference)).max(axis=(1, 2))[:-1]
-        relative = np.zeros(len(time))
-        for c in scene.distances:
-            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
-            relative = np.maximum(relative, np.abs(apart - c.distance))
+        relative = distance_errors(scene, hands)
         return {
             "relative_error_max_m": float(relative.max()),
             "relative_beyond_bound": float((relative > self.relative.bound(time)).mean()),
@@ -134,7 +187,7 @@ class Controller:
     def __init__(self, method: TaskPriority, scene: Scene, period: float):
         self.method, self.scene, self.period = method, scene, period
         n_dims = scene.n_dims
-        self.middles = np.kron(group_means(scene), np.eye(n_dims))
+        self.middles = np.kron(group_means(scene), np.eye(n_dims)).astype(float)
         self.levels = [(c.first, c.second) for c in scene.constraints if isinstance(c, SameHeightConstraint)]
         self.acceleration = min(scene.acceleration_limit, method.acceleration)
         self.approach = Approach(
@@ -195,7 +248,8 @@ class Controller:
     ) -> list[PriorityTask]:
         """Return the tasks L1 to L3 at one instant."""
         method, size = self.method, hands.size
-        matrix, target = [np.zeros((0, size))], [np.zeros(0)]
+        matrix: list[Array] = [np.zeros((0, size))]
+        target: list[Array] = [np.zeros(0)]
         for c in self.scene.distances:
             away = hands[c.first] - hands[c.second]
             length = float(np.linalg.norm(away))
@@ -210,7 +264,7 @@ class Controller:
             target.append(method.relative.wanted(error, time, self.period))
         off = self.middles @ (hands - wanted).ravel()
         absolute = self.middles @ slope.ravel() + method.absolute.wanted(off, time, self.period)
-        posture = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
+        posture: Array = slope + min(method.posture, 0.5 / self.period) * (wanted - hands)
         return [
             PriorityTask(np.concatenate(matrix), np.concatenate(target)),
             PriorityTask(self.middles, self._reachable(absolute, self.middles @ before.ravel())),

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from comove.coordination.coordinates import arms_coordinates
-from comove.experiments.compared.taught import N_BASIS, taught_primitives
+from comove.experiments.compared.common import N_BASIS, taught_primitives
 from comove.planning.method import Method
 from comove.planning.methods import threaded
 from comove.planning.objective import Objective

@@ -1,7 +1,7 @@
 """Modulation of velocities by moving obstacles, as in the paper (III-B), which is compared with comove's reaction."""
 
 from comove.experiments.modulation.matrices import Directions, Field, Modulation, Sharing, field, modulated
-from comove.experiments.modulation.obstacles import MovingObstacle, level, level_obstacle
+from comove.experiments.modulation.obstacles import MovingObstacle, level, level_obstacle, united
 from comove.experiments.modulation.shapes import (
     Box,
     Capsule,
@@ -11,7 +11,6 @@ from comove.experiments.modulation.shapes import (
     Sphere,
     Superquadric,
 )
-from comove.experiments.modulation.unions import united
 
 __all__ = [
     "Box",

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.coordination.motion import CoordinatedMotion
 from comove.execution.executor import Executor, Pace
 from comove.execution.observers import Functions, Known
-from comove.experiments.modulation.execution import run_modulated
-from comove.experiments.modulation.matrices import Sharing
+from comove.experiments.modulation.matrices import Sharing, modulated
+from comove.experiments.modulation.obstacles import level_obstacle
+from comove.experiments.systems import distance_errors
+from comove.geometry.distances import CENTER
 from comove.planning.search import Interruption
 from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
-from comove.verification.record import PairConstraint, Record, RecordReport, judge
+from comove.verification.record import Record, RecordReport, judge
 
 Array = NDArray[np.float64]
 
@@ -37,6 +40,9 @@ MODULATED = {
     "same matrix on all": (Sharing.SAME, True),
 }
 SEEN, KNOWN = "obstacles seen only", "motions known"
+DRAWN = 2.0  # 1/s, gain of modulated hands towards the primitive, and after its end the goal
+N_POINTS = 13  # along every edge of the load, that count for which hand or point is nearest
+AT_GOAL = 5e-4  # m
 METHODS = (*MODULATED, SEEN, KNOWN)
 """What is compared: the primitive as it is; modulations, by a matrix each, by that of the hand that is nearest to an
 obstacle (the paper's rule), by that of the nearest point of hands and load; and the executor twice."""
@@ -60,7 +66,7 @@ class LooseRecord(Record):
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
 
-    def holds(self, c: PairConstraint) -> bool:
+    def holds(self, hands: Sequence[int]) -> bool:
         """Return False, as no rigid body holds the hands together."""
         return False
 
@@ -98,11 +104,7 @@ class Compared:
     @cached_property
     def distance_errors(self) -> Array:
         """Return the largest error of a fixed distance; array, shape (n_steps,) [m]; 0 where no distance is fixed."""
-        errors, nodes = np.zeros(len(self.record.time)), self.record.nodes
-        for c in self.record.scene.distances:
-            apart = np.linalg.norm(nodes[:, c.first] - nodes[:, c.second], axis=1)
-            errors = np.maximum(errors, np.abs(apart - c.distance))
-        return errors
+        return distance_errors(self.record.scene, self.record.nodes)
 
     @cached_property
     def clearances(self) -> Array:
@@ -140,8 +142,8 @@ def compare(
     """
     scene, pace, interruption = record.scene, pace or Pace(), Interruption()
     runs: dict[str, Callable[[], Record]] = {
-        name: lambda how=how: loose_run(scene, how[0], budget, pace.period, load=how[1])
-        for name, how in MODULATED.items()
+        name: partial(loose_run, scene, sharing, budget, pace.period, load=load)
+        for name, (sharing, load) in MODULATED.items()
     }
     runs[SEEN] = lambda: Executor(scene, Functions.of_motions(scene), seed=seed, pace=pace).run(budget)
     runs[KNOWN] = lambda: record
@@ -190,21 +192,61 @@ def _row(compared: Compared) -> dict[str, Any]:
 def loose_run(
     scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
 ) -> LooseRecord:
-    """Follow the primitive with modulated velocities, and return the record (see `run_modulated`).
+    """Follow the primitive with modulated velocities as in the paper (III-B), and return the record.
 
-    Obstacles move as the scene's file says.
+    Each hand follows the coordinated primitive from start to goal and is drawn back to it once an obstacle has
+    passed; the hands' distances are kept only as far as their velocities are equal. Obstacles move as the scene's
+    file says.
+
+    Parameters
+    ----------
+    sharing : assignment of modulation matrices to points; `Sharing.NONE` follows the primitive as it is
+    budget : largest simulated time [s]
+    period : control period [s]
+    load : whether points of the load are modulated as well, not the hands alone
     """
-    time, hands = run_modulated(scene, Known(scene), sharing, budget, period, load=load)
+    n, observer = scene.n_dims, Known(scene)
+    radius = float(scene.body.radii.max(initial=0.0)) + scene.clearance
+    bare = [level_obstacle(scene, j, margin=radius) for j in range(len(scene.motions))]
+    pairs = [e for e in scene.body.edges if e[0] != e[1] and e.max() < len(scene.manipulators)]
+    share = np.linspace(0.0, 1.0, N_POINTS)[1:-1, None]
+    motion, steps = CoordinatedMotion.straight(scene), [scene.start.copy()]
+    for k in range(round(budget / period)):
+        now, at = k * period, steps[-1]
+        wanted = _wanted(motion, now, at)
+        seen = observer.seen(now)
+        around = [
+            replace(o, center=row[CENTER : CENTER + n], velocity=v[:n])
+            for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
+        ]
+        points, velocities = at, wanted
+        for a, b in pairs if load else ():
+            points = np.concatenate([points, at[a] + share * (at[b] - at[a])])
+            velocities = np.concatenate([velocities, wanted[a] + share * (wanted[b] - wanted[a])])
+        steps.append(at + period * modulated(points, velocities, around, sharing=sharing)[: len(at)])
+        if now > scene.duration and np.linalg.norm(steps[-1] - scene.goal, axis=1).max() < AT_GOAL:
+            break
+    time = period * np.arange(len(steps), dtype=float)
+    hands = np.array(steps)
     poses = [poses_of(scene, h) for h in hands]
     return LooseRecord(
         scene,
         time,
         np.array([p.center for p in poses]),
         np.array([p.quaternion for p in poses]),
-        Known(scene).true(time),
+        observer.true(time),
         scene.obstacle_sags(time),
-        np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - scene.n_dims))], axis=2),
+        np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - n))], axis=2),
     )
+
+
+def _wanted(motion: CoordinatedMotion, now: float, hands: Array) -> Array:
+    """Return velocities along the primitive and towards it, within the limit of speed; [m] -> [m/s]."""
+    scene, s = motion.scene, np.array([now / motion.scene.duration])
+    target, slope = motion.hands(s)[:2, 0] if s[0] < 1.0 else (scene.goal, np.zeros_like(hands))
+    wanted = slope / scene.duration + DRAWN * (target - hands)
+    fastest = float(np.linalg.norm(wanted, axis=1).max())
+    return wanted * min(1.0, scene.speed_limit / max(fastest, 1e-12))
 
 
 def _among_known(record: Record) -> Record:

@@ -24,8 +24,11 @@ from math import exp, log, sqrt
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.geometry.distances import CENTER, ELLIPSOID, KIND, N_COLUMNS, REACH, TINY, tangent
+
+Array = NDArray[np.float64]
 
 LEVEL, EXPONENT, REFERENCE, VELOCITY, TURN = range(N_COLUMNS, N_COLUMNS + 15, 3)
 GROUP, N_LEVEL_COLUMNS = N_COLUMNS + 15, N_COLUMNS + 16
@@ -34,7 +37,7 @@ HUGE = 1e150  # beyond it a level says no more than "far", and its square still 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def level_at(table, j, x, y, z):
+def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float, float, float, float, float]:
     """Return the level of obstacle `j` at (x, y, z), its gradient's length [1/m], and the gradient's direction (3).
 
     At the very centre, where there is no gradient, the length is 0 and the direction along x.
@@ -56,7 +59,9 @@ def level_at(table, j, x, y, z):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _algebraic(table, j, x, y, z):
+def _algebraic(
+    table: Array, j: int, x: float, y: float, z: float
+) -> tuple[float, float, float, float, float]:
     """Return the results of `level_at` for ellipsoids and superquadrics; a level far outside may overflow."""
     x, y, z = x - table[j, CENTER], y - table[j, CENTER + 1], z - table[j, CENTER + 2]
     u = table[j, 4] * x + table[j, 7] * y + table[j, 10] * z
@@ -94,14 +99,14 @@ def _algebraic(table, j, x, y, z):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _log_slope(u, a, p):
+def _log_slope(u: float, a: float, p: float) -> float:
     """Return log |d/du |u / a|^(2p)|; minus infinity at 0 and along an endless axis."""
     share = abs(u) / a
     return log(2.0 * p / a) + (2.0 * p - 1.0) * log(share) if share > 0.0 else -np.inf
 
 
 @numba.njit(cache=True, error_model="numpy")
-def levels_at(table, points):
+def levels_at(table: Array, points: Array) -> tuple[Array, Array]:
     """Return levels and gradients [1/m] of every obstacle at every point.
 
     Parameters
@@ -125,7 +130,7 @@ def levels_at(table, points):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def common_point(table, members, x):
+def common_point(table: Array, members: NDArray[np.int64], x: Array) -> float:
     """Write in `x` (3) a point deep inside all obstacles `members`, and return the greatest of their levels there.
 
     The greatest of convex functions is convex. The ellipsoid method (Yudin & Nemirovski, 1976) converges to its

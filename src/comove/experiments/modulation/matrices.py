@@ -20,18 +20,9 @@ needs no basis of tangents. For several obstacles k, M is the product of their m
 and xdot_o is the mean of their velocities with these weights. Obstacles of a group (`united`) count as one there,
 with the least of their levels; within the group their matrices are averaged with weights 1 / (Gamma_k - 1).
 
-Limitations:
-
-- **Saddle points.** Where f points from the outside straight at the reference (or, with `Directions.NORMAL`, against
-  the normal: everywhere before a flat face), there is nothing to turn: the point stalls before the obstacle.
-- **Overlapping obstacles.** In the notch between them a point can pass through; `united` prevents it.
-- **Inside an obstacle**, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0
-  for velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards.
-- **Several points of one body** get one matrix at best: see `Sharing`.
-- **Speeds.** Tangential velocities can double; along long faces, seen at a grazing angle from the reference,
-  r adds up to 1 / (n^T r) times the velocity against the face. No limit of a robot is kept.
-- **Steps.** The field is impenetrable in continuous time; steps of dt may penetrate an obstacle by a depth of the
-  order of (speed dt)^2 / radius.
+Inside an obstacle, where Gamma < 1, the formula would reverse velocities without bound. There lambda_1 is 0 for
+velocities that lead further in and 1 for those that lead out, and `escape` pushes outwards. docs/modulation.md says
+what all this cannot do.
 """
 
 from __future__ import annotations
@@ -93,7 +84,7 @@ class Sharing(StrEnum):
 
 def _member(kind: type[E], name: str, value: object) -> E:
     try:
-        return kind(value)
+        return kind(str(value))
     except ValueError:
         raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give one of {', '.join(kind)}") from None
 
@@ -240,7 +231,15 @@ def _points_and_velocities(position: ArrayLike, velocity: ArrayLike) -> tuple[Ar
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _fields(table, points, velocities, reactivity, tail, by_reference, escape):
+def _fields(
+    table: Array,
+    points: Array,
+    velocities: Array,
+    reactivity: float,
+    tail: bool,
+    by_reference: bool,
+    escape: float,
+) -> tuple[Array, Array, Array]:
     """Return matrix (n_points, 3, 3), drift (n_points, 3) and least level (n_points,) at every point."""
     n_points, n_obstacles = points.shape[0], table.shape[0]
     matrix, drift, least = np.empty((n_points, 3, 3)), np.zeros((n_points, 3)), np.full(n_points, np.inf)
@@ -294,7 +293,7 @@ def _fields(table, points, velocities, reactivity, tail, by_reference, escape):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _heads(table):
+def _heads(table: Array) -> NDArray[np.int64]:
     """Return, for each obstacle, the first one of its group, its head, which represents the group."""
     head = np.empty(table.shape[0], dtype=np.int64)
     for j in range(table.shape[0]):
@@ -307,7 +306,9 @@ def _heads(table):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _directions(table, j, point, by_reference, normal, away, carried):
+def _directions(
+    table: Array, j: int, point: Array, by_reference: bool, normal: Array, away: Array, carried: Array
+) -> float:
     """Return the level of obstacle `j` at a point, and write three vectors there in the last three arguments.
 
     These are its normal n, r / (n^T r) and its velocity.
@@ -335,7 +336,7 @@ def _directions(table, j, point, by_reference, normal, away, carried):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _weigh(level, head, excess, share, weight):
+def _weigh(level: Array, head: NDArray[np.int64], excess: Array, share: Array, weight: Array) -> None:
     """Write the weights of obstacles within their groups in `share`, and those of groups in `weight`.
 
     The weights within a group sum to 1.
@@ -361,7 +362,9 @@ def _weigh(level, head, excess, share, weight):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _mean_velocity(carried, head, share, weight):
+def _mean_velocity(
+    carried: Array, head: NDArray[np.int64], share: Array, weight: Array
+) -> tuple[float, float, float]:
     """Return the mean (3) of the obstacles' velocities by their weights."""
     vx, vy, vz, total = 0.0, 0.0, 0.0, 0.0
     for j in range(head.shape[0]):

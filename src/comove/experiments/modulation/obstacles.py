@@ -1,19 +1,22 @@
-"""Moving obstacles: shape, pose, velocities and margin; also built from those of a scene."""
+"""Moving obstacles: shape, pose, velocities and margin; from those of a scene, and united where they overlap."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import cos, sin, sqrt
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.experiments.modulation import levels as lv
 from comove.experiments.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from comove.geometry import distances as sd
+from comove.geometry.rotations import exponential, matrices
 from comove.primitives.arguments import is_number, numbers, vector
 from comove.scenes.scene import Scene
 
@@ -27,7 +30,7 @@ FARTHEST = 1e100  # of a number: beyond it squares overflow
 APART = -1.0  # the group of obstacles without one
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class MovingObstacle:
     """A convex obstacle at one instant, which has velocities; change it by `dataclasses.replace`, or `moved`.
 
@@ -37,7 +40,7 @@ class MovingObstacle:
     center : array, shape (n_dims,), [m]
     rotation : array, shape (n_dims, n_dims), the obstacle's axes in the world as columns; the identity by default
     velocity : array, shape (n_dims,), velocity of the centre [m/s]; 0 by default
-    angular_velocity : array, shape (3,) in space; one number, counter-clockwise, in the plane [rad/s]; 0 by default
+    angular_velocity : array, shape (3,) in space, (1,) counter-clockwise in the plane [rad/s]; 0 by default
     margin : distance that is kept from the obstacle, for instance the radius of a load [m]
     reference : array, shape (n_dims,), a point inside, in the obstacle's own frame, away from which velocities are
         turned (Huber, Slotine & Billard, 2019) [m]; the centre by default
@@ -47,48 +50,63 @@ class MovingObstacle:
 
     shape: Shape
     center: Array
-    rotation: Array | None = None
-    velocity: Array | None = None
-    angular_velocity: Array | float | None = None
-    margin: float = 0.0
-    reference: Array | None = None
-    group: int | None = None
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
+    margin: float
+    reference: Array
+    group: int | None
 
-    def __post_init__(self) -> None:
-        center = numbers(self.center)
-        if center.shape not in ((2,), (3,)) or not np.isfinite(center).all():
-            raise OptionError(f"center = {self.center!r}", key="center", way_out="give 2 or 3 finite numbers")
-        n_dims = len(center)
-        if not (is_number(self.margin) and self.margin >= 0):
-            raise OptionError(
-                f"margin = {self.margin!r}", key="margin", way_out="give 0 or a positive length"
-            )
-        rotation = np.eye(n_dims) if self.rotation is None else _rotation(self.rotation, n_dims)
-        turn = self.angular_velocity
-        turn = np.zeros(2 * n_dims - 3) if turn is None else np.atleast_1d(numbers(turn))
-        if turn.shape != (2 * n_dims - 3,) or not np.isfinite(turn).all():
+    def __init__(
+        self,
+        shape: Shape,
+        center: ArrayLike,
+        rotation: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        angular_velocity: ArrayLike | None = None,
+        margin: float = 0.0,
+        reference: ArrayLike | None = None,
+        group: int | None = None,
+    ):
+        place = numbers(center)
+        if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
+            raise OptionError(f"center = {center!r}", key="center", way_out="give 2 or 3 finite numbers")
+        n_dims = len(place)
+        if not (is_number(margin) and margin >= 0):
+            raise OptionError(f"margin = {margin!r}", key="margin", way_out="give 0 or a positive length")
+        n_turns = 2 * n_dims - 3
+        turn = np.zeros(n_turns) if angular_velocity is None else np.atleast_1d(numbers(angular_velocity))
+        if turn.shape != (n_turns,) or not np.isfinite(turn).all():
             way_out = "give one finite number" if n_dims == 2 else "give 3 finite numbers"
             raise OptionError(
-                f"angular_velocity = {self.angular_velocity!r}", key="angular_velocity", way_out=way_out
+                f"angular_velocity = {angular_velocity!r}", key="angular_velocity", way_out=way_out
             )
-        if self.group is not None and (
-            isinstance(self.group, bool) or not isinstance(self.group, (int, np.integer)) or self.group < 0
+        if group is not None and (
+            isinstance(group, bool) or not isinstance(group, (int, np.integer)) or group < 0
         ):
-            raise OptionError(
-                f"group = {self.group!r}", key="group", way_out="give a number from 0 on, or None"
-            )
-        given = {"center": center, "rotation": rotation, "angular_velocity": turn}
-        for name in ("velocity", "reference"):
-            value = getattr(self, name)
-            given[name] = np.zeros(n_dims) if value is None else vector(name, value, n_dims)
-        for name, array in given.items():  # own read-only copies, as the table is kept
+            raise OptionError(f"group = {group!r}", key="group", way_out="give a number from 0 on, or None")
+        if not isinstance(shape, Shape):
+            raise OptionError(f"shape = {shape!r}", key="shape", way_out="give one such as Sphere(0.1)")
+        arrays = {
+            "center": place,
+            "rotation": np.eye(n_dims) if rotation is None else _rotation(rotation, n_dims),
+            "velocity": np.zeros(n_dims) if velocity is None else vector("velocity", velocity, n_dims),
+            "angular_velocity": turn,
+            "reference": np.zeros(n_dims) if reference is None else vector("reference", reference, n_dims),
+        }
+        for array in arrays.values():  # own read-only copies, as the row is kept
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        if not hasattr(self.shape, "in_table"):
-            raise OptionError(f"shape = {self.shape!r}", key="shape", way_out="give one such as Sphere(0.1)")
+        for name, value in (arrays | {"shape": shape, "margin": margin, "group": group}).items():
+            object.__setattr__(self, name, value)
         _ = self.row  # so that a shape of another dimension is told here
         if self.reference.any():
-            _require_inside(self)
+            at, _ = level(self, self.center + self.rotation @ self.reference)
+            if not at < 1.0:
+                raise OptionError(
+                    f"the reference {self.reference.tolist()} lies outside of the obstacle",
+                    key="reference",
+                    way_out="give a point inside it, in its own frame",
+                )
 
     @property
     def n_dims(self) -> int:
@@ -209,19 +227,15 @@ def level_obstacle(
     rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
     if n == 2 and kind == sd.CAPSULE:
         rotation = rotation @ PLANAR_CAPSULE.T
-    shape: Shape
-    if kind == sd.BOX:
-        shape = Box(tuple(2 * edge for edge in size[:n]))
-    elif kind == sd.SPHERE:
-        shape = Sphere(size[0])
-    elif kind == sd.CAPSULE:
-        shape = Capsule(size[0], 2 * size[1])
-    elif kind == sd.CYLINDER:
-        shape = Cylinder(size[0], 2 * size[1])
-    else:
-        shape = Ellipsoid(tuple(size[:n]))
+    shapes: dict[int, Callable[[], Shape]] = {
+        sd.BOX: lambda: Box(tuple(2 * edge for edge in size[:n])),
+        sd.SPHERE: lambda: Sphere(size[0]),
+        sd.CAPSULE: lambda: Capsule(size[0], 2 * size[1]),
+        sd.CYLINDER: lambda: Cylinder(size[0], 2 * size[1]),
+        sd.ELLIPSOID: lambda: Ellipsoid(tuple(size[:n])),
+    }
     return MovingObstacle(
-        shape,
+        shapes[kind](),
         row[sd.CENTER : sd.CENTER + n],
         rotation[:n, :n],
         velocity=velocity,
@@ -248,6 +262,68 @@ def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
                 way_out="give all of them in the plane or all in space",
             )
     return np.array([obstacle.row for obstacle in obstacles]).reshape(-1, lv.N_LEVEL_COLUMNS)
+
+
+def united(obstacles: Sequence[MovingObstacle]) -> tuple[MovingObstacle, ...]:
+    """Return the obstacles, with those that overlap put in groups about a common point.
+
+    Where two obstacles overlap, a point can pass between them under the product of their matrices: in the notch
+    between them no obstacle has its full weight. From a point in the overlap, though, both are star-shaped, and so is
+    their union (Huber, Slotine & Billard, 2019, IV-C). Turned away from this point, velocities pass both in the same
+    sense around the union. Margins are part of the obstacles, and the point is inside all obstacles of the group.
+
+    References and groups that were given before are replaced. Call it again when obstacles have moved against each
+    other. Overlapping obstacles that have no common point, such as three in a row, form groups as far as they have
+    one; where two of different groups overlap, there is a warning, as a point can pass between them.
+
+    Raises
+    ------
+    OptionError
+        If the obstacles do not all have one dimension.
+    """
+    obstacles = tuple(obstacles)
+    if not obstacles:
+        return ()
+    table = table_of(obstacles, obstacles[0].n_dims)
+    groups: list[list[int]] = []
+    for j in range(len(obstacles)):
+        for members in groups:
+            if _common(table, [*members, j]) is not None:
+                members.append(j)
+                break
+        else:
+            groups.append([j])
+    for one, other in combinations(groups, 2):
+        for i, j in product(one, other):
+            if _common(table, [i, j]) is not None:
+                warnings.warn(
+                    f"obstacles {i} and {j} overlap and belong to no common star-shaped body; "
+                    "between them the modulation can let through",
+                    ComoveWarning,
+                    stacklevel=2,
+                )
+    made = list(obstacles)
+    for group, members in enumerate(groups):
+        point = _common(table, members) if len(members) > 1 else None
+        for j in members:
+            obstacle = obstacles[j]
+            reference = np.zeros(obstacle.n_dims)
+            if point is not None:
+                reference = obstacle.rotation.T @ (point[: obstacle.n_dims] - obstacle.center)
+            made[j] = replace(obstacle, reference=reference, group=None if point is None else group)
+    return tuple(made)
+
+
+def _common(table: Array, members: list[int]) -> Array | None:
+    """Return a point inside all of these obstacles; array, shape (3,), [m]; None if there is none."""
+    rows = table[members]
+    apart = np.linalg.norm(
+        rows[:, None, sd.CENTER : sd.CENTER + 3] - rows[:, sd.CENTER : sd.CENTER + 3], axis=2
+    )
+    if (apart > rows[:, None, sd.REACH] + rows[:, sd.REACH]).any():
+        return None
+    point = np.empty(3)
+    return point if lv.common_point(table, np.array(members), point) < 1.0 else None
 
 
 def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
@@ -279,16 +355,6 @@ def spatial(vectors: Array) -> Array:
     return padded
 
 
-def _require_inside(obstacle: MovingObstacle) -> None:
-    at, _ = level(obstacle, obstacle.center + obstacle.rotation @ obstacle.reference)
-    if not at < 1.0:
-        raise OptionError(
-            f"the reference {obstacle.reference.tolist()} lies outside of the obstacle",
-            key="reference",
-            way_out="give a point inside it, in its own frame",
-        )
-
-
 def _rotation(value: object, n_dims: int) -> Array:
     rotation = numbers(value)
     if rotation.shape != (n_dims, n_dims) or not (
@@ -301,18 +367,8 @@ def _rotation(value: object, n_dims: int) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """Return the matrix of a rotation vector [rad] (Rodrigues), (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
-    angle = sqrt(vector @ vector)
-    c, s = cos(angle), sin(angle)
-    if len(vector) == 1:
-        s = s if vector[0] >= 0 else -s
-        return np.array([[c, -s], [s, c]])
-    x, y, z = (vector / (angle or 1.0)).tolist()
-    u, v, w = (1 - c) * x, (1 - c) * y, (1 - c) * z
-    return np.array(
-        [
-            [c + u * x, u * y - s * z, u * z + s * y],
-            [u * y + s * z, c + v * y, v * z - s * x],
-            [u * z - s * y, v * z + s * x, c + w * z],
-        ]
-    )
+    """Return the matrix of a rotation vector [rad], (3,) -> (3, 3), or of an angle, (1,) -> (2, 2)."""
+    if len(vector) == 3:
+        return matrices(exponential(vector))
+    c, s = np.cos(vector[0]), np.sin(vector[0])
+    return np.array([[c, -s], [s, c]])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,18 +19,10 @@ from PIL import Image
 from comove.experiments.modulation.comparison import Compared
 from comove.geometry.distances import CENTER
 from comove.scenes.scene import Scene
-from comove.views.motion import (
-    COLOURS,
-    FINE,
-    MOVING,
-    OFF,
-    TOUCHES,
-    draw_frame,
-    new_figure,
-    outline,
-    views_of,
-)
+from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, views_of
 from comove.views.run import load_lines
+from comove.views.shapes import outline
+from comove.views.style import COLOURS, MOVING, new_figure
 
 Array = NDArray[np.float64]
 
@@ -62,8 +55,8 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
             for k, step in enumerate(steps):
                 share = (k + 1) / N_STATES
                 for i in np.flatnonzero(scene.moving[scene.owners]):
-                    j = scene.owners[i]
-                    row = _moved(scene.obstacles[i], record.obstacles[step, j])
+                    j, row = scene.owners[i], scene.obstacles[i].copy()
+                    row[CENTER : CENTER + 3] = record.obstacles[step, j]
                     alpha = (1.0 if scene.n_dims == 2 else 0.35) * (0.08 + 0.4 * share)
                     axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, alpha=alpha)
                     if scene.n_dims == 2:  # where a row is an obstacle
@@ -99,15 +92,15 @@ def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
         ):
             draws.append(_animated_line(axes, one.record.time, MILLI * values, colour))
     n_frames = int(np.clip(last * FRAME_RATE, 2, MAX_FRAMES))
-    canvas = figure.canvas
     figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
     canvas.draw()
     background, images = canvas.copy_from_bbox(figure.bbox), []
     for time in np.linspace(0.0, last, n_frames):
         canvas.restore_region(background)
         for draw in draws:
             for artist in draw(float(time)):
-                artist.axes.draw_artist(artist)
+                artist.axes.draw_artist(artist)  # type: ignore[union-attr]  # all have axes
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
     # One palette for all frames: what does not change costs nothing.
     tones = images[n_frames // 2].quantize(N_TONES, dither=Image.Dither.NONE)
@@ -208,6 +201,7 @@ def _shown(compared: Sequence[Compared]) -> float:
 
 
 def _tone(one: Compared, step: int) -> str:
+    """Return the colour of the load at a step."""
     return TOUCHES if one.touching[step] else OFF if one.off[step] else FINE
 
 
@@ -215,15 +209,10 @@ def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
     """Write the numbers of every other step, to show what was where at the same time."""
     if step % 2 == 0:
         ground = {"boxstyle": "circle,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+        x, y = place.tolist()
         axes.text(
-            *place, str(step), fontsize=6.5, color=colour, ha="center", va="center", bbox=ground, zorder=6
+            x, y, str(step), fontsize=6.5, color=colour, ha="center", va="center", bbox=ground, zorder=6
         )
-
-
-def _moved(row: Array, center: Array) -> Array:
-    row = row.copy()
-    row[CENTER : CENTER + 3] = center
-    return row
 
 
 def _draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
@@ -241,7 +230,8 @@ def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callabl
     around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
     fills = [axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", alpha=0.6)[0] for _ in rows]
     ways = [axes.plot([], [], color=COLOURS[i % len(COLOURS)])[0] for i in range(len(scene.manipulators))]
-    load = axes.add_collection(LineCollection([], linewidths=2.0, zorder=3))
+    load = LineCollection([], linewidths=2.0, zorder=3)
+    axes.add_collection(load)
     artists: list[Artist] = [*fills, *ways, load]
     for artist in artists:
         artist.set_animated(True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -24,32 +24,38 @@ class TableShape:
     exponent: tuple[float, ...] = ()
 
 
-class Shape(Protocol):
-    """A geometric shape of an obstacle, which is given about its centre and along its own axes; lengths in metres."""
+@dataclass(frozen=True)
+class Shape(ABC):
+    """A geometric shape of an obstacle, which is given about its centre and along its own axes.
 
+    All attributes are positive numbers, or tuples of 2 or 3 of them; lengths in metres.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type == "float":
+                require_positive(field.name, value)
+            else:
+                object.__setattr__(self, field.name, _lengths(field.name, value))
+
+    @abstractmethod
     def in_table(self, n_dims: int, margin: float) -> TableShape:
         """Return the shape with a safety margin [m]; raise `OptionError` if it is not one of `n_dims` dimensions."""
-        ...
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Shape):
     """A circle in the plane, a sphere in space, of `radius` [m]."""
 
     radius: float
 
-    def __post_init__(self) -> None:
-        require_positive("radius", self.radius)
-
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
-        return TableShape(
-            sd.SPHERE, (self.radius,), (self.radius, self.radius + margin), self.radius + margin
-        )
+        return _rounded(sd.SPHERE, (self.radius,), self.radius, self.radius, margin)
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(Shape):
     """An ellipse in the plane, an ellipsoid in space.
 
     With a margin it becomes the ellipsoid of least trace in a family of ellipsoids that contain the sum of the
@@ -62,11 +68,7 @@ class Ellipsoid:
 
     radii: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radii", _lengths("radii", self.radii))
-
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
         radii = np.array(_counted("radii", self.radii, n_dims))
         share = margin * np.sqrt(n_dims / (radii @ radii))
         axes = np.sqrt((1 + share) * radii**2 + (margin**2 + margin**2 / share if share else 0.0))
@@ -74,7 +76,7 @@ class Ellipsoid:
 
 
 @dataclass(frozen=True)
-class Superquadric:
+class Superquadric(Shape):
     """A body that contains the points with sum |u_i / radii_i|^(2 exponents_i) <= 1: an ellipsoid for exponents of 1.
 
     Greater exponents bring it nearer to a box. With a margin all semi-axes grow by one factor, 1 + margin / least
@@ -90,8 +92,7 @@ class Superquadric:
     exponents: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radii", _lengths("radii", self.radii))
-        object.__setattr__(self, "exponents", _lengths("exponents", self.exponents))
+        super().__post_init__()
         if min(self.exponents) < 1.0:
             raise OptionError(
                 f"exponents {self.exponents} below 1",
@@ -100,7 +101,6 @@ class Superquadric:
             )
 
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
         radii = np.array(_counted("radii", self.radii, n_dims))
         exponents = _counted("exponents", self.exponents, n_dims)
         axes = radii * (1 + margin / radii.min())
@@ -108,7 +108,7 @@ class Superquadric:
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Shape):
     """A rectangle in the plane, a box in space; a margin rounds its edges.
 
     Attributes
@@ -118,57 +118,43 @@ class Box:
 
     size: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "size", _lengths("size", self.size))
-
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
         half = tuple(edge / 2 for edge in _counted("size", self.size, n_dims))
-        return TableShape(sd.BOX, half, (min(half), min(half) + margin), float(np.linalg.norm(half)) + margin)
+        return _rounded(sd.BOX, half, min(half), float(np.linalg.norm(half)), margin)
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(Shape):
     """A segment of `length` that is thickened by `radius` [m]; along its own x in the plane, its own z in space."""
 
     radius: float
     length: float
 
-    def __post_init__(self) -> None:
-        require_positive("radius", self.radius)
-        require_positive("length", self.length)
-
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
-        half, width = self.length / 2, self.radius + margin
-        return TableShape(sd.CAPSULE, (self.radius, half), (self.radius, width), half + width)
+        half = self.length / 2
+        return _rounded(sd.CAPSULE, (self.radius, half), self.radius, half + self.radius, margin)
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Shape):
     """A cylinder of `radius` and `height` [m] that lies along its own z, in space only; a margin rounds its edges."""
 
     radius: float
     height: float
 
-    def __post_init__(self) -> None:
-        require_positive("radius", self.radius)
-        require_positive("height", self.height)
-
     def in_table(self, n_dims: int, margin: float) -> TableShape:
-        """Return the shape with a safety margin [m], see `Shape`."""
         if n_dims != 3:
             raise OptionError(
                 "a cylinder in the plane", key="shape", way_out="give a Sphere (its slice) or a Box"
             )
         half = self.height / 2
-        least = min(self.radius, half)
-        return TableShape(
-            sd.CYLINDER,
-            (self.radius, half),
-            (least, least + margin),
-            float(np.hypot(self.radius, half)) + margin,
-        )
+        size, reach = (self.radius, half), float(np.hypot(self.radius, half))
+        return _rounded(sd.CYLINDER, size, min(size), reach, margin)
+
+
+def _rounded(kind: int, size: tuple[float, ...], least: float, reach: float, margin: float) -> TableShape:
+    """Return a shape that a margin rounds, of least half width `least`."""
+    return TableShape(kind, size, (least, least + margin), reach + margin)
 
 
 def _lengths(name: str, values: object) -> tuple[float, ...]:

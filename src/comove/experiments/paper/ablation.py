@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.resources import files
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from comove.experiments.bench.sets import BenchScene, scenes_of
 from comove.experiments.bench.store import Run
-from comove.experiments.markdown import table
-from comove.experiments.statistics import Interval, wilson
+from comove.experiments.examples import example_path
+from comove.experiments.summaries import Interval, table, wilson
 from comove.experiments.systems import OwnSystem
 from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
 from comove.planning.method import Method
@@ -25,7 +24,7 @@ SET = "easy"
 WHOLE = "paper"
 
 
-def _with(**changes: object) -> Paper:
+def _with(**changes: Any) -> Paper:
     """Return the paper's method with changed settings of its optimiser."""
     return Paper(optimiser=replace(OPTIMISER, **changes))
 
@@ -65,8 +64,7 @@ def systems() -> dict[str, OwnSystem]:
 
 def scenes(count: int) -> list[BenchScene]:
     """Return the paper's three scenes, and the first of the easy set, half planar, half spatial."""
-    folder = Path(str(files("comove") / "examples"))
-    return [BenchScene("examples", folder / f"{name}.yaml") for name in EXAMPLES] + scenes_of(SET, count)
+    return [BenchScene("examples", example_path(name)) for name in EXAMPLES] + scenes_of(SET, count)
 
 
 def page(runs: list[Run], budget: float) -> str:
@@ -79,7 +77,8 @@ def page(runs: list[Run], budget: float) -> str:
         mine = [run for run in runs if run.configuration.system == name]
         if not mine:
             continue
-        first = [run.figures.first_verified for run in mine if run.status == "verified"]
+        times = [run.figures.first_verified for run in mine if run.status == "verified"]
+        first = [seconds for seconds in times if seconds is not None]
         rows.append(
             [
                 f"`{name}`",

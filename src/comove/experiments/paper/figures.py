@@ -1,21 +1,27 @@
-"""The pictures of the page."""
+"""The pictures of the page, and those of `comove demo`, counterparts of the paper's figures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from comove.experiments.compared.single import alone
+from comove.experiments.examples import example
 from comove.experiments.modulation.pictures import draw_comparison
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import GAIT, INITIAL, ROLES, SCENES, Runs
-from comove.experiments.statistics import NOTHING, Interval, median_interval, wilson
+from comove.experiments.paper.runs import GAIT, INITIAL, OTHER_SYSTEMS, ROLES, SCENES, Runs
+from comove.experiments.summaries import NOTHING, Interval, median_interval, wilson
+from comove.planning import LeastJerk, Solution, carried_demonstration, solve
+from comove.primitives import DMP
 from comove.views import (
     Panel,
     draw_measures,
     draw_pipeline,
+    draw_progress,
     draw_progress_side_by_side,
     draw_side_by_side,
     save,
@@ -35,9 +41,9 @@ OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 def draw_all(runs: Runs, folder: Path) -> None:
     """Draw all `FIGURES` into a folder."""
     folder.mkdir()
-    recording, primitive, given = runs.recorded
+    assert runs.recorded is not None
     pictures = {
-        "figure1.png": draw_pipeline(recording, primitive, given, runs.one("figure 1").motion),
+        "figure1.png": draw_pipeline(*runs.recorded, runs.motion("figure 1")),
         "figure2.png": draw_comparison([c for c in runs.compared if c.method in REACTIONS]),
         "figure3.png": _side_by_side(
             [
@@ -59,7 +65,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
             states=False,
         ),
         "figure5.png": draw_progress_side_by_side(
-            [runs.one("figure 4", scene="narrow", who=who).motion for who in ("paper", "comove")],
+            [runs.motion("figure 4", scene="narrow", who=who) for who in ("paper", "comove")],
             [f"narrow passage, {title_of(who)}" for who in ("paper", "comove")],
             velocity=GAIT["velocity"],
         ),
@@ -71,17 +77,7 @@ def draw_all(runs: Runs, folder: Path) -> None:
                 ("(c) complex, comove", runs.one("figure 6", who="comove")),
             ]
         ),
-        "systems.png": _side_by_side(
-            [
-                (who, runs.one("systems", who=who))
-                for who in (
-                    "unconstrained [22]",
-                    "leader-follower [7]",
-                    "speed-scaled [8]",
-                    "task-priority [5]",
-                )
-            ]
-        ),
+        "systems.png": _side_by_side([(who, runs.one("systems", who=who)) for who in OTHER_SYSTEMS]),
         "roles.png": _side_by_side(
             [(title, runs.one("leaders", who=who)) for who, title in ROLES.items()],
             columns=3,
@@ -93,6 +89,46 @@ def draw_all(runs: Runs, folder: Path) -> None:
     for t in runs.transports:
         if t.picture:
             (folder / BAXTER[t.passage.scene, t.passage.who]).write_bytes(t.picture)
+
+
+def draw_demo(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict[str, str]:
+    """Draw counterparts of Figures 3 to 5 from one recorded movement into `folder`; return a description of each.
+
+    Parameters
+    ----------
+    solutions : solutions of the examples "wide" and "narrow", and of "narrow-free", solved without the demonstration
+    dmp : the demonstrated movement
+    """
+    one = alone(example("wide"))
+    initial = solve(one, demonstration=dmp, objective=LeastJerk()).attempt
+    wide, narrow, free = (solutions[name].attempt for name in ("wide", "narrow", "narrow-free"))
+    taught = carried_demonstration(dmp, narrow.scene)
+    pictures = {
+        "figure3.png": (
+            draw_side_by_side(
+                [initial],
+                ["initial movement of one hand"],
+                [carried_demonstration(dmp, one)],
+                states=False,
+            ),
+            "the demonstrated movement, adapted by one hand to the wide passage",
+        ),
+        "figure4.png": (
+            draw_side_by_side([wide, narrow], ["(a) wide passage", "(b) narrow passage"], states=False),
+            "two hands with a bar through the wide and the narrow passage",
+        ),
+        "figure5.png": (
+            draw_progress(narrow),
+            "objective and constraint along the movement through the narrow passage",
+        ),
+        "taught.png": (
+            draw_side_by_side([narrow, free], ["near to what was taught", "without it"], [taught, None]),
+            "the same passage with and without regard for the demonstration's shape",
+        ),
+    }
+    for name, (figure, _) in pictures.items():
+        save(figure, folder / name)
+    return {name: caption for name, (_, caption) in pictures.items()}
 
 
 def story_panels(runs: Runs) -> list[Panel]:
@@ -131,9 +167,9 @@ def _panel(title: str, cells: list[list[Interval]], floor: float | None = None) 
     return Panel(title, value, low, high, floor)
 
 
-def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, columns: int = 2):
+def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, columns: int = 2) -> Figure:
     return draw_side_by_side(
-        [outcome.motion for _, outcome in drawn],
+        [outcome.motion for _, outcome in drawn if outcome.motion is not None],
         [f"{title}\n{verdict(outcome.measures)}" for title, outcome in drawn],
         states=states,
         columns=min(columns, len(drawn)),

@@ -155,11 +155,10 @@ def scene_of(
     gap: float | None = None,
 ) -> Scene:
     """Return an example with another tolerance of its distance [m], limit of accelerations [m/s^2], or gap [m]."""
+    scene = example("wide" if name == "open" else name)
+    data = scene.file.model_dump(exclude_defaults=True)
     if name == "open":
-        scene, changes = example("wide"), {"obstacles": []}
-    else:
-        scene, changes = example(name), {}
-    data = scene.file.model_dump(exclude_defaults=True) | changes
+        data["obstacles"] = []
     if tolerance is not None:
         first, second = data["manipulators"][:2]
         distance = {"type": "distance", "distance": data["load"]["length"], "tolerance": tolerance}

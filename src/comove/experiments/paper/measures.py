@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.systems import distance_errors
 from comove.planning import Solution
 from comove.verification.verify import verify
 
@@ -139,27 +140,12 @@ def largest_turn(motion: CoordinatedMotion) -> float:
     return float(np.arccos(np.clip(apart @ apart[0], -1.0, 1.0)).max())
 
 
-def progress(motion: CoordinatedMotion, weight: float) -> tuple[Array, Array, Array]:
-    """Return normalised times, terms of goal and velocity, and the largest distance error [m]; shapes (n_steps,).
-
-    Parameters
-    ----------
-    weight : c_vel of equation (4)
-    """
+def follow(motion: CoordinatedMotion, weight: float) -> Along:
+    """Measure objective and errors along a motion; `weight` is c_vel of equation (4)."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, N_ALONG)
     position, velocity, _ = motion.hands(s)
     value = ((position - scene.goal) ** 2).sum(axis=(1, 2)) + weight * (velocity**2).sum(axis=(1, 2))
-    error = np.zeros(len(s))
-    for c in scene.distances:
-        apart = np.linalg.norm(position[:, c.first] - position[:, c.second], axis=1)
-        error = np.maximum(error, np.abs(apart - c.distance))
-    return s, value, error
-
-
-def follow(motion: CoordinatedMotion, weight: float) -> Along:
-    """Measure objective and errors along a motion; `weight` is that of velocities in the objective."""
-    scene = motion.scene
-    s, value, error = progress(motion, weight)
+    error = distance_errors(scene, position)
     nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
     clearance = np.array(
         [scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]

@@ -1,22 +1,24 @@
-"""The page: figures, tables and claims of one reproduction, in Markdown."""
+"""The reproduction of the paper: all runs, their pictures and claims, and one page about them in Markdown."""
 
 from __future__ import annotations
 
+import resource
 import textwrap
+import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
-from comove.experiments.markdown import table
 from comove.experiments.paper import tables
-from comove.experiments.paper.claims import Claim, ClaimFinding, ClaimVerdict
-from comove.experiments.paper.figures import BAXTER, verdict
-from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST, title_of
+from comove.experiments.paper.claims import Claim, ClaimFinding, ClaimVerdict, judge_all
+from comove.experiments.paper.figures import BAXTER, FIGURES, draw_all, verdict
+from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST, Outcome, title_of
 from comove.experiments.paper.measures import count_verified, measure_motion
 from comove.experiments.paper.runs import (
     BAND,
@@ -29,12 +31,22 @@ from comove.experiments.paper.runs import (
     STORY,
     TWO,
     Runs,
+    run_everything,
 )
+from comove.experiments.summaries import table
+from comove.io.folders import Contents
 from comove.views.motion import N_STATES
 
 MINUTE = 60.0  # s
 WIDTH = 118  # of the page's lines
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
+PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
+CONTENTS = Contents(
+    "reproduction",
+    frozenset({PAGE}),
+    frozenset({PAGE, *(f"{FOLDER}/{name}" for name in (*FIGURES, *BAXTER.values(), RUNS))}),
+)
+"""Contents of the folder that is written."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,34 @@ class Effort:
     processes: int
 
 
+def reproduce(
+    folder: Path, seeds: int, *, processes: int, tell: Callable[[str], None] = lambda words: None
+) -> Counter[ClaimVerdict]:
+    """Write the page, its figures and all runs into an existing folder; return the number of claims by verdict.
+
+    Parameters
+    ----------
+    seeds : number of seeds in the large comparison
+    processes : number of runs at the same time
+    tell : function called with words on the progress
+    """
+    started, before = time.perf_counter(), _processor_time()
+    runs = run_everything(seeds, processes, tell)
+    tell("pictures")
+    draw_all(runs, folder / FOLDER)
+    (folder / FOLDER / RUNS).write_text(tables.all_runs(runs), encoding="utf-8")
+    findings = judge_all(runs)
+    effort = Effort(time.perf_counter() - started, _processor_time() - before, processes)
+    (folder / PAGE).write_text(write_page(runs, findings, effort, FOLDER), encoding="utf-8")
+    return Counter(finding.verdict for _, finding in findings)
+
+
+def _processor_time() -> float:
+    """Return the processor time of this process and of its ended children [s]."""
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
 def write_page(
     runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str
 ) -> str:
@@ -66,6 +106,8 @@ def write_page(
     parts = [
         _head(runs, findings, effort, folder),
         _figures(runs, folder),
+        _two_hands(runs, folder),
+        _baxter(runs, folder),
         _systems(runs, folder),
         _story(runs, folder),
         _movements(runs),
@@ -122,23 +164,13 @@ instant.
 
 
 def _figures(runs: Runs, folder: str) -> str:
-    first, straight = (
-        runs.one("figure 1").measures,
-        measure_motion(CoordinatedMotion.straight(example("wide"))),
-    )
+    """Return the section on Figures 1 to 3."""
+    first = runs.one("figure 1").measures
+    straight = measure_motion(CoordinatedMotion.straight(example("wide")))
     initial, given, alone = (
         {scene: runs.one(purpose, scene=scene).measures for scene in INITIAL}
         for purpose in ("figure 3", "given", "straight")
     )
-    paper, comove = (
-        {scene: runs.one("figure 4", scene=scene, who=who) for scene in ("wide", "narrow")}
-        for who in ("paper", "comove")
-    )
-    free = runs.one("figure 6", scene="narrow").measures
-    complex_paper, complex_comove = (
-        runs.one("figure 6", scene="complex", who=w).measures for w in ("paper", "comove")
-    )
-    along, exact = paper["narrow"].along, comove["narrow"].along
     return f"""
 ## Figures
 
@@ -185,7 +217,21 @@ combination: {verdict(initial["complex"])}, J = {initial["complex"].cost:.3f}; g
 {verdict(given["complex"])}. The searches of Figure 6c begin with it. (`comove solve complex.yaml --out one
 --method single`; here with the numbers above. The whole chain by hand: `comove solve SCENE --out both --library DIR
 --method paper`.)
+"""
 
+
+def _two_hands(runs: Runs, folder: str) -> str:
+    """Return the section on Figures 4 to 6."""
+    paper, comove = (
+        {scene: runs.one("figure 4", scene=scene, who=who) for scene in ("wide", "narrow")}
+        for who in ("paper", "comove")
+    )
+    along, exact = (runs.along("figure 4", scene="narrow", who=who) for who in ("paper", "comove"))
+    free = runs.one("figure 6", scene="narrow").measures
+    complex_paper, complex_comove = (
+        runs.one("figure 6", scene="complex", who=who).measures for who in ("paper", "comove")
+    )
+    return f"""
 ### Figure 4: wide and narrow passage
 
 ![Paths of two hands through both passages, by the paper's method and by comove]({folder}/figure4.png)
@@ -217,8 +263,6 @@ method: {verdict(paper["narrow"].measures)}. (b) Both hands taught at
 once in the wide passage, optimised in the narrow one without the constraint, after [22]: {verdict(free)}. (c) The
 complex environment, from the combination of Figure 3: {verdict(complex_paper)} by the paper's method,
 {verdict(complex_comove)} by comove.
-
-{_baxter(runs, folder)}
 """
 
 
@@ -395,5 +439,5 @@ def _stopped(runs: Runs) -> str:
     )
 
 
-def _pair(outcomes: dict, name: str) -> str:
+def _pair(outcomes: Mapping[str, Outcome], name: str) -> str:
     return " | ".join(f"{getattr(outcomes[scene].measures, name):.3g}" for scene in ("wide", "narrow"))

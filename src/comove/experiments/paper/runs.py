@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,27 @@ from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.demonstrations import Demonstration, lasa_names
 from comove.execution import Executor
-from comove.experiments.compared.single import alone
+from comove.experiments.compared import single
 from comove.experiments.examples import example
 from comove.experiments.modulation.comparison import Compared, compare
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
-from comove.experiments.paper.measures import Measures, measure_motion
+from comove.experiments.paper.measures import Along, Measures, measure_motion
 from comove.experiments.workers import run_all
 from comove.planning import load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
+from comove.scenes import recording_of
+
+Movement = DMP | dict[str, DMP] | None
+"""A movement, one for each hand by its name, or None for straight lines."""
 
 SCENES = ("wide", "narrow", "complex")
 STRAIGHT = "none"
 INITIAL = {"wide": "initial", "complex": "winding"}
 """What a library's movements are combined to for one hand, by the environment in which it is (Figure 3)."""
 BAND = 0.002  # m, within which the paper's method holds the distance in its figures: a hundredth of it
-GAIT = {"velocity": 0.2, "acceleration": 1.0}
+GAIT: dict[str, Any] = {"velocity": 0.2, "acceleration": 1.0}
 """c_vel and the limit of accelerations [m/s^2] in Figures 3 to 6, with which movements take all of their time."""
 RESEMBLANCE = 10.0
 PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
@@ -61,9 +66,10 @@ ROLES = {
     "both follow": "both follow",
 }
 """Who leads, by contender."""
+OTHER_SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]")
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
 MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
-RECORDED = {
+RECORDED: dict[str, tuple[str, int] | None] = {
     "line": None,
     "curve": None,
     "Angle": ("Angle", 0),
@@ -134,6 +140,18 @@ class Runs:
         (outcome,) = self.of(purpose, **asked)
         return outcome
 
+    def motion(self, purpose: str, **asked: object) -> CoordinatedMotion:
+        """Return the motion of the only outcome for a purpose whose job has these attributes; it was kept."""
+        motion = self.one(purpose, **asked).motion
+        assert motion is not None, purpose
+        return motion
+
+    def along(self, purpose: str, **asked: object) -> Along:
+        """Return the course of errors along that motion."""
+        along = self.one(purpose, **asked).along
+        assert along is not None, purpose
+        return along
+
     def measures(self, purpose: str, **asked: object) -> list[Measures]:
         """Return the figures of the outcomes for a purpose whose jobs have these attributes."""
         return [outcome.measures for outcome in self.of(purpose, **asked)]
@@ -158,12 +176,13 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     tell : function called with words on the progress
     """
     tell("the initial movements of one hand")
-    initial, winding = (
-        run(Job("figure 3", scene, "single [6]", STRAIGHT, keep=True, **GAIT)) for scene in INITIAL
+    initial = [run(Job("figure 3", scene, "single [6]", STRAIGHT, keep=True, **GAIT)) for scene in INITIAL]
+    alone = {INITIAL[outcome.job.scene]: movement_of(outcome, 0) for outcome in initial}
+    joint = run(
+        Job("joint", "wide", "comove", "initial", alone["initial"], keep=True, tolerance=BAND, **GAIT)
     )
-    taught = movement_of(initial, 0)
-    joint = run(Job("joint", "wide", "comove", "initial", taught, keep=True, tolerance=BAND, **GAIT))
-    movements = movements_after(initial, winding, joint)
+    alone |= {name: DMP.fit(recorded(name)) for name in RECORDED}
+    movements = movements_after(alone, joint)
     jobs = all_jobs(seeds, movements)
     absent = baxter.missing()
     passages = [
@@ -182,50 +201,53 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     n = 1 + len(passages) + len(jobs)
     tell(f"{n} runs, {processes} at once; first the kernels are loaded")
     # Moving obstacles and arms, with kernels of their own to load, go first.
-    compared, *done = run_all(_do, [None, *passages, *jobs], processes=processes, prepare=warm_up, tell=told)
-    transports, outcomes = done[: len(passages)], done[len(passages) :]
-    recording = example("narrow").demonstration
-    unchanged = [
-        _unsearched("given", scene, movement, given_to_both(movements[movement], scene))
+    done = run_all(_do, [None, *passages, *jobs], processes=processes, prepare=warm_up, tell=told)
+    (compared,) = (found for found in done if isinstance(found, list))
+    unsearched = [
+        ("given", scene, movement, given_to_both(alone[movement], scene))
         for scene, movement in INITIAL.items()
-    ]
-    straight = [_unsearched("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
+    ] + [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
+    recording = recording_of(example("narrow"))
+    assert recording is not None
     return Runs(
         seeds=seeds,
-        outcomes=(initial, winding, joint, *unchanged, *straight, *outcomes),
-        transports=tuple(transports),
+        outcomes=(
+            *initial,
+            joint,
+            *(
+                Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
+                for purpose, scene, movement, motion in unsearched
+            ),
+            *(found for found in done if isinstance(found, Outcome)),
+        ),
+        transports=tuple(found for found in done if isinstance(found, baxter.Transport)),
         absent=absent,
         encounters=tuple(_encounter(c) for c in compared),
         compared=tuple(compared),
-        recorded=(recording, movements["Sine"], given_to_both(movements["Sine"], "narrow")),
+        recorded=(recording, alone["Sine"], given_to_both(alone["Sine"], "narrow")),
     )
 
 
-def movements_after(
-    initial: Outcome, winding: Outcome, joint: Outcome
-) -> dict[str, DMP | dict[str, DMP] | None]:
+def movements_after(alone: dict[str, DMP], joint: Outcome) -> dict[str, Movement]:
     """Return all movements by name.
 
-    They are: None, for straight lines; the initial movements of Figure 3, in the wide and in the complex environment;
-    the movement of each hand as taught jointly in the wide passage; the recorded and synthetic ones; and two of
-    these, a different one for each hand.
+    They are those of one hand, `alone`: the initial movements of Figure 3, the recorded and synthetic ones; further
+    recordings; None, for straight lines; the movement of each hand as taught jointly in the wide passage; and two of
+    the recorded ones, a different one for each hand.
     """
-    alone = {name: DMP.fit(recorded(name)) for name in RECORDED}
-    first = {shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()}
-    hands = joint.motion.scene.manipulators
+    hands = example(joint.job.scene).manipulators
     return {
         STRAIGHT: None,
-        "initial": movement_of(initial, 0),
-        "winding": movement_of(winding, 0),
         "joint": {name: movement_of(joint, i) for i, name in enumerate(hands)},
         "two": {name: alone[movement] for name, movement in zip(hands, TWO, strict=True)},
-        **first,
+        **{shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()},
         **alone,
     }
 
 
 def movement_of(outcome: Outcome, hand: int) -> DMP:
     """Fit a primitive to the movement of one hand."""
+    assert outcome.motion is not None
     way = outcome.motion.trajectory()
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
@@ -237,23 +259,19 @@ def recordings() -> tuple[str, ...]:
 
 def recorded(name: str) -> Demonstration:
     """Return one of the `RECORDED` movements; the synthetic ones last a second and are a metre long."""
-    if RECORDED[name] is not None:
-        return Demonstration.from_lasa(*RECORDED[name])
+    known = RECORDED[name]
+    if known is not None:
+        return Demonstration.from_lasa(*known)
     time = np.linspace(0.0, 1.0, 401)
     along = minimum_jerk(time)
     aside = 0.15 * np.sin(2 * np.pi * along) if name == "curve" else np.zeros_like(along)
     return Demonstration(time, np.stack([along, aside], axis=1), name)
 
 
-def _unsearched(purpose: str, scene: str, movement: str, motion: CoordinatedMotion) -> Outcome:
-    """Return the outcome of a motion that does not come from a search."""
-    return Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
-
-
 def straight_of_one(scene: str) -> CoordinatedMotion:
     """Return the straight line of the first hand alone."""
-    single = alone(example(scene))
-    return CoordinatedMotion.straight(single, load_coordinates(single))
+    alone = single.alone(example(scene))
+    return CoordinatedMotion.straight(alone, load_coordinates(alone))
 
 
 def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
@@ -262,28 +280,23 @@ def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
 
-def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> list[Job]:
+def all_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
     """Return all jobs except the initial movements, the longest first."""
+    return figure_jobs(seeds, movements) + table_jobs(seeds, movements)
 
-    def job(purpose: str, scene: str, who: str, movement: str, **options: object) -> Job:
-        return Job(purpose, scene, who, movement, movements[movement], **options)
 
+def figure_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
+    """Return the jobs for figures and single claims."""
+    job = partial(_job, movements)
     figure = {"tolerance": BAND, **GAIT}
     jobs = [
         job("three hands", "triangle", who, STRAIGHT, seed=FRESH + i)
         for who in ("comove", "paper")
         for i in range(_few(seeds, THREE_HANDS_SEEDS))
     ]
-    jobs += [  # without a limit of accelerations, of which the paper knows nothing
-        job(
-            "printed",
-            scene,
-            who,
-            "initial",
-            seed=seed,
-            **figure | {"acceleration": None},
-            budget=PRINTED_BUDGET,
-        )
+    unlimited = figure | {"acceleration": None, "budget": PRINTED_BUDGET}  # the paper limits no accelerations
+    jobs += [
+        job("printed", scene, who, "initial", seed=seed, **unlimited)
         for who in ("printed", "paper without schedules")
         for scene in ("wide", "narrow")
         for seed in range(_few(seeds, PRINTED_SEEDS))
@@ -294,21 +307,20 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
             jobs.append(job("figure 4", scene, who, "initial", keep=True, **figure))
         jobs.append(job("figure 6", "complex", who, "winding", keep=True, **figure))
     jobs.append(job("figure 6", "narrow", "unconstrained [22]", "joint", keep=True, **figure))
-    for who in (
-        "comove",
-        "unconstrained [22]",
-        "leader-follower [7]",
-        "speed-scaled [8]",
-        "task-priority [5]",
-    ):
-        jobs.append(job("systems", "narrow", who, STRAIGHT, keep=True))
+    jobs += [job("systems", "narrow", who, STRAIGHT, keep=True) for who in ("comove", *OTHER_SYSTEMS)]
     jobs += [job("leaders", "open", who, "two", keep=True) for who in ROLES]
     jobs.append(job("obstacles in the cost", "narrow", "comove", STRAIGHT, obstacles="cost"))
-    jobs += [
+    return jobs
+
+
+def table_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
+    """Return the jobs for tables of several seeds."""
+    job, budget = partial(_job, movements), MOVEMENT_BUDGET * min(1.0, FEW * seeds)
+    jobs = [
         job(
             *("movements", scene, who, movement),
             seed=seed,
-            budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds),
+            budget=budget,
             resemblance=RESEMBLANCE if who == "comove" else 0.0,
         )
         for movement in RECORDED
@@ -317,18 +329,12 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
         for seed in range(_few(seeds, MOVEMENT_SEEDS))
     ]
     jobs += [
-        Job(
-            **{"purpose": "sensitivity", "scene": "narrow", "who": "paper", "movement": STORY["narrow"]}
-            | changes,
-            taught=movements[STORY["narrow"]],
-            seed=seed,
-            budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds),
-        )
+        replace(job("sensitivity", "narrow", "paper", STORY["narrow"], seed=seed, budget=budget), **changes)
         for changes in differing(SENSITIVITY)
         for seed in range(_few(seeds, SENSITIVITY_SEEDS))
     ]
     jobs += [
-        job("recordings", scene, "paper", shape, seed=seed, budget=MOVEMENT_BUDGET * min(1.0, FEW * seeds))
+        job("recordings", scene, "paper", shape, seed=seed, budget=budget)
         for shape in recordings()
         for scene in SCENES
         for seed in range(_few(seeds, MOVEMENT_SEEDS))
@@ -340,6 +346,12 @@ def all_jobs(seeds: int, movements: dict[str, DMP | dict[str, DMP] | None]) -> l
         for seed in range(seeds if contender.random else 1)
     ]
     return jobs
+
+
+def _job(
+    movements: Mapping[str, Movement], purpose: str, scene: str, who: str, movement: str, **options: Any
+) -> Job:
+    return Job(purpose, scene, who, movement, movements[movement], **options)
 
 
 def differing(table: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any]]:

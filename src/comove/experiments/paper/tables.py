@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from comove.experiments.markdown import table
 from comove.experiments.paper.claims import Claim, ClaimFinding
 from comove.experiments.paper.figures import median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS, title_of
 from comove.experiments.paper.measures import Measures, count_verified
 from comove.experiments.paper.runs import (
     MOVEMENT_CONTENDERS,
+    OTHER_SYSTEMS,
     RECORDED,
     ROLES,
     SCENES,
@@ -24,11 +24,10 @@ from comove.experiments.paper.runs import (
     Runs,
     recordings,
 )
-from comove.experiments.statistics import Interval
+from comove.experiments.summaries import Interval, table
 
 PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "velocity": 0.01}
 EPOCHS = (1, 2, 4, 8, 20)
-SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]", "comove")
 
 
 def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
@@ -64,7 +63,7 @@ def story_table(runs: Runs, scene: str) -> str:
 def systems_table(runs: Runs) -> str:
     """Return the table of every system on every scene, with its recorded movement and from straight lines."""
     rows = []
-    for who in SYSTEMS:
+    for who in (*OTHER_SYSTEMS, "comove"):
         cells = [_broken(runs.measures("story", scene=scene, who=who)) for scene in SCENES]
         rows.append([who, *cells, _broken(runs.measures("systems", who=who))])
     return table(["method", *SCENES, "narrow, from straight lines"], rows)

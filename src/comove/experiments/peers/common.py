@@ -1,19 +1,24 @@
-"""Functions shared by peers: the representation of a scene, the first guess, and the best candidate."""
+"""The base class of peers, and what they share: clearances, a first guess, a time law, the best candidate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from types import ModuleType
+from typing import ClassVar
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.experiments.systems import Offers, SystemProblem, cost_of
+from comove.errors import ExtraError
+from comove.experiments.systems import Offers, System, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance
+from comove.planning.seeds import minimum_jerk, steady
 from comove.primitives.basis import motion_basis
-from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.scene import Scene
 from comove.verification.record import END_SPEED
 
@@ -26,6 +31,42 @@ FINE = 4001  # places along a path at which its length is measured
 
 class PeerOutOfTime(Exception):
     """Signals that the budget of a peer is used up."""
+
+
+def needed(name: str) -> ModuleType:
+    """Import a module that `comove[bench]` installs.
+
+    Raises
+    ------
+    ExtraError
+        If it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ExtraError(f"the peer '{name.split('.')[0]}'", "bench") from error
+
+
+class Peer(System):
+    """A system with another tool behind it.
+
+    Attributes
+    ----------
+    modules : names of the modules that it needs
+    """
+
+    modules: ClassVar[tuple[str, ...]]
+
+    def refuses(self, scene: Scene) -> str:
+        """Return why peers cannot represent the scene, empty if they can."""
+        return refusal(scene)
+
+    def warm_up(self, problem: SystemProblem) -> None:
+        """Import the modules and compile the kernels of distances."""
+        for name in self.modules:
+            needed(name)
+        clearances(problem.scene, problem.scene.start[None])
+        clearance_slopes(problem.scene, problem.scene.start[None])
 
 
 def refusal(scene: Scene) -> str:
@@ -82,6 +123,13 @@ def moved_aside(hands: Array, size: float, rng: np.random.Generator, n_waves: in
     return hands + (waves @ rng.normal(0.0, size, (n_waves, n_dims)))[:, None]
 
 
+def growing(size: float, most: float) -> Iterator[float]:
+    """Yield the size of random changes for one attempt after another, twice the last each time, up to `most`."""
+    while True:
+        yield size
+        size = min(2.0 * size, most)
+
+
 def spatial(hands: Array) -> Array:
     """Convert hands, (n_steps, n_manipulators, n_dims), to nodes, (n_steps, n_manipulators, 3) [m]."""
     nodes = np.zeros((*hands.shape[:2], 3))
@@ -90,7 +138,9 @@ def spatial(hands: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _clearances(nodes, edges, radii, table, lower, upper):
+def _clearances(
+    nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, lower: Array, upper: Array
+) -> Array:
     result = np.empty(nodes.shape[0])
     for t in range(nodes.shape[0]):
         result[t] = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
@@ -98,7 +148,15 @@ def _clearances(nodes, edges, radii, table, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _clearance_slopes(nodes, n_dims, edges, radii, table, lower, upper):
+def _clearance_slopes(
+    nodes: Array,
+    n_dims: int,
+    edges: NDArray[np.int64],
+    radii: Array,
+    table: Array,
+    lower: Array,
+    upper: Array,
+) -> Array:
     slopes = np.empty((nodes.shape[0], nodes.shape[1], n_dims))
     for t in range(nodes.shape[0]):
         for i in range(nodes.shape[1]):
@@ -127,12 +185,6 @@ def clearance_slopes(scene: Scene, hands: Array) -> Array:
     )
 
 
-def load_clearances(scene: Scene) -> None:
-    """Compile `clearances` and `clearance_slopes`, or load them from the cache."""
-    clearances(scene, scene.start[None])
-    clearance_slopes(scene, scene.start[None])
-
-
 def kept_clearance(scene: Scene, most: float) -> float:
     """Return a margin on the clearance of samples, because hands also move between them [m].
 
@@ -157,11 +209,12 @@ def violation(problem: SystemProblem, hands: Array) -> float:
     step = scene.duration / (len(hands) - 1)
     missed = [scene.clearance - clearances(scene, hands).min()]
     for c in scene.constraints:
-        apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
-        if isinstance(c, DistanceConstraint):
-            missed.append(np.abs(apart - c.distance).max() - c.tolerance)
-        else:
-            missed.append(c.least - apart.min())
+        if isinstance(c, (DistanceConstraint, SeparationConstraint)):
+            apart = np.linalg.norm(hands[:, c.first] - hands[:, c.second], axis=1)
+            if isinstance(c, DistanceConstraint):
+                missed.append(np.abs(apart - c.distance).max() - c.tolerance)
+            else:
+                missed.append(c.least - apart.min())
     velocity = np.diff(hands, axis=0, prepend=hands[:1]) / step
     missed.append(np.linalg.norm(velocity, axis=2).max() - scene.speed_limit)
     missed.append(np.linalg.norm(velocity[-1], axis=1).max() - END_SPEED)
@@ -181,7 +234,8 @@ class Best:
 
     def __init__(self, problem: SystemProblem, offers: Offers):
         self.problem, self.offers = problem, offers
-        self.rank, self.seconds, self.hands = (np.inf, np.inf), 0.0, None
+        self.rank, self.seconds = (np.inf, np.inf), 0.0
+        self.hands: Array | None = None
         self.offered: tuple[float, Array | None] = np.inf, None
 
     def see(self, hands: Array, seconds: float | None = None) -> bool:
@@ -189,23 +243,20 @@ class Best:
 
         `seconds` is when it was found; by default now.
         """
-        missed, cost = violation(self.problem, hands), cost_of(self.problem.scene, hands)
+        missed, cost = violation(self.problem, hands), float(cost_of(self.problem.scene, hands))
         rank = (max(missed, 0.0), cost)
         if self.hands is None or rank < self.rank:
             self.rank, self.hands = rank, hands
             self.seconds = self.offers.seconds if seconds is None else seconds
             if missed <= 0.0 and cost < BETTER * self.offered[0]:
-                self._offer()
+                self.close()
         return missed <= 0.0
 
     def close(self) -> None:
         """Offer the best, unless it was the last that was offered."""
         if self.hands is not None and self.hands is not self.offered[1]:
-            self._offer()
-
-    def _offer(self) -> None:
-        self.offered = self.rank[1], self.hands
-        self.offers.take(self.hands, self.seconds)
+            self.offered = self.rank[1], self.hands
+            self.offers.take(self.hands, self.seconds)
 
 
 def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
@@ -229,12 +280,9 @@ def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
     if length[-1] == 0.0:
         return hands_at(np.zeros_like(problem.instants))
     scene, s = problem.scene, problem.instants
-    travelled = s**3 * (10 - 15 * s + 6 * s**2)
+    travelled = minimum_jerk(s)
     fastest = 0.98 * scene.speed_limit * scene.duration / length[-1]  # in lengths a duration
     if fastest < 1.875:
         ramp = min(max(1.0 - 1.0 / fastest, 0.05), 0.5)
-        speed = np.minimum(np.minimum(s, 1.0 - s) / ramp, 1.0)
-        speed = speed**2 * (3 - 2 * speed)
-        travelled = np.concatenate([[0.0], np.cumsum(speed[1:] + speed[:-1])])
-        travelled /= travelled[-1]
+        travelled = steady(s, ramp)
     return hands_at(np.interp(travelled * length[-1], length, shares))

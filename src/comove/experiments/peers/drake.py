@@ -14,19 +14,18 @@ from numpy.typing import NDArray
 
 from comove.experiments.peers.common import (
     Best,
+    Peer,
     PeerOutOfTime,
     clearance_slopes,
     clearances,
     first_hands,
+    growing,
     independent_distances,
     kept_clearance,
-    load_clearances,
     moved_aside,
-    refusal,
+    needed,
 )
-from comove.experiments.peers.needed import needed
-from comove.experiments.systems import WEIGHTS, Offers, System, SystemProblem
-from comove.scenes.scene import Scene
+from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
 
 Array = NDArray[np.float64]
 
@@ -37,29 +36,25 @@ N_COST = 201  # at which J is summed
 BAND = 0.5  # of a distance's tolerance: a spline cannot meet more equalities than it has control points
 MARGIN = 0.005  # m
 LIMIT = 0.9  # of speed and acceleration limits
-NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
 
 
 @dataclass(frozen=True)
-class Drake(System):
+class Drake(Peer):
     """SNOPT on Drake's programme, restarted from random points around the guess until a movement looks feasible."""
 
     name: str
-
-    def refuses(self, scene: Scene) -> str:
-        """Return why peers cannot represent the scene, empty if they can."""
-        return refusal(scene)
-
-    def warm_up(self, problem: SystemProblem) -> None:
-        """Import Drake and compile the kernels of distances."""
-        for module in ("planning", "solvers", "autodiffutils", "math", "trajectories"):
-            needed(f"pydrake.{module}")
-        load_clearances(problem.scene)
+    modules = (
+        "pydrake.planning",
+        "pydrake.solvers",
+        "pydrake.autodiffutils",
+        "pydrake.math",
+        "pydrake.trajectories",
+    )
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J over the control points."""
         solvers, best = needed("pydrake.solvers"), Best(problem, offers)
-        rng, noise, scene = np.random.default_rng(problem.seed), NOISE, problem.scene
+        rng, scene = np.random.default_rng(problem.seed), problem.scene
         optimisation = _optimisation(problem, offers)
         basis, points = optimisation.basis(), optimisation.control_points()
         values, s = _values(basis, problem.instants), np.linspace(0.0, 1.0, N_COST)
@@ -73,7 +68,9 @@ class Drake(System):
         programme.AddVisualizationCallback(visit, points.ravel())
         options = solvers.SolverOptions()
         options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", MAJOR)
-        while offers.seconds < problem.budget:
+        for noise in growing(0.01, most=0.3):  # m, by which the load is moved aside
+            if offers.seconds >= problem.budget:
+                break
             visit((fit @ moved_aside(guess, noise, rng).reshape(N_COST, -1)).T)
             programme.SetInitialGuess(points, latest)
             programme.SetInitialGuess(optimisation.duration(), scene.duration)
@@ -84,7 +81,6 @@ class Drake(System):
                     raise
             if best.see((values @ latest.T).reshape(-1, *scene.start.shape)):
                 break
-            noise = min(GROWTH * noise, MOST)
         best.close()
 
 
@@ -99,12 +95,13 @@ def _optimisation(problem: SystemProblem, offers: Offers) -> Any:
     optimisation = constrained(problem, offers, N_CONTROL, ORDER)
     programme, points = optimisation.get_mutable_prog(), optimisation.control_points()
     optimisation.AddDurationConstraint(scene.duration, scene.duration)
-    most = np.full(n, LIMIT * scene.speed_limit / np.sqrt(n_dims))
-    if scene.speed_limit < np.inf:
-        optimisation.AddVelocityBounds(-most, most)
-    if scene.acceleration_limit < np.inf:
-        most = np.full(n, LIMIT * scene.acceleration_limit / np.sqrt(n_dims))
-        optimisation.AddAccelerationBounds(-most, most)
+    for limit, bounded in (
+        (scene.speed_limit, optimisation.AddVelocityBounds),
+        (scene.acceleration_limit, optimisation.AddAccelerationBounds),
+    ):
+        if limit < np.inf:
+            most = np.full(n, LIMIT * limit / np.sqrt(n_dims))
+            bounded(-most, most)
     values = _values(optimisation.basis(), np.linspace(0.0, 1.0, N_COST))
     steps = np.diff(values, axis=0) * (N_COST - 1)
     square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / N_COST

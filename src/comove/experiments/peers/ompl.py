@@ -9,29 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
-from comove.experiments.peers.common import Best, independent_distances, refusal, timed
-from comove.experiments.peers.needed import needed
-from comove.experiments.systems import Offers, System, SystemProblem
-from comove.planning.configurations import (
-    Space,
-    clearance_of,
-    configuration_space,
-    copy_to,
-    interpolate,
-    span,
-)
+from comove.experiments.peers.common import Best, Peer, independent_distances, needed, refusal, timed
+from comove.experiments.systems import Offers, SystemProblem
+from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
+from comove.planning.planner import along
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+MODULES = ("ompl.base", "ompl.geometric", "ompl.util")
 STEP = 0.005  # m, between the states that are checked along a motion
 RANGE = 0.2  # m, of a motion that a tree grows by: better in all scenes tried than what OMPL chooses (0.35 to 0.41)
 SHORTER = 0.99  # of the path that was noted last, below which another is
@@ -40,7 +35,7 @@ SIMPLIFYING = 0.2  # share of the budget that simplification may take
 
 
 @dataclass(frozen=True)
-class OMPL(System):
+class OMPL(Peer):
     """A planner in SE(2) or SE(3), whose metric bounds the travel of the farthest hand.
 
     Attributes
@@ -52,25 +47,24 @@ class OMPL(System):
     name: str
     planner: str
     then: Literal["offer", "simplify", "improve"]
-    orientations: ClassVar[tuple[str, ...]] = ("plane", "axis", "space")
+    modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
         """Return why a planner for one load that all hands hold does not suit the scene, empty if it does."""
-        if len(scene.groups) > 1 or scene.groups[0].orientation not in self.orientations:
+        if len(scene.groups) > 1 or scene.groups[0].orientation not in ("plane", "axis", "space"):
             return "It plans for one load that all hands hold and that may turn freely."
         return refusal(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""
-        for module in ("base", "geometric", "util"):
-            needed(f"ompl.{module}")
+        super().warm_up(problem)
         load = OmplLoad(problem.scene)
         motion_is_free(load.space, load.start, load.goal, STEP, load.margin)
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Plan, add a time law to the path, and offer it; or offer paths as they become shorter."""
-        base, geometric = needed("ompl.base"), needed("ompl.geometric")
+        base = needed("ompl.base")
         _quiet(problem.seed)
         load = OmplLoad(problem.scene)
         space = _pose_space(base, load)
@@ -79,31 +73,32 @@ class OMPL(System):
         information.setMotionValidator(_validator(base, information, load))
         information.setup()
         ends = [_write(space, load, q) for q in (load.start, load.goal)]
-        wanted = base.ProblemDefinition(information)
-        wanted.setStartAndGoalStates(*ends)
-        wanted.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
-        planner = getattr(geometric, self.planner)(information)
-        planner.setProblemDefinition(wanted)
-        planner.setRange(RANGE)
-        planner.setup()
+        planning = OmplPlanning(problem, offers, information, self.planner, ends)
+        found: list[tuple[float, float, Array]] = []
+
+        def note() -> None:
+            path = planning.path
+            if not found or path.length() < SHORTER * found[-1][1]:
+                found.append((offers.seconds, path.length(), load.path(path)))
+
         improves = self.then == "improve"
-        found = _solved(base, planner, wanted, offers, problem.budget, load.path, improves=improves)
-        if found and self.then == "simplify":
-            path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
-            geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
-            found = [(offers.seconds, load.path(path))]
+        if not planning.solve(note if improves else lambda: None):
+            return
+        if self.then == "simplify":
+            planning.simplify()
+        note()
         best = Best(problem, offers)
-        for seconds, path in found:
-            hands = timed(lambda shares, path=path: load.hands(path, shares), problem)
-            best.see(hands, seconds if improves else None)
+        for seconds, _, path in found:
+            best.see(timed(partial(load.hands, path), problem), seconds if improves else None)
         best.close()
 
 
 @dataclass(frozen=True)
-class ProjectedOMPL(System):
+class ProjectedOMPL(Peer):
     """RRTConnect on the manifold of hands that keep their distances, which it reaches by projection."""
 
     name: str
+    modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
         """Return why the scene has no distances to project on, or peers cannot represent it; empty if it suits."""
@@ -113,8 +108,7 @@ class ProjectedOMPL(System):
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""
-        for module in ("base", "geometric", "util"):
-            needed(f"ompl.{module}")
+        super().warm_up(problem)
         _free_hands(problem.scene)(problem.scene.start.ravel())
         Manifold(problem.scene).project(problem.scene.start.ravel(), 0.0)
 
@@ -123,16 +117,14 @@ class ProjectedOMPL(System):
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
         scene, manifold = problem.scene, Manifold(problem.scene)
-        ambient = base.RealVectorStateSpace(scene.start.size)
-        bounds = base.RealVectorBounds(scene.start.size)
-        for i in range(scene.start.size):
-            bounds.setLow(i, float(scene.lower[i % scene.n_dims]))
-            bounds.setHigh(i, float(scene.upper[i % scene.n_dims]))
-        ambient.setBounds(bounds)
+        free, n = _free_hands(scene), scene.start.size
+        ambient = base.RealVectorStateSpace(n)
+        ambient.setBounds(
+            _bounds(base, *(np.tile(border, len(scene.start)) for border in (scene.lower, scene.upper)))
+        )
         space = base.ProjectedStateSpace(ambient, _constraint(base, manifold))
         information = base.ConstrainedSpaceInformation(space)
         space.setDelta(STEP)
-        free, n = _free_hands(scene), scene.start.size
 
         def read(state: Any) -> Array:
             return np.array([state[i] for i in range(n)])
@@ -143,23 +135,63 @@ class ProjectedOMPL(System):
         for hands in (scene.start, scene.goal):
             ends.append(space.allocState())
             ends[-1].copy(hands.ravel())
-        wanted = base.ProblemDefinition(information)
-        wanted.setStartAndGoalStates(*ends)
-        planner = geometric.RRTConnect(information)
-        planner.setProblemDefinition(wanted)
-        planner.setRange(RANGE)
-        planner.setup()
-        found = _solved(base, planner, wanted, offers, problem.budget, lambda path: None, improves=False)
-        best = Best(problem, offers)
-        for simplified in (False, True) if found else ():
-            path, left = wanted.getSolutionPath(), problem.budget - offers.seconds
+        planning, best = OmplPlanning(problem, offers, information, "RRTConnect", ends), Best(problem, offers)
+        for simplified in (False, True) if planning.solve() else ():
             if simplified:
-                geometric.PathSimplifier(information).simplify(path, min(SIMPLIFYING * problem.budget, left))
-            path = geometric.PathGeometric(path)  # a copy, which is filled up along the manifold
+                planning.simplify()
+            path = geometric.PathGeometric(planning.path)  # a copy, which is filled up along the manifold
             path.interpolate()
             states, seconds = np.array([read(state) for state in path.getStates()]), offers.seconds
-            best.see(timed(lambda shares, states=states: manifold.hands(states, shares), problem), seconds)
+            best.see(timed(partial(manifold.hands, states), problem), seconds)
         best.close()
+
+
+class OmplPlanning:
+    """A planner that is set up on a problem.
+
+    Parameters
+    ----------
+    information : OMPL's space information
+    planner : its name in `ompl.geometric`
+    ends : first and last state
+    """
+
+    def __init__(
+        self, problem: SystemProblem, offers: Offers, information: Any, planner: str, ends: list[Any]
+    ):
+        base, geometric = needed("ompl.base"), needed("ompl.geometric")
+        self.problem, self.offers, self.information = problem, offers, information
+        self.wanted = base.ProblemDefinition(information)
+        self.wanted.setStartAndGoalStates(*ends)
+        self.wanted.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
+        self.planner = getattr(geometric, planner)(information)
+        self.planner.setProblemDefinition(self.wanted)
+        self.planner.setRange(RANGE)
+        self.planner.setup()
+
+    @property
+    def path(self) -> Any:
+        """Return the present path."""
+        return self.wanted.getSolutionPath()
+
+    def solve(self, note: Callable[[], None] = lambda: None) -> bool:
+        """Plan until the planner ends or the budget is used up; return whether there is a path.
+
+        Once there is a path, `note` is called whenever the planner asks whether to stop, after every small step.
+        """
+
+        def stop() -> bool:
+            if self.wanted.hasExactSolution():
+                note()
+            return self.offers.seconds > self.problem.budget
+
+        self.planner.solve(needed("ompl.base").PlannerTerminationCondition(stop))
+        return bool(self.wanted.hasExactSolution())
+
+    def simplify(self) -> None:
+        """Shorten the present path."""
+        left = min(SIMPLIFYING * self.problem.budget, self.problem.budget - self.offers.seconds)
+        needed("ompl.geometric").PathSimplifier(self.information).simplify(self.path, left)
 
 
 class OmplLoad:
@@ -194,7 +226,7 @@ class OmplLoad:
         self.start, self.goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
         self.reach, self._nodes = float(group.reach), np.zeros((scene.body.n_nodes, 3))
         ends = min(clearance_of(self.space, q, self._nodes, -1.0) for q in (self.start, self.goal))
-        self.margin = scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
+        self.margin = _margin(scene, ends)
 
     def is_free(self, q: Array) -> bool:
         """Return whether a state keeps the margin."""
@@ -215,7 +247,7 @@ class OmplLoad:
 
     def hands(self, path: Array, shares: Array) -> Array:
         """Return hands at shares of a path, (n,); path (n_states, n_columns) -> (n, n_manipulators, n_dims) [m]."""
-        q = _along(self.space, np.ascontiguousarray(path), np.ascontiguousarray(shares))
+        (q,) = along(self.space, np.ascontiguousarray(path), np.ascontiguousarray(shares[None]))
         nodes = place(self.space.blocks, np.ascontiguousarray(q.T)[None], 1.0)[0]
         return nodes[:, : len(self.scene.manipulators), : self.n_dims]
 
@@ -252,7 +284,7 @@ class Manifold:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def motion_is_free(space, p, q, step, margin):
+def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float) -> bool:
     """Return whether states between two keep a margin [m]; points move at most a step [m] between states."""
     nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
     if clearance_of(space, q, nodes, margin) <= margin:
@@ -266,26 +298,9 @@ def motion_is_free(space, p, q, step, margin):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _along(space, path, shares):
-    """Return configurations at shares of a path; arrays, shapes (n_states, n_columns), (n,) -> (n, n_columns)."""
-    length = np.zeros(path.shape[0])
-    for i in range(1, path.shape[0]):
-        length[i] = length[i - 1] + span(space, path[i - 1], path[i])
-    result = np.empty((shares.shape[0], path.shape[1]))
-    for t in range(shares.shape[0]):
-        at = shares[t] * length[-1]
-        i = 1
-        while i < path.shape[0] - 1 and length[i] < at:
-            i += 1
-        part = length[i] - length[i - 1]
-        f = min(1.0, max(0.0, (at - length[i - 1]) / part)) if part > 0.0 else 0.0
-        copy_to(path[i - 1], result[t])
-        interpolate(space, path[i - 1], path[i], f, result[t])
-    return result
-
-
-@numba.njit(cache=True, error_model="numpy")
-def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
+def distance_errors(
+    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, errors: Array, slopes: Array
+) -> None:
     """Compute the errors of distances [m] and their derivatives, in place.
 
     Parameters
@@ -307,7 +322,7 @@ def distance_errors(x, pairs, wanted, n_dims, errors, slopes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _project(x, pairs, wanted, n_dims, tolerance):
+def _project(x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
     for _ in range(PROJECTIONS):
@@ -330,14 +345,24 @@ def _quiet(seed: int) -> None:
 
 def _pose_space(base: Any, load: OmplLoad) -> Any:
     space = base.SE2StateSpace() if load.n_dims == 2 else base.SE3StateSpace()
-    bounds = base.RealVectorBounds(load.n_dims)
-    for axis in range(load.n_dims):
-        bounds.setLow(axis, float(load.scene.lower[axis]))
-        bounds.setHigh(axis, float(load.scene.upper[axis]))
-    space.setBounds(bounds)
+    space.setBounds(_bounds(base, load.scene.lower, load.scene.upper))
     # Between quaternions OMPL measures half of the angle.
     space.setSubspaceWeight(1, load.reach if load.n_dims == 2 else 2 * load.reach)
     return space
+
+
+def _bounds(base: Any, lower: Array, upper: Array) -> Any:
+    """Return OMPL's bounds of a space of vectors; arrays, shape (n,)."""
+    bounds = base.RealVectorBounds(len(lower))
+    for axis, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        bounds.setLow(axis, low)
+        bounds.setHigh(axis, high)
+    return bounds
+
+
+def _margin(scene: Scene, ends: float) -> float:
+    """Return the clearance that states keep, less than the clearance `ends` of start and goal [m]."""
+    return scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
 
 
 def _write(space: Any, load: OmplLoad, q: Array) -> Any:
@@ -402,41 +427,5 @@ def _free_hands(scene: Scene) -> Callable[[Array], bool]:
     )
     space = space._replace(blocks=blocks, reach=np.zeros(n))
     ends = min(clearance_of(space, q.ravel(), nodes, -1.0) for q in (scene.start, scene.goal))
-    margin = scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
+    margin = _margin(scene, ends)
     return lambda x: clearance_of(space, x, nodes, margin) > margin
-
-
-def _solved(
-    base: Any,
-    planner: Any,
-    wanted: Any,
-    offers: Offers,
-    budget: float,
-    copied: Callable[[Any], Array | None],
-    *,
-    improves: bool,
-) -> list[tuple[float, Array]]:
-    """Run a planner; return the times at which it found paths, and the paths converted by `copied`.
-
-    A planner that improves paths is stopped by the clock alone. The planner asks after every small step whether to
-    stop, and its present path is read at these times.
-    """
-    found: list[tuple[float, Any]] = []
-    shortest = np.inf
-
-    def note() -> None:
-        nonlocal shortest
-        path = wanted.getSolutionPath()
-        if path.length() < SHORTER * shortest:
-            shortest = path.length()
-            found.append((offers.seconds, copied(path)))
-
-    def stop() -> bool:
-        if improves and wanted.hasExactSolution():
-            note()
-        return offers.seconds > budget
-
-    planner.solve(base.PlannerTerminationCondition(stop))
-    if wanted.hasExactSolution():
-        note()
-    return found

@@ -1,14 +1,19 @@
-"""The shape weights of all hands as an optimisation problem: numbers in, costs and constraints out.
+"""Peers that move primitives: optimisers on the shape weights of all hands, and a coupling of two hands.
 
-Every hand is a primitive of its own, whose ends hold by construction. Distances between hands, clearance and limits
-are constraints at samples. Because hands also move between the samples, the constraints keep a part of the tolerance
-as a margin: half of a tolerance, up to 5 mm of clearance, a tenth of a limit.
+`Shapes` poses the optimisation problem. Every hand is a primitive of its own, whose ends hold by construction.
+Distances between hands, clearance and limits are constraints at samples. Because hands also move between the samples,
+the constraints keep a part of the tolerance as a margin: half of a tolerance, up to 5 mm of clearance, a tenth of a
+limit.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +23,20 @@ from comove.coordination.motion import CoordinatedDMP
 from comove.experiments.peers.common import (
     BETTER,
     Best,
+    Peer,
     PeerOutOfTime,
     clearance_slopes,
     clearances,
     first_hands,
+    growing,
     kept_clearance,
+    needed,
+    refusal,
+    spatial,
 )
-from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
+from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -74,7 +85,7 @@ class Shapes:
         self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
         self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
         guess = self._samples(self.seen)
-        self.note(self.seen, float(self.costs(guess)[0]), self.demands(guess))  # it may do already
+        self.note(self.seen, float(cost_of(scene, guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
         """Return sampled hands of many points; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
@@ -93,14 +104,8 @@ class Shapes:
         q = self.dmp.rollouts(weights, N_STEPS)
         return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)
 
-    def costs(self, hands: Array) -> Array:
-        """Compute J; hands (n_points, N_STEPS, n_manipulators, n_dims) -> (n_points,)."""
-        to_goal = ((hands - self.problem.scene.goal) ** 2).sum(axis=(1, 2, 3)) / N_STEPS
-        effort = (np.diff(hands, axis=1) ** 2).sum(axis=(1, 2, 3)) * (N_STEPS - 1) ** 2 / N_STEPS
-        return WEIGHTS.goal * to_goal + WEIGHTS.velocity * effort
-
     def demands(self, hands: Array) -> list[Demand]:
-        """Return all demands; hands as for `costs`.
+        """Return all demands of hands, (n_points, N_STEPS, n_manipulators, n_dims).
 
         There are two for each distance (not too far, not too near), one for each separation, one for the clearance,
         and one for speed and acceleration of each hand if they have limits.
@@ -201,3 +206,172 @@ class Shapes:
                     slopes[:, i] = -changing[AT_LIMITS] / np.maximum(size, 1e-12)
                     rows.append(of_hands(slopes, phi[AT_LIMITS]))
         return SCALE * np.concatenate(rows)
+
+
+@dataclass(frozen=True)
+class PycmaAL(Peer):
+    """Pycma's `ConstrainedFitnessAL`, with the largest violation of each demand in 20 windows of time as constraints.
+
+    A run that ends is followed by another from the same guess, until the budget is used up.
+    """
+
+    name: str
+    n_basis: int = 16
+    sigma: float = 0.05  # the step size at first
+    modules = ("cma", "cma.constraints_handler", "cma.logger")
+
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
+        """Minimise J on the shape weights."""
+        cma, handler, logger = map(needed, self.modules)
+        shapes, rng = Shapes(problem, offers, self.n_basis), np.random.default_rng(problem.seed)
+        known: dict[bytes, tuple[float, Array]] = {}
+
+        def evaluate(points: Array) -> None:
+            hands = shapes.hands(points)
+            costs, asked = cost_of(problem.scene, hands), shapes.demands(hands)
+            missed = shapes.windows(asked)
+            known.clear()
+            for k, x in enumerate(points):
+                known[x.tobytes()] = float(costs[k]), missed[k]
+                shapes.note(x, float(costs[k]), asked, k)
+
+        def value(x: Array) -> tuple[float, Array]:
+            x = np.asarray(x)
+            if x.tobytes() not in known:
+                evaluate(x[None])
+            return known[x.tobytes()]
+
+        options = {
+            "verbose": -9,
+            "verb_log": 0,
+            "seed": np.nan,
+            "randn": lambda *size: rng.standard_normal(size),
+        }
+        with suppress(PeerOutOfTime), _silence(handler, logger.LoggerDummy):
+            while True:
+                fitness = handler.ConstrainedFitnessAL(
+                    lambda x: value(x)[0], lambda x: value(x)[1], logging=0, archives=False
+                )
+                run = cma.CMAEvolutionStrategy(np.zeros(shapes.n), self.sigma, options)
+                while not run.stop():
+                    points = run.ask()
+                    evaluate(np.array(points))
+                    run.tell(points, [fitness(x) for x in points])
+                    fitness.update(run)
+        shapes.close()
+
+
+@contextmanager
+def _silence(handler: Any, dummy: type) -> Iterator[None]:
+    """Suppress warnings (about demands that never change), and the folder that pycma makes even without a log."""
+    logger = handler._Logger
+    handler._Logger = dummy  # as pycma's source advises
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        handler._Logger = logger
+
+
+@dataclass(frozen=True)
+class Scipy(Peer):
+    """`scipy.optimize.minimize`, restarted from random points around the guess until a movement looks feasible.
+
+    Attributes
+    ----------
+    method : "SLSQP" or "trust-constr"
+    """
+
+    name: str
+    method: str
+    n_basis: int = 24
+    modules = ("scipy.optimize",)
+
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
+        """Minimise J subject to the constraints at the samples; all derivatives but those of clearances are exact."""
+        shapes, rng = Shapes(problem, offers, self.n_basis), np.random.default_rng(problem.seed)
+        with suppress(PeerOutOfTime):
+            for noise in growing(0.02, most=0.5):  # of the weights from which an attempt begins
+                self._attempt(shapes, rng.normal(0.0, noise, shapes.n))
+                if shapes.promise[0] <= 0.0:
+                    break
+        shapes.close()
+
+    def _attempt(self, shapes: Shapes, x: Array) -> None:
+        optimize, scene = needed("scipy.optimize"), shapes.problem.scene
+
+        def hands(x: Array) -> Array:
+            return shapes.hands(x[None])
+
+        def constraints(x: Array) -> Array:
+            asked = shapes.demands(samples := hands(x))
+            shapes.note(x, float(cost_of(scene, samples)[0]), asked)
+            return shapes.constraints(asked)
+
+        options: dict[str, Any] = {"maxiter": 1000, "ftol": 1e-6}
+        limits: Any = {
+            "type": "ineq",
+            "fun": constraints,
+            "jac": lambda x: shapes.constraint_slopes(hands(x)[0]),
+        }
+        extra: dict[str, Any] = {}
+        if self.method == "trust-constr":
+            options = {"maxiter": 1000, "xtol": 1e-6, "gtol": 1e-5, "initial_tr_radius": 0.5}
+            limits = optimize.NonlinearConstraint(
+                limits["fun"], 0.0, np.inf, jac=limits["jac"], hess=optimize.BFGS()
+            )
+            extra["hess"] = lambda x: shapes.curvature
+        optimize.minimize(
+            lambda x: float(cost_of(scene, hands(x))[0]),
+            x,
+            jac=lambda x: shapes.cost_slope(hands(x)[0]),
+            method=self.method,
+            constraints=[limits],
+            options=options,
+            **extra,
+        )
+
+
+@dataclass(frozen=True)
+class Coupled(Peer):
+    """A `DualCartesianDMP` with `CouplingTermDualCartesianDistance` that imitates the first guess.
+
+    The coupling, a spring between two hands on one phase after Gams et al. (2014), keeps a distance and ignores
+    obstacles.
+
+    Attributes
+    ----------
+    spring : k; 100 holds distances to 1e-8 m in the scenes tried, ten times better than 10 and 1
+    """
+
+    name: str
+    n_basis: int = 30
+    spring: float = 100.0
+    modules = ("movement_primitives.dmp",)
+
+    def refuses(self, scene: Scene) -> str:
+        """Return why the coupling of two hands does not suit the scene, empty if it does."""
+        if len(scene.manipulators) != 2 or len(scene.distances) != 1:
+            return "It couples two hands by one distance."
+        return refusal(scene)
+
+    def run(self, problem: SystemProblem, offers: Offers) -> None:
+        """Imitate the first guess, roll out with the coupling, and offer the result."""
+        dmp = needed(self.modules[0])
+        scene, (c,) = problem.scene, problem.scene.distances
+        time = problem.instants * scene.duration
+        states = np.zeros((N_SAMPLES, 14))
+        hands = spatial(first_hands(problem, problem.instants))
+        states[:, 0:3], states[:, 7:10] = hands[:, 0], hands[:, 1]
+        states[:, [3, 10]] = 1.0  # quaternions w x y z of hands that do not turn
+        model = dmp.DualCartesianDMP(
+            execution_time=scene.duration, dt=time[1], n_weights_per_dim=self.n_basis, int_dt=time[1]
+        )
+        model.imitate(time, states)
+        model.configure(start_y=states[0], goal_y=states[-1])
+        coupling = dmp.CouplingTermDualCartesianDistance(c.distance, lf=(1.0, 1.0), k=self.spring)
+        _, states = model.open_loop(coupling_term=coupling)
+        hands = np.stack([states[:, 0:3], states[:, 7:10]], axis=1)
+        at = np.linspace(0, len(hands) - 1, N_SAMPLES).round().astype(int)
+        offers.take(hands[at, :, : scene.n_dims])

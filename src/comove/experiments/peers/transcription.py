@@ -13,18 +13,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from comove.experiments.peers.common import (
     Best,
+    Peer,
     first_hands,
+    growing,
     independent_distances,
     kept_clearance,
-    load_clearances,
     moved_aside,
+    needed,
     refusal,
 )
-from comove.experiments.peers.needed import needed
-from comove.experiments.systems import WEIGHTS, Offers, System, SystemProblem
+from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
 from comove.geometry import distances as sd
 from comove.scenes.scene import Scene
 
@@ -38,21 +40,23 @@ STRIDE = 0.04  # m from knot to knot: with more, movements jump walls
 LIMIT = 0.95  # of speed and acceleration limits, that differences of knots keep
 SMOOTH = 1e-9  # m^2, under square roots
 OPTIONS = {
+    "print_level": 0,
+    "sb": "yes",
+    "max_iter": 150,  # of an attempt
     "tol": 1e-4,
     "constr_viol_tol": 1e-6,
     "acceptable_tol": 1e-2,
     "acceptable_iter": 5,
     "mu_strategy": "adaptive",
 }
-MOST_ITERATIONS = 150  # of an attempt
-NOISE, GROWTH, MOST = 0.01, 2.0, 0.3  # m, by which the load is moved aside in a first and in further attempts
 
 
 @dataclass(frozen=True)
-class Transcription(System):
+class Transcription(Peer):
     """IPOPT through CasADi, restarted from random points around the guess until a movement looks feasible."""
 
     name: str
+    modules = ("casadi",)
 
     def refuses(self, scene: Scene) -> str:
         """Return why the scene cannot be represented, such as meshes without a formula; empty if it can."""
@@ -60,35 +64,25 @@ class Transcription(System):
             return "It knows boxes, spheres, capsules, cylinders and ellipsoids, but no meshes."
         return refusal(scene)
 
-    def warm_up(self, problem: SystemProblem) -> None:
-        """Import CasADi and scipy's splines."""
-        needed("casadi")
-        needed("scipy.interpolate")
-        load_clearances(problem.scene)
-
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J over the knots."""
-        spline, best = needed("scipy.interpolate").CubicSpline, Best(problem, offers)
-        s, rng, noise = np.linspace(0.0, 1.0, KNOTS), np.random.default_rng(problem.seed), NOISE
+        best, rng = Best(problem, offers), np.random.default_rng(problem.seed)
+        s = np.linspace(0.0, 1.0, KNOTS)
         programme, y = _programme(problem.scene)
         guess = first_hands(problem, s)
         best.see(first_hands(problem, problem.instants))  # it may do already
-        while (left := problem.budget - offers.seconds) > 0.0:
+        for noise in growing(0.01, most=0.3):  # m, by which the load is moved aside
+            if (left := problem.budget - offers.seconds) <= 0.0:
+                break
             programme.set_initial(y, moved_aside(guess, noise, rng).reshape(KNOTS, -1))
-            options = {
-                "print_level": 0,
-                "sb": "yes",
-                "max_wall_time": left,
-                "max_iter": MOST_ITERATIONS,
-                **OPTIONS,
-            }
-            programme.solver("ipopt", {"print_time": False}, options)
+            programme.solver("ipopt", {"print_time": False}, OPTIONS | {"max_wall_time": left})
             with suppress(RuntimeError):  # not converged: its last iterate is looked at all the same
                 programme.solve()
             knots = np.asarray(programme.debug.value(y)).reshape(KNOTS, *problem.scene.start.shape)
-            if np.isfinite(knots).all() and best.see(spline(s, knots, bc_type="clamped")(problem.instants)):
+            if np.isfinite(knots).all() and best.see(
+                CubicSpline(s, knots, bc_type="clamped")(problem.instants)
+            ):
                 break
-            noise = min(GROWTH * noise, MOST)
         best.close()
 
 

@@ -111,7 +111,7 @@ def squares(
         n_steps - 1 is a multiple of n_samples - 1; None without one
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
-    if pull == 0:
+    if pull == 0 or demonstration is None:
         return JerkCost(max(way, 1e-6))
     step = (len(demonstration) - 1) // (n_samples - 1)
     return JerkCost(max(way, 1e-6), demonstration[::step, :, : scene.n_dims].reshape(n_samples, -1), pull)

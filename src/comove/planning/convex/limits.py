@@ -36,15 +36,21 @@ class Limits:
     @classmethod
     def of(cls, scene: Scene, duration: float) -> Limits:
         """Return the limits of a scene for a movement of a duration [s], scaled to unit duration."""
-        limits = scene.speed_limit, scene.acceleration_limit, scene.jerk_limit
-        return cls(scene.n_dims, tuple(value * duration ** (i + 1) for i, value in enumerate(limits)))
+        return cls(
+            scene.n_dims,
+            (
+                scene.speed_limit * duration,
+                scene.acceleration_limit * duration**2,
+                scene.jerk_limit * duration**3,
+            ),
+        )
 
     def stricter(self, exceeded: tuple[float, float, float]) -> Limits:
         """Return lower limits, divided by the ratios by which a motion exceeded them, and a little more."""
-        values = (
+        speed, acceleration, jerk = (
             value / max(1.0, LITTLE * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
         )
-        return replace(self, values=tuple(values))
+        return replace(self, values=(speed, acceleration, jerk))
 
     def pace(self, hands: Array) -> float:
         """Return the least number of durations that a movement needs to keep the limits; 0 without limits.

@@ -40,7 +40,8 @@ class QuadraticCost(Protocol):
     haste : cost of a pace of 1, as `Limits.pace` counts; 0 if limits must be kept in the given duration
     """
 
-    haste: float
+    @property
+    def haste(self) -> float: ...
 
     def residuals(self, hands: Array) -> Array:
         """Return the residuals of hands, array of shape (n_samples, n_hands * n_dims)."""
@@ -182,7 +183,7 @@ class ConvexProgramme:
         """Return shape weights fitted to configurations, array of shape (n_fine, n_columns), by ridge regression."""
         shape, base = self.fine
         square = shape.T @ shape / len(shape) + ridge * np.eye(shape.shape[1])
-        return np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel()
+        return np.asarray(np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel(), dtype=float)
 
     def need(self, settings: ConvexSettings) -> Array:
         """Return the distance that is required from every owner; array, shape (n_owners + 2,) [m]."""

@@ -8,22 +8,27 @@ start.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import place_one
+from comove.planning import trees
 from comove.planning.clock import worked
 from comove.planning.configurations import (
+    STEP,
     Space,
     clearance_of,
-    copy_to,
     edge_is_free,
     interpolate,
+    nearest,
     random_configuration,
     span,
 )
-from comove.planning.planner import STEP, continuous, joined, nearest, towards
+from comove.planning.planner import continuous
+from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import KEEP, Arms, hand_rotation
 from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
@@ -36,6 +41,24 @@ N_SHORTCUTS = 80
 LEADING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-3, steady=0.05, most=12)  # of a pose
 FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as long as
 SPACING = 0.05  # m, between the vertices of a path that is to be shortened
+SHORTER = 0.02  # m, by which a straight piece is shorter, to be worth following it
+
+
+class CarriedSpace(NamedTuple):
+    """The space of a load and of the arms that carry it; a node is a configuration and the joints.
+
+    Attributes
+    ----------
+    space : space of the load
+    arms : arms that carry it
+    n_columns : number of columns of a configuration
+    clock : that of the space
+    """
+
+    space: Space
+    arms: Arms
+    n_columns: int
+    clock: Array
 
 
 def plan_with_arms(
@@ -58,7 +81,7 @@ def plan_with_arms(
     start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
     margin : margin of the clearance of load and links above the required one [m]; less where the ends have less
     required : required clearance of the load [m]
-    lenient : amount by which the clearance of links may be less [m], as the judge computes it more exactly
+    lenient : amount by which the clearance of links may be less [m], as the verification computes it more exactly
 
     Returns
     -------
@@ -70,14 +93,17 @@ def plan_with_arms(
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    path = _rrt_connect(space, arms, *start, *goal, margin, rng, max_nodes)
+    world, n_columns = CarriedSpace(space, arms, len(start[0]), space.clock), len(start[0])
+    ends = np.concatenate(start), np.concatenate(goal)
+    path = rrt_connect(world, *ends, margin, rng, max_nodes, 20 * max_nodes, np.empty((0, len(ends[0]))))
     if len(path) == 0:
         return None
-    path = _dense(space, path)
+    path = _dense(space, path[:, :n_columns])
     joints = _followed(space, arms, path, start[1])
     if len(joints) < len(path):
         return None
-    return continuous(space, _shortened(space, arms, path, joints, margin, rng))
+    path = shortened(world, np.hstack([path, joints]), margin, rng, N_SHORTCUTS)
+    return continuous(space, path[:, :n_columns])
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
@@ -102,35 +128,8 @@ def _dense(space: Space, path: Array) -> Array:
     return np.array(rows)
 
 
-def _shortened(
-    space: Space, arms: Arms, path: Array, joints: Array, margin: float, rng: np.random.Generator
-) -> Array:
-    """Replace pieces of the path by straight edges where load and arms can go there."""
-    for _ in range(N_SHORTCUTS):
-        if len(path) <= 2:
-            break
-        i, j = np.sort(rng.integers(0, len(path), 2))
-        if j - i < 2:
-            continue
-        edge = _dense(space, path[[i, j]])
-        if len(edge) > j - i:  # no shorter, to the spacing of the vertices
-            continue
-        if not _clear(space, edge[0], edge[-1], margin):
-            continue
-        followed = _followed(space, arms, edge, joints[i])
-        if len(followed) == len(edge) and np.abs(followed[-1] - joints[j]).max() < JUMP:
-            path = np.concatenate([path[:i], edge, path[j + 1 :]])
-            joints = np.concatenate([joints[:i], followed, joints[j + 1 :]])
-    return path
-
-
-def _clear(space: Space, p: Array, q: Array, margin: float) -> bool:
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    return edge_is_free(space, p, q, margin, np.empty_like(p), nodes)
-
-
 @numba.njit(cache=True, error_model="numpy")
-def _followed(space, arms, path, joints):
+def _followed(space: Space, arms: Arms, path: Array, joints: Array) -> Array:
     """Compute the joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
     out = np.empty((path.shape[0], joints.shape[0]))
     copy_to(joints, out[0])
@@ -142,7 +141,7 @@ def _followed(space, arms, path, joints):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_edge(space, arms, p, target, joints):
+def follow_edge(space: Space, arms: Arms, p: Array, target: Array, joints: Array) -> bool:
     """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
     near.
     """
@@ -172,54 +171,59 @@ def follow_edge(space, arms, p, target, joints):
     return True
 
 
+@trees.answers(trees.extend, CarriedSpace)
 @numba.njit(cache=True, error_model="numpy")
-def _rrt_connect(space, arms, start, start_joints, goal, goal_joints, margin, rng, max_nodes):
-    """Run RRT-Connect (Kuffner and LaValle, 2000) with joints; returns an empty path where it fails."""
-    n_columns, n_joints = start.shape[0], start_joints.shape[0]
-    trees, bodies = np.empty((2, max_nodes, n_columns)), np.empty((2, max_nodes, n_joints))
-    parents = np.full((2, max_nodes), -1)
-    counts = np.ones(2, dtype=np.int64)
-    copy_to(start, trees[0, 0])
-    copy_to(goal, trees[1, 0])
-    copy_to(start_joints, bodies[0, 0])
-    copy_to(goal_joints, bodies[1, 0])
-    sample, target, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
-    nodes, joints = np.empty((space.blocks.node.shape[0], 3)), np.empty(n_joints)
-    this = 0
-    for trial in range(20 * max_nodes):
-        if counts[0] + counts[1] + 2 >= max_nodes or worked(space.clock, counts[this]):
-            break
-        if trial > 0:
-            random_configuration(space, rng, sample)
-        else:
-            copy_to(goal, sample)
-        near = nearest(space, trees[this], counts[this], sample)
-        towards(space, trees[this, near], sample, STEP, target)
-        if edge_is_free(space, trees[this, near], target, margin, scratch, nodes):
-            copy_to(bodies[this, near], joints)
-            if follow_edge(space, arms, trees[this, near], target, joints):
-                new = counts[this]
-                copy_to(target, trees[this, new])
-                copy_to(joints, bodies[this, new])
-                parents[this, new] = near
-                counts[this] += 1
-                other = 1 - this
-                at = nearest(space, trees[other], counts[other], target)
-                while counts[other] + 1 < max_nodes:
-                    arrived = towards(space, trees[other, at], trees[this, new], STEP, target)
-                    if not edge_is_free(space, trees[other, at], target, margin, scratch, nodes):
-                        break
-                    copy_to(bodies[other, at], joints)
-                    if not follow_edge(space, arms, trees[other, at], target, joints):
-                        break
-                    end = counts[other]
-                    copy_to(target, trees[other, end])
-                    copy_to(joints, bodies[other, end])
-                    parents[other, end] = at
-                    counts[other] += 1
-                    at = end
-                    if arrived:
-                        mine, theirs = (new, at) if this == 0 else (at, new)
-                        return joined(trees, parents, mine, theirs)
-        this = 1 - this
-    return np.empty((0, n_columns))
+def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
+    space, n, scratch = world.space, world.n_columns, np.empty(p.shape[0])
+    way, nodes = span(space, p, q), np.empty((space.blocks.node.shape[0], 3))
+    interpolate(space, p, q, min(1.0, STEP * steps / max(way, 1e-12)), out)
+    if not edge_is_free(space, p, out, margin, scratch, nodes):
+        return trees.BLOCKED
+    copy_to(p[n:], out[n:])
+    if not follow_edge(space, world.arms, p, out, out[n:]):
+        return trees.BLOCKED
+    if steps == trees.WHOLE:  # ends in the joints of q, not in those of another branch
+        for c in range(n, q.shape[0]):
+            if abs(out[c] - q[c]) > JUMP:
+                return trees.BLOCKED
+    return trees.ARRIVED if way <= STEP * steps else trees.FREE
+
+
+@trees.answers(trees.nearest, CarriedSpace)
+@numba.njit(cache=True, error_model="numpy")
+def _nearest(world: CarriedSpace, tree: Array, count: int, q: Array) -> int:
+    return nearest(world.space, tree, count, q)
+
+
+@trees.answers(trees.draw, CarriedSpace)
+@numba.njit(cache=True, error_model="numpy")
+def _draw(
+    world: CarriedSpace,
+    nodes: Array,
+    counts: NDArray[np.int64],
+    this: int,
+    rng: np.random.Generator,
+    out: Array,
+) -> bool:
+    random_configuration(world.space, rng, out)
+    return True
+
+
+@trees.answers(trees.between, CarriedSpace)
+@numba.njit(cache=True, error_model="numpy")
+def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) -> bool:
+    interpolate(world.space, p, q, share, out)
+    copy_to(p[world.n_columns :], out[world.n_columns :])
+    return follow_edge(world.space, world.arms, p, out, out[world.n_columns :])
+
+
+@trees.answers(trees.length, CarriedSpace)
+@numba.njit(cache=True, error_model="numpy")
+def _length(world: CarriedSpace, p: Array, q: Array) -> float:
+    return span(world.space, p, q)
+
+
+@trees.answers(trees.shortens, CarriedSpace)
+@numba.njit(cache=True, error_model="numpy")
+def _shortens(world: CarriedSpace, p: Array, q: Array, way: float) -> bool:
+    return span(world.space, p, q) <= way - SHORTER

@@ -1,0 +1,186 @@
+"""The verbs of `comove bench`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import INTERRUPTED, sub_application, verb_of
+
+group = sub_application(
+    "bench", "Benchmark: draw scenes, run systems on frozen sets, report, export, measure scaling."
+)
+
+SETS = ["easy", "hard", "extreme"]
+SYSTEMS = ["comove"]
+GROWTHS = ["manipulators", "basis", "steps", "obstacles", "difficulty"]
+
+Store = Annotated[Path, typer.Argument(metavar="STORE", help="File of runs (SQLite).")]
+
+
+def names_of(given: list[str]) -> list[str]:
+    """Return the distinct names in options that may be repeated or hold several names with commas."""
+    return list(dict.fromkeys(name.strip() for text in given for name in text.split(",") if name.strip()))
+
+
+@verb_of(group)
+def draw(
+    name: Annotated[str, typer.Argument(metavar="SET", help="One of: easy, hard, extreme.")],
+    out: Annotated[Path, typer.Option(help="Folder for the scenes and their witnesses.")],
+    count: Annotated[int, typer.Option(help="Scenes; every other one is in space.")] = 50,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers; the frozen sets have 0.")] = 0,
+) -> int:
+    """Draw scenes as those of SET are drawn."""
+    from comove.experiments.bench.sets import WITNESSES, draw_set
+
+    draw_set(name, out, count, seed)
+    print(f"{out} holds {count} scene{'' if count == 1 else 's'}, and in {WITNESSES} how each can be solved")
+    return 0
+
+
+@verb_of(group)
+def run(
+    out: Annotated[Path, typer.Option(help="File for the runs (SQLite); one that is there is gone on with.")],
+    sets: Annotated[
+        list[str], typer.Option(metavar="SET,...", help="Of: easy, hard, extreme; all unless given.")
+    ] = SETS,
+    scenes: Annotated[
+        int | None, typer.Option(metavar="N", help="Of every set, the first; all 50 unless given.")
+    ] = None,
+    systems: Annotated[
+        list[str], typer.Option(metavar="SYSTEM,...", help="What runs; comove unless given.")
+    ] = SYSTEMS,
+    seeds: Annotated[
+        int, typer.Option(metavar="N", help="Runs of every scene, with the seeds 0 to N-1.")
+    ] = 1,
+    budget: Annotated[float, typer.Option(help="Seconds a run.")] = 10.0,
+    workers: Annotated[
+        int, typer.Option(metavar="N", help="Runs at a time; more than one share the machine's memory.")
+    ] = 1,
+) -> int:
+    """Run systems on the frozen sets of scenes; what is in the file already is not run again."""
+    from comove.experiments.bench.runner import BenchProgress, jobs_of, run_all
+    from comove.experiments.bench.sets import scenes_of
+    from comove.experiments.registry import systems_named
+
+    chosen = [scene for name in names_of(sets) for scene in scenes_of(name, scenes)]
+    jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
+    last = BenchProgress(0, 0, len(jobs))
+
+    def tell(progress: BenchProgress) -> None:
+        nonlocal last
+        if progress.done == progress.before and progress.before:
+            print(f"{progress.before} of {progress.total} runs were in {out} already", file=sys.stderr)
+        if sys.stderr.isatty():
+            print(f"\r{progress.done} of {progress.total} runs", end="", file=sys.stderr, flush=True)
+        last = progress
+
+    try:
+        last = run_all(out, jobs, workers, tell)
+    except KeyboardInterrupt:
+        print(
+            f"\ninterrupted: {last.done} of {last.total} runs are in {out}; the same command goes on",
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+    if sys.stderr.isatty():
+        print(file=sys.stderr)
+    print(f"{out} holds all {last.total} runs; see: comove bench report {out} --out FOLDER")
+    return 0
+
+
+@verb_of(group)
+def report(
+    store: Store, out: Annotated[Path, typer.Option(help="Folder for report.md and its pictures.")]
+) -> int:
+    """Say what the runs of STORE show: success, times, costs, and what is missing."""
+    from comove.experiments.bench.report import CONTENTS, REPORT, write_report
+    from comove.experiments.bench.store import RunStore
+    from comove.io.folders import check_target
+
+    check_target(out, CONTENTS)
+    write_report(RunStore.open(store), out)
+    print(f"report: {out / REPORT}")
+    return 0
+
+
+@verb_of(group)
+def export(
+    store: Store, out: Annotated[Path, typer.Option(help="File for the table (Parquet); it is replaced.")]
+) -> int:
+    """Write the runs of STORE as a Parquet file, a row each."""
+    from comove.experiments.bench.store import RunStore, export_parquet
+
+    count = export_parquet(RunStore.open(store), out)
+    print(f"{out} holds {count} run{'' if count == 1 else 's'}")
+    return 0
+
+
+@verb_of(group)
+def scaling(
+    out: Annotated[Path, typer.Option(help="Folder for scaling.md and its picture.")],
+    of: Annotated[
+        list[str],
+        typer.Option(
+            metavar="WHAT,...",
+            help="Of: manipulators, basis, steps, obstacles, difficulty; all unless given.",
+        ),
+    ] = GROWTHS,
+    repeats: Annotated[int, typer.Option(help="Measurements of every point.")] = 7,
+    no_solve: Annotated[
+        bool, typer.Option("--no-solve", help="Leave out the times of whole solves.")
+    ] = False,
+) -> int:
+    """Measure how the time grows with what is asked, and fit exponents."""
+    from comove.experiments.workers import ONE_THREAD
+
+    os.environ.update(
+        ONE_THREAD
+    )  # for libraries that are loaded from now on, like the workers of `bench run`
+    from comove.experiments.bench.scaling import REPORT, write_scaling
+
+    write_scaling(out, names_of(of), repeats, solves=not no_solve)
+    print(f"report: {out / REPORT}")
+    return 0
+
+
+@verb_of(group)
+def ablation(
+    out: Annotated[
+        Path, typer.Option(help="Folder for runs.sqlite, which is gone on with, and ablation.md.")
+    ],
+    scenes: Annotated[int, typer.Option(metavar="N", help="Of the easy set, beside the paper's three.")] = 20,
+    seeds: Annotated[int, typer.Option(metavar="N", help="Runs of every scene.")] = 10,
+    budget: Annotated[float, typer.Option(help="Seconds a run.")] = 15.0,
+    workers: Annotated[int, typer.Option(metavar="N", help="Runs at a time.")] = 1,
+) -> int:
+    """Leave out each repair of the paper's method by itself, and say what it is worth."""
+    from comove.errors import ResultError
+    from comove.experiments.bench.runner import jobs_of, run_all
+    from comove.experiments.bench.store import RunStore
+    from comove.experiments.paper.ablation import page, systems
+    from comove.experiments.paper.ablation import scenes as scenes_of
+    from comove.io.files import whole_file
+
+    jobs, store = jobs_of(scenes_of(scenes), systems(), seeds, budget), out / "runs.sqlite"
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        run_all(
+            store,
+            jobs,
+            workers,
+            lambda done: print(f"\r{done.done} of {done.total} runs", end="", file=sys.stderr, flush=True),
+        )
+    except KeyboardInterrupt:
+        print(f"\ninterrupted: the runs so far are in {store}; the same command goes on", file=sys.stderr)
+        return INTERRUPTED
+    wanted = {job.configuration.key for job in jobs}
+    runs = [run for run in RunStore.open(store).runs() if run.configuration.key in wanted]
+    with whole_file(out / "ablation.md", ResultError) as file:
+        file.write(page(runs, budget).encode())
+    print(f"\npage: {out / 'ablation.md'}")
+    return 0

@@ -1,0 +1,179 @@
+"""Options that several verbs share, and the objects that they name."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from comove.errors import OptionError, near_name
+
+if TYPE_CHECKING:
+    from comove.planning import LeastJerk, LeastTime, PaperCost
+    from comove.planning.method import Method
+    from comove.primitives import DMP, Library
+    from comove.scenes import Scene
+
+METHODS = ("comove", "projection", "paper", "printed")
+COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
+PICTURES = (".png", ".pdf", ".svg")
+INSTEAD = "instead of what SCENE says"
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")]
+ResultFolder = Annotated[Path, typer.Option("--out", help="Folder for the result.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Budget = Annotated[
+    float,
+    typer.Option(
+        help="Seconds after which the best so far is taken; compiling, once after installation, is apart."
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")]
+Duration = Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")]
+Speed = Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")]
+Acceleration = Annotated[
+    float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
+]
+Jerk = Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")]
+Clearance = Annotated[float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")]
+
+
+def changes_of(duration: float | None, **limits: float | None) -> dict[str, Any]:
+    """Return the options that were given as the argument `changes` of `Scene.load`."""
+    given = {key: value for key, value in limits.items() if value is not None}
+    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
+    return changes | ({"limits": given} if given else {})
+
+
+def require_one_of(name: str, known: Sequence[str], what: str) -> None:
+    """Refuse an unknown name; `what` it names is the option as well."""
+    if name not in known:
+        raise OptionError(f"unknown {what} '{name}'", key=f"--{what}", way_out=near_name(name, known))
+
+
+def check_budget(budget: float) -> None:
+    """Raise if a budget is not a positive, finite time."""
+    if not 0 < budget < float("inf"):
+        raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
+
+
+def budget_left(budget: float, saving: float, scene: Scene) -> float:
+    """Return the part of a budget that is left for the search [s], at least half of it.
+
+    The time `saving` for files and pictures [s] is kept back; it is longer if there is much to draw, or if others use
+    the machine as well.
+    """
+    from comove.cli.progress import time_spent
+
+    spent, drawing, slowest = time_spent(), 0.002, 4.0  # s for every obstacle; of wall to processor time
+    slower = min(max(spent / time.process_time(), 1.0), slowest)
+    return max(0.5 * budget, budget - spent - slower * (saving + drawing * len(scene.obstacles)))
+
+
+def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
+    """Return the method with the given name, one of those `known`."""
+    from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
+    from comove.planning import Comove, Paper, Printed, Projection
+
+    require_one_of(name, known, "method")
+    own = (Comove, Projection, Paper, Printed)
+    compared = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
+    return {kind.name: kind for kind in (*own, *compared)}[name]()
+
+
+def objective_of(
+    name: str | None, resemblance: float | None, weights: str | None, scene: Scene, smooth: bool
+) -> LeastJerk | LeastTime | PaperCost | None:
+    """Return the objective named by the command line, or else by the scene; None if `solve` shall choose.
+
+    Parameters
+    ----------
+    smooth : whether the method finds smooth motions; otherwise smooth objectives of the scene are ignored
+    """
+    from comove.planning import LeastJerk, LeastTime, PaperCost
+    from comove.planning.objectives import objective_of_scene
+
+    kinds = {"least-jerk": LeastJerk, "least-time": LeastTime, "paper": PaperCost}
+    if name is not None:
+        require_one_of(name, tuple(kinds), "objective")
+    said = objective_of_scene(scene.file.objective)
+    if not smooth and not isinstance(said, PaperCost):
+        said = None
+    if name is not None and not isinstance(said, kinds[name]):
+        said = kinds[name]()
+    if said is None and (resemblance is not None or weights is not None):
+        said = LeastJerk() if smooth and weights is None else PaperCost()
+    if weights is not None:
+        if not isinstance(said, PaperCost):
+            raise OptionError(
+                "they belong to equation (4)", key="--weights", way_out="give --objective paper as well"
+            )
+        said = replace(said, **_weights(weights))
+    if said is None or resemblance is None:
+        return said
+    if isinstance(said, LeastTime):
+        raise OptionError(
+            "least time looks at no demonstration", key="--resemblance", way_out="leave one of the two out"
+        )
+    try:
+        return replace(said, resemblance=resemblance)
+    except OptionError as error:
+        raise OptionError(error.message, key="--resemblance", way_out=error.way_out) from None
+
+
+def _weights(text: str) -> dict[str, float]:
+    """Return the weights of equation (4) by name."""
+    try:
+        goal, velocity, obstacle = map(float, text.split(","))
+    except ValueError:
+        raise OptionError(
+            f"'{text}' is not three numbers", key="--weights", way_out="write them as 1,0.01,10"
+        ) from None
+    return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
+
+
+def from_library(library: Library, scene: Scene, method: Method, seed: int, budget: float) -> tuple[str, DMP]:
+    """Return a description of the movement that a library offers for a scene, and the movement itself.
+
+    The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
+    result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
+    A quarter of the budget may be spent.
+    """
+    from comove.experiments.compared.single import alone
+    from comove.planning import Paper, Printed, best_movement, combine
+
+    demonstration = scene.file.demonstration
+    plane = None if demonstration is None else demonstration.plane
+    if isinstance(method, (Paper, Printed)):
+        found = combine(library, alone(scene), seed=seed, budget=0.25 * budget, plane=plane)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        return f"a combination of {', '.join(found.names)}", found.dmp
+    best = best_movement(library, scene, plane=plane, budget=0.25 * budget).best
+    return best.name, best.dmp
+
+
+def require_demonstration(resemblance: float | None, movements: object, scene: Path) -> None:
+    """Raise if a resemblance is given but there is no demonstration."""
+    if resemblance and movements is None:
+        raise OptionError(
+            "the scene has no demonstration to resemble",
+            file=scene,
+            key="--resemblance",
+            way_out="add a demonstration to the scene",
+        )
+
+
+def check_picture(path: Path | None) -> None:
+    """Check, before a long computation, that a picture can be written to `path`, if one is wanted."""
+    from comove.io.files import require_target
+
+    if path is None:
+        return
+    if path.suffix.lower() not in PICTURES:
+        raise OptionError("it is no picture's name", file=path, way_out="end it in .png, .pdf or .svg")
+    require_target(path, OptionError)

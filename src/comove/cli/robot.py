@@ -1,0 +1,259 @@
+"""The verbs of `comove robot`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from comove.cli import options as o
+from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
+
+if TYPE_CHECKING:
+    from comove.robots import Robot
+    from comove.scenes import Scene
+
+group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of `comove robot solve`.")]
+SAVING = 2.0  # s, kept back from the budget for the files and pictures
+METHODS = ("comove", "paper")
+GRASPS = ("weld", "connect", "friction")
+FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
+PARTS = ("carry", "approach", "release")
+
+
+@verb_of(group)
+def solve(
+    scene: o.SceneFile,
+    out: o.ResultFolder,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
+    ] = None,
+    seed: o.Seed = 0,
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    budget: o.Budget = 30.0,
+    objective: Annotated[
+        str | None,
+        typer.Option(help="As of 'comove solve'; 'least-jerk' unless SCENE or this says something else."),
+    ] = None,
+    resemblance: Annotated[
+        float | None, typer.Option(help="How near to the demonstration, as of 'comove solve'.")
+    ] = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(metavar="GOAL,VELOCITY,OBSTACLE", help="Weights of equation (4) for 'paper'."),
+    ] = None,
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration; "
+            "the method 'paper' combines several for one hand."
+        ),
+    ] = None,
+    duration: o.Duration = None,
+    speed: o.Speed = None,
+    acceleration: o.Acceleration = None,
+    jerk: o.Jerk = None,
+    clearance: o.Clearance = None,
+    json: o.AsJson = False,
+) -> int:
+    """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
+    from comove.cli.progress import progress_bar
+    from comove.cli.solve import exit_code, write_result
+    from comove.cli.texts import in_rows, joints_text, summary_text
+    from comove.io.folders import check_target, whole_folder
+    from comove.planning import load_kernels, movements_of
+    from comove.primitives import Library
+    from comove.results import RESULT
+    from comove.robots import carry, write_joints
+    from comove.scenes import Scene, demonstration_of
+    from comove.views import draw_joints, save
+
+    chosen = o.method_named(method, METHODS)
+    smooth = method == "comove"
+    o.check_budget(budget)
+    check_target(out, RESULT)
+    with progress_bar(budget) as progress:
+        changes = o.changes_of(
+            duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance
+        )
+        loaded = Scene.load(scene, changes)
+        wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
+        carrier, named = robot_named(robot, loaded, scene)
+        source, demonstration = None, demonstration_of(loaded)
+        if library is not None:
+            source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
+        movements = movements_of(demonstration, loaded)
+        o.require_demonstration(resemblance, movements, scene)
+        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        try:
+            found = carry(
+                loaded,
+                carrier,
+                demonstration=movements,
+                seed=seed,
+                method=None if smooth else chosen,
+                budget=o.budget_left(budget, SAVING, loaded),
+                progress=progress,
+                objective=wanted,
+            )
+        except InputError as error:
+            error.file = error.file or scene
+            raise
+    solution = found.solution
+    with whole_folder(out, RESULT) as draft:
+        summary = write_result(solution, draft, movements)
+        write_joints(draft, found.joints, found.verdict, carrier, solution.attempt, source=named)
+        title = f"{loaded.name}, {carrier.name}" + ("" if solution.verified else " (not verified)")
+        save(draw_joints(carrier, found.joints, title=title), draft / "joints.png")
+    if json:
+        print((out / "solution.json").read_text(encoding="utf-8"), end="")
+        return exit_code(solution)
+    print(summary_text(summary, out))
+    print(joints_text(carrier.name, found.report.asdict()))
+    rows = [] if source is None else [("demonstration", f"{source} of {library}")]
+    rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
+    print(*in_rows(rows), sep="\n")
+    return exit_code(solution)
+
+
+@verb_of(group)
+def simulate(
+    folder: Folder,
+    grasp: Annotated[str, typer.Option(help=f"How the hands hold the load: {', '.join(GRASPS)}.")] = "weld",
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Draw friction, mass, gains, the load's place in the hands and a push from this seed; "
+            "as planned unless given.",
+        ),
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
+    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
+) -> int:
+    """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
+    import numpy as np
+
+    from comove.cli.texts import in_rows, simulation_text
+    from comove.io.files import require_target
+    from comove.robots import verified_motion
+    from comove.simulators import (
+        Connect,
+        Friction,
+        Perturbation,
+        Weld,
+        draw_film,
+        draw_sheet,
+        simulate,
+        write_simulation,
+    )
+
+    grasps = dict(zip(GRASPS, (Weld, Connect, Friction), strict=True))
+    o.require_one_of(grasp, GRASPS, "grasp")
+    motion = verified_motion(folder)
+    require_target(folder / "simulation.npz", ResultError)
+    robot = motion.robot
+    drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
+    execution = simulate(motion.joints, motion.scene, robot, grasps[grasp](), drawn)
+    summary = write_simulation(execution, folder, seed=seed)
+    print(simulation_text(summary, folder))
+    if pictures or film:
+        try:
+            if pictures:
+                draw_sheet(execution, folder / "simulation.png")
+                print(*in_rows([("pictures", str(folder / "simulation.png"))]))
+            if film:
+                print(*in_rows([("film", str(draw_film(execution, folder / "simulation.mp4")))]))
+        except ComoveError as error:  # what was simulated counts without them
+            print(f"warning: no pictures: {error}", file=sys.stderr)
+    return VERIFIED if summary["delivered"] else NOT_VERIFIED
+
+
+@verb_of(group)
+def export(
+    folder: Folder,
+    format: Annotated[str, typer.Option(help=f"One of: {', '.join(FORMATS)}.")] = "baxter-csv",
+    rate: Annotated[float, typer.Option(help="Samples a second, 20 or more.")] = 100.0,
+    transfers: Annotated[
+        bool, typer.Option(help="Also the ways from home to the grasp and from there home.")
+    ] = True,
+) -> int:
+    """Judge the motion in DIR anew and write it there in a format that robots play."""
+    from comove.export import FORMATS as KINDS
+    from comove.export import check_export, export
+    from comove.robots import plan_transfers, verified_motion
+
+    o.require_one_of(format, FORMATS, "format")
+    motion = verified_motion(folder)
+    check_export(motion, folder, KINDS[format], rate=rate, transfers=transfers)
+    ways = plan_transfers(motion) if transfers else None
+    written = export(motion, folder, KINDS[format], rate=rate, transfers=ways)
+    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {KINDS[format].what}")
+    for path in written:
+        print(f"  {path}")
+    return 0
+
+
+@verb_of(group)
+def send(
+    folder: Folder,
+    part: Annotated[str, typer.Option(help=f"One of: {', '.join(PARTS)}.")] = "carry",
+    start_tolerance: Annotated[
+        float, typer.Option(help="How far a joint may be from the motion's start [rad].")
+    ] = 0.01,
+    path_tolerance: Annotated[
+        float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
+    ] = 0.2,
+    timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+) -> int:
+    """Judge the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
+    from comove.export import Ros1Client, SendError, Tolerances, send
+    from comove.robots import plan_transfers, verified_motion
+
+    o.require_one_of(part, PARTS, "part")
+    given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
+    for option, value in given.items():
+        if not 0 < value < float("inf"):
+            raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
+    tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
+    motion = verified_motion(folder)
+    transfers = None if part == "carry" else plan_transfers(motion)
+    try:
+        with Ros1Client() as client:
+            outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)
+    except SendError as error:
+        if error.outcome is None:  # nothing has moved
+            raise
+        print(f"stopped: {error}", file=sys.stderr)
+        return NOT_VERIFIED
+    print(
+        f"{motion.scene.name}: {part} done, arms {1e3 * outcome.apart:.0f} ms apart at the end, "
+        f"{outcome.deviation:.3g} rad from the motion at most"
+    )
+    return VERIFIED
+
+
+def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:
+    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
+    from comove.robots import Robot, bundled_robots, find_description
+
+    named = name if name is not None else scene.file.robot
+    if named is None:
+        raise RobotError(
+            "neither the scene nor the command names a robot",
+            file=file,
+            key="robot",
+            way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
+        )
+    try:
+        path = find_description(named, None if name is not None else file.parent)
+    except RobotError as error:
+        error.file, error.key = (file, "robot") if name is None else (error.file, "--robot")
+        raise
+    return Robot.load(path), named if named in bundled_robots() else path

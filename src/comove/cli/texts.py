@@ -1,0 +1,205 @@
+"""Readable summaries of what verbs found, from the contents of the files that they wrote."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from comove.primitives import Primitive
+
+PICTURES = ("motion.png", "progress.png")
+# Measures of scenes that ask for them: what they are, the factor to the unit, and the unit.
+FURTHER = {
+    "separation_spare_min": ("spare separation", 1e3, "mm or more, at every instant"),
+    "tilt_max": ("tilt", 180 / math.pi, "deg at most"),
+    "height_error_max": ("height error", 1.0, "m"),
+    "constraint_excess_max": ("other constraints' excess", 1.0, "at most"),
+}
+
+
+def number(value: object, factor: float = 1.0) -> str:
+    """Return a number to four digits, in another unit; a dash where there is none."""
+    return f"{value * factor:.4g}" if isinstance(value, (int, float)) else "-"
+
+
+def in_rows(rows: Iterable[tuple[str, str]]) -> list[str]:
+    """Return lines of a name and what is said of it."""
+    return [f"  {name:24s}{words}" for name, words in rows]
+
+
+def as_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return lines of cells, with columns as wide as their widest cell."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def summary_text(summary: Mapping[str, Any], folder: Path) -> str:
+    """Return a readable summary of a result, from the contents of its solution.json."""
+    verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
+    terms = summary.get("cost_terms") or {}
+    parts = ", ".join(
+        f"{name} {number(value)}{_weighted(summary, name)}" for name, value in terms.items() if value
+    )
+    rows = [
+        ("cost J", f"{number(summary.get('cost'))}  ({parts})"),
+        ("certified clearance", f"{number(summary.get('clearance_min'), 1e3)} mm or more, at every instant"),
+        ("distance error", f"{number(summary.get('distance_error_max'))} m"),
+    ]
+    for key, (words, factor, unit) in FURTHER.items():
+        if summary.get(key) is not None:
+            rows.append((words, f"{number(summary[key], factor)} {unit}"))
+    if summary.get("duration"):
+        rows.append(("duration", f"{number(summary['duration'])} s"))
+    speed, acceleration = number(summary.get("speed_max")), number(summary.get("acceleration_max"))
+    rows.append(("speed, acceleration", f"{speed} m/s, {acceleration} m/s^2 at most"))
+    if smoothness := summary.get("smoothness"):
+        ratio = number(smoothness.get("jerk_ratio"))
+        rows.append(
+            (
+                "jerk",
+                f"{number(summary.get('jerk_max'))} m/s^3 at most; its square {ratio} times that of straight motions",
+            )
+        )
+        half, nearly = number(smoothness.get("halfway"), 100), number(smoothness.get("nearly_there"), 100)
+        rows.append(("half, 95 % of the way", f"after {half} and {nearly} % of the time"))
+    if near := summary.get("demonstration"):
+        away, share = number(near.get("distance"), 100), number(near.get("share"), 100)
+        off = number(near.get("direction"), 180 / math.pi)
+        words = f"{away} cm away in the mean ({share} % of the way), its direction {off} deg off"
+        rows.append(("what was taught", words))
+    first, wall = number(summary.get("time_to_first_verified_s"), 1e3), number(summary.get("wall_time_s"))
+    rows += [
+        (
+            "noted, not proven",
+            f"by {summary.get('method')}, seed {summary.get('seed')}, first verified motion after {first} ms, "
+            f"all of it {wall} s",
+        ),
+        ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
+    ]
+    reasons = [f"  - {reason}" for reason in summary.get("reasons") or []]
+    return "\n".join([f"{summary.get('scene')}: {verdict}", *reasons, *in_rows(rows)])
+
+
+def _weighted(summary: Mapping[str, Any], name: str) -> str:
+    """Return the weight of a cost term in words, empty if it is the usual weight."""
+    from comove.planning import PaperCost
+
+    usual = vars(PaperCost()).get(name)
+    weight = (summary.get("cost_weights") or {}).get(name, usual)
+    return "" if weight == usual else f" (weight {number(weight)})"
+
+
+def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
+    """Return a readable summary of a joint motion's measures."""
+
+    def plain(key: str) -> str:
+        value = measures.get(key)
+        return "-" if value is None or math.isnan(value) else f"{value:.3g}"
+
+    def length(key: str) -> str:
+        value = measures.get(key)
+        if value is None or math.isnan(value):
+            return "-"
+        return "nothing near" if math.isinf(value) else f"{1e3 * value:.1f} mm"
+
+    rows = [
+        ("joints", f"{plain('joint_margin_min')} rad from their limits at least"),
+        (
+            "shares of the limits",
+            f"speed {plain('velocity_ratio_max')}, acceleration {plain('acceleration_ratio_max')}, "
+            f"torque {plain('torque_ratio_max')}",
+        ),
+        ("hands on the load", f"within {plain('hand_error_max')} m, {plain('hand_turn_max')} rad"),
+        (
+            "links keep away from",
+            f"obstacles {length('clearance_scene')}, load {length('clearance_load')}, "
+            f"each other {length('clearance_self')}",
+        ),
+    ]
+    return "\n".join([f"{robot}:", *in_rows(rows)])
+
+
+def simulation_text(summary: Mapping[str, Any], folder: Path) -> str:
+    """Return a readable summary of a simulation, from the contents of its simulation.json."""
+    verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
+    measures = [
+        ("end error", "end_error", 1e3, "mm"),
+        ("hands' distance error", "distance_error_max", 1e3, "mm at most"),
+        ("load behind its plan", "lag_max", 1e3, "mm at most"),
+        ("slip in a hand", "slip_max", 1e3, "mm at most"),
+        ("force inside the load", "internal_force_max", 1.0, "N at most"),
+        ("share of torque", "torque_share_max", 1.0, "at most"),
+    ]
+    rows = [
+        (words, f"{factor * summary[key]:.3g} {unit}")
+        for words, key, factor, unit in measures
+        if summary.get(key) is not None
+    ]
+    rows.append(("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}"))
+    head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
+    return "\n".join([head, *(f"  - {reason}" for reason in summary["reasons"]), *in_rows(rows)])
+
+
+def run_text(summary: Mapping[str, Any], folder: Path) -> str:
+    """Return a readable summary of an execution, from the contents of its run.json."""
+    verdict = "arrived, verified" if summary["verified"] else "NOT VERIFIED"
+    clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]
+    rows = [
+        (
+            "certified clearance",
+            "nothing to hit" if clearance is None else f"{1e3 * clearance:.2f} mm at every instant",
+        ),
+        ("distance error", f"{summary['distance_error_max']:.3g} m"),
+        ("goal", f"missed by {1e3 * summary['end_error']:.3g} mm"),
+        (
+            "speed, acceleration",
+            f"{summary['speed_max']:.4g} m/s, {summary['acceleration_max']:.4g} m/s^2 at most",
+        ),
+        ("control step", f"{median:.3g} ms, 99.9 % within {1e3 * summary['control_s_p999']:.3g} ms"),
+        ("record", f"{folder / 'run.npz'}, drawn in {folder / 'run.png'} and {folder / 'run.gif'}"),
+    ]
+    return "\n".join(
+        [
+            f"{summary['scene']}: {verdict} (seed {summary['seed']}) after {summary['duration_s']:.2f} s",
+            *(f"  - {reason}" for reason in summary["reasons"]),
+            *(f"  {event['time']:6.2f} s  {event['what']}" for event in summary["events"]),
+            *in_rows(rows),
+        ]
+    )
+
+
+def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
+    """Return a readable table of all methods on one scene."""
+    lines = ["", "", f"  {'':24s}{'distance off':>14s}{'clearance':>14s}{'goal missed by':>18s}{'time':>10s}"]
+    for row in table["methods"]:
+        clearance = "-" if row["clearance_min"] is None else f"{1e3 * row['clearance_min']:.2f} mm"
+        lines.append(
+            f"  {row['method']:24s}{1e3 * row['distance_error_max']:11.3f} mm{clearance:>14s}"
+            f"{1e3 * row['end_error']:15.3f} mm{row['duration_s']:8.2f} s"
+        )
+    pictures = f"{folder / 'comparison.png'} and {folder / 'comparison.gif'}"
+    return "\n".join([*lines, "", *in_rows([("side by side", pictures)])])
+
+
+def learned_text(primitive: Primitive) -> str:
+    """Return a few readable lines about a learned primitive and how well it fits."""
+    dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit
+    what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
+    what += " and orientation" if primitive.kind == "pose" else ""
+    lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
+    if learned is not None:
+        mean = "(root mean square)"
+        lines.append(f"  learned from   {learned.source or learned.recording}, {learned.n_samples} samples")
+        lines += [f"                 {note}" for note in learned.notes]
+        lines.append(
+            f"  fit error      {learned.error_rms:.3g} {unit} {mean}, {learned.error_max:.3g} {unit} at most"
+        )
+        if learned.turn_rms is not None:
+            lines.append(
+                f"  turn error     {learned.turn_rms:.3g} rad {mean}, {learned.turn_max:.3g} rad at most"
+            )
+    return "\n".join([*lines, *(f"  {note}" for note in primitive.notes)])

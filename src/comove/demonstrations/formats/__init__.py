@@ -1,0 +1,131 @@
+"""Formats of recordings: one file each, and here the register from which files are recognised.
+
+A format turns files into :class:`~comove.demonstrations.samples.Samples` and back; it knows no `Demonstration`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import cast
+
+from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
+from comove.demonstrations.samples import Format, Samples, fault, select_name
+from comove.errors import near_name
+from comove.io.files import telling
+
+FORMATS: list[Format] = [
+    csv.FORMAT,
+    npz.FORMAT,
+    hdf5.FORMAT,
+    lerobot.FORMAT,
+    rosbag.FORMAT,
+]
+
+
+def format_of(path: str | os.PathLike[str]) -> Format:
+    """Return the format of a file or folder, by its suffix or by what the folder holds.
+
+    Raises
+    ------
+    DemonstrationError
+        If no format has that suffix, or the folder holds none.
+    """
+    path = Path(path)
+    folders = [format for format in FORMATS if format.marker]
+    with telling(path):
+        is_folder = path.is_dir()
+        for format in folders:
+            if is_folder and (path / format.marker).exists():
+                return format
+    if is_folder:
+        known = " or ".join(f"{format.marker} ({format.name})" for format in folders)
+        raise fault(
+            path, None, f"it is a folder without {known}", "name the folder that holds one of them, or a file"
+        )
+    kinds = {suffix: format for format in FORMATS for suffix in format.suffixes}
+    if path.suffix.lower() not in kinds:
+        raise fault(path, None, f"its kind {path.suffix!r} is not known", near_name(path.suffix, kinds))
+    return kinds[path.suffix.lower()]
+
+
+def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+    """Write one movement, or movements by manipulator, to a file in the format of its suffix.
+
+    Raises
+    ------
+    DemonstrationError
+        If no format has that suffix or its format is only read, or as the format's writer.
+    """
+    writers = {suffix: format.write for format in FORMATS for suffix in format.suffixes if format.write}
+    suffix = Path(path).suffix
+    if suffix.lower() not in writers:
+        raise fault(path, None, f"its kind {suffix!r} is not written", near_name(suffix, writers))
+    writers[suffix.lower()](path, demos)
+
+
+def load(
+    path: str | os.PathLike[str],
+    manipulator: str | None = None,
+    *,
+    episode: str | int | None = None,
+    topic: str | None = None,
+) -> Samples:
+    """Return one movement; see `Demonstration.load`."""
+    path = Path(path)
+    format = format_of(path)
+    refusals = [
+        ("topic", topic, format.part != "topic", "only bags have topics", "leave the topic out"),
+        ("episode", episode, format.part != "episode", "it holds one recording", "leave the episode out"),
+        (
+            "manipulator",
+            manipulator,
+            format.part == "topic",
+            "a bag knows topics, not manipulators",
+            "name a topic",
+        ),
+    ]
+    for key, value, refused, reason, way_out in refusals:
+        if refused and value is not None:
+            message = f"{value!r} was asked for, but {reason}"
+            raise fault(path, key, message, way_out)
+    if not format.part:
+        return select(cast(Mapping[str, Samples], format.read(path)), manipulator, path)
+    part = episode if topic is None else topic
+    if part is None:
+        part = select_name(format.parts(path), None, path, format.part)
+    (found,) = format.read(path, **{format.part: part}).values()
+    return found if isinstance(found, Samples) else select(found, manipulator, path)
+
+
+def load_all(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
+    """Return all movements; see `Demonstration.load_all`."""
+    path = Path(path)
+    return tuple(_each(format_of(path).read(path)))
+
+
+def _each(found: Mapping[str, Samples] | Mapping[str, Mapping[str, Samples]]) -> Iterator[Samples]:
+    for entry in found.values():
+        if isinstance(entry, Samples):
+            yield entry
+        else:
+            yield from entry.values()
+
+
+def select(demos: Mapping[str, Samples], manipulator: str | None, file: object) -> Samples:
+    """Return one of the movements of a recording, selected by its manipulator.
+
+    Raises
+    ------
+    DemonstrationError
+        If there are several and the name is missing, or the name is unknown.
+    """
+    if list(demos) == [""] and manipulator is not None:
+        raise fault(
+            file,
+            "manipulator",
+            f"it holds one movement without a name, not {manipulator!r}",
+            "leave the manipulator out",
+        )
+    return demos[select_name(demos, manipulator, file, "manipulator")]

@@ -1,0 +1,583 @@
+"""Recordings as LeRobot datasets: folders of Parquet tables and JSON.
+
+The readable layouts are v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
+(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); v2.1 is written. Videos are ignored.
+One vector feature of each episode is read, by default `observation.state`. The names of its coordinates in
+`meta/info.json` tell their meaning: `x, y, z`, `qw, qx, qy, qz` (or after `NAME_`, for several manipulators),
+otherwise joints, which the prefixes `left_` and `right_` assign to two arms.
+
+LeRobot keeps time stamps as float32 and requires even steps of 1 / `fps`; where they are even within 0.1 ms, time is
+read as frame / fps, exactly. The format has no units: Cartesian coordinates are read as metres, joints as radians.
+
+Needs pyarrow. Sizes are compared with a limit before any data are read, and paths out of the folder are refused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.samples import (
+    AXES,
+    MAX_ROWS,
+    QUATERNION,
+    Columns,
+    Episodes,
+    Format,
+    Origin,
+    Samples,
+    as_episodes,
+    decoding,
+    even_rate,
+    fault,
+    one_of,
+)
+from comove.errors import DemonstrationError, near_name
+from comove.io.files import existing_file, extra, telling
+from comove.io.folders import Contents, whole_folder
+
+if TYPE_CHECKING:
+    from pyarrow import Table
+
+MAX_BYTES = 1024 * 2**20
+"""Largest Parquet file [bytes]."""
+MAX_META_BYTES = 64 * 2**20
+"""Largest file of JSON [bytes]."""
+MAX_COLUMN_BYTES = 512 * 2**20
+"""Largest columns of a file, unpacked [bytes]."""
+_BATCH = 65_536
+"""Rows that are read at a time."""
+STATE = "observation.state"
+CHUNK_EPISODES = 1000
+"""Episodes of one folder `data/chunk-...`."""
+_STAMP_TOLERANCE = 1e-4
+"""How far LeRobot lets stamps lie from even ones [s]."""
+_PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
+_INFO, _EPISODES = "meta/info.json", "meta/episodes.jsonl"
+_COPY = "copy or record the dataset again"
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    episode: str | int | None = None,
+    feature: str = STATE,
+    unit: str | None = None,
+) -> dict[str, dict[str, Samples]]:
+    """Read the episodes of a dataset.
+
+    Parameters
+    ----------
+    path : folder that holds `meta/info.json`
+    episode : number of the only episode to read; None: all
+    feature : vector to read, such as `observation.state` or `action`
+    unit : unit of the positions; by default metres for x, y, z and radians for others
+
+    Returns
+    -------
+    episodes : movements by manipulator ("" if the coordinates name none), by episode ("0", "1", ...)
+
+    Raises
+    ------
+    DemonstrationError
+        If the dataset cannot be read, is truncated or has another version, or its parts do not agree; names the
+        file.
+    """
+    dataset = _Dataset.open(Path(path))
+    names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
+    n_rows = sum(dataset.lengths[int(name)] for name in names)
+    if n_rows > MAX_ROWS:
+        raise fault(
+            path, None, f"its episodes have {n_rows:,} rows", f"read one by one: up to {MAX_ROWS:,} are read"
+        )
+    columns = _coordinates(dataset, feature, unit)
+    found: dict[str, dict[str, Samples]] = {}
+    tables: dict[Path, Table] = {}
+    for name in names:
+        file, task = dataset.files[int(name)], dataset.tasks[int(name)]
+        if file not in tables:
+            tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
+        rows = _episode(dataset, file, tables[file], int(name), feature)
+        found[name] = {
+            manipulator: Samples(
+                rows.time,
+                name=".".join(filter(None, (dataset.folder.name, name, manipulator))),
+                notes=(f"task: {task}",) if task else (),
+                origin=_origin(file, feature, rows.first, group.position + group.orientation),
+                **group.of(rows.values),
+            )
+            for manipulator, group in columns.items()
+        }
+    return found
+
+
+def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the numbers of the episodes of a dataset.
+
+    Raises
+    ------
+    DemonstrationError
+        If it is not a LeRobot dataset, or has another version.
+    """
+    return tuple(str(number) for number in _Dataset.open(Path(path)).lengths)
+
+
+def write(
+    path: str | os.PathLike[str],
+    episodes: Episodes,
+    *,
+    task: str = "move together",
+    robot_type: str = "unknown",
+    dtype: str = "float32",
+) -> None:
+    """Write episodes as a dataset of version 2.1.
+
+    `observation.state` holds the coordinates of all manipulators and their quaternions w x y z, if there are any;
+    `action` is the state of the next sample.
+
+    Parameters
+    ----------
+    path : folder to write; it appears only when complete, and must not exist or be empty
+    episodes : movements in even time steps, with the same whole number of samples per second
+    task : description of the task
+    robot_type : kind of robot
+    dtype : "float32", as LeRobot records, or "float64", which keeps every number exactly; stamps are always float32
+
+    Raises
+    ------
+    DemonstrationError
+        The episodes do not fit into one dataset, or the folder cannot be written.
+    """
+    written = as_episodes(episodes, path)
+    if dtype not in ("float32", "float64"):
+        raise fault(
+            path, "dtype", f"{dtype!r} is no kind of number", near_name(dtype, ["float32", "float64"])
+        )
+    fps = _common_fps(path, written)
+    names = _names(path, written[0])
+    pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
+    lengths: list[int] = []
+    with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
+        (draft / "meta").mkdir(parents=True)
+        with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
+            for number, demos in enumerate(written):
+                columns = _columns(demos, fps, number, sum(lengths), dtype)
+                lengths.append(len(columns["index"]))
+                file = draft / f"data/chunk-{number // CHUNK_EPISODES:03d}/episode_{number:06d}.parquet"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                arrays = {
+                    key: pa.array(values) if values.ndim == 1 else _vectors(pa, values)
+                    for key, values in columns.items()
+                }
+                parquet.write_table(pa.table(arrays), file, write_page_checksum=True)
+                stats = {key: _statistics(values) for key, values in columns.items()}
+                statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
+        feature = {"dtype": dtype, "shape": [len(names)], "names": names}
+        _write_meta(draft, lengths, feature, fps, task, robot_type)
+
+
+FORMAT = Format("LeRobot", read, marker=_INFO, part="episode", parts=episodes, write=write)
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    """Holds the content of a dataset's folder `meta`.
+
+    Attributes
+    ----------
+    folder : folder of the dataset
+    info : content of `meta/info.json`
+    fps : sampling rate [Hz]
+    lengths : number of rows by number of episode
+    files : Parquet file by number of episode
+    tasks : description of the task by number of episode
+    """
+
+    folder: Path
+    info: Mapping[str, Any]
+    fps: float
+    lengths: Mapping[int, int]
+    files: Mapping[int, Path]
+    tasks: Mapping[int, str]
+
+    @classmethod
+    def open(cls, folder: Path) -> _Dataset:
+        file = folder / _INFO
+        (info,) = _json(file, lines=False)
+        version = _value(file, info, "codebase_version", str)
+        if not re.fullmatch(r"v?[23]\.\d+", version):
+            raise fault(file, "codebase_version", f"{version!r} is not read", "convert it to v2.1 or v3.0")
+        fps = _value(file, info, "fps", int | float)
+        if not 0.0 < fps < 1e6:
+            raise fault(file, "fps", f"{fps!r} is no rate", "give frames a second")
+        _value(file, info, "features", dict)
+        rows = _episodes_v3(folder) if version.lstrip("v").startswith("3") else _json(folder / _EPISODES)
+        total = _value(file, info, "total_episodes", int)
+        if len(rows) != total or not rows:
+            raise fault(
+                file, "total_episodes", f"it says {total}, and {len(rows)} episodes are described", _COPY
+            )
+        lengths, files, tasks = {}, {}, {}
+        for row in rows:
+            where = folder / ("meta/episodes" if "data/file_index" in row else _EPISODES)
+            number, length = _value(where, row, "episode_index", int), _value(where, row, "length", int)
+            if number in lengths or number < 0 or length < 0:
+                raise fault(
+                    where, "episode_index", f"episode {number} of length {length} stands there", _COPY
+                )
+            lengths[number] = length
+            files[number] = folder / _data_path(file, info, row, number)
+            tasks[number] = ", ".join(map(str, row.get("tasks") or ()))
+        return cls(folder, info, float(fps), dict(sorted(lengths.items())), files, tasks)
+
+
+def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
+    """Read the table of episodes of version 3."""
+    files = sorted((folder / "meta" / "episodes").glob("*/*.parquet"))
+    if not files:
+        raise fault(folder / "meta" / "episodes", None, "there is no table of the episodes", _COPY)
+    wanted = ("episode_index", "length", "data/chunk_index", "data/file_index")
+    rows = [row for file in files for row in _read_table(file, wanted, ("tasks",)).to_pylist()]
+    return sorted(rows, key=lambda row: (row["episode_index"] is None, row["episode_index"]))
+
+
+def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], number: int) -> str:
+    """Fill in the path of an episode's rows; only numbers are inserted, and paths out of the folder are refused."""
+    pattern = _value(file, info, "data_path", str)
+    chunk_size = info.get("chunks_size") or CHUNK_EPISODES
+    places = {
+        "episode_index": number,
+        "episode_chunk": number // chunk_size if isinstance(chunk_size, int) and chunk_size > 0 else 0,
+        "chunk_index": row.get("data/chunk_index"),
+        "file_index": row.get("data/file_index"),
+    }
+    bare = _PLACE.sub("", pattern)
+    used = {match[1] for match in _PLACE.finditer(pattern)}
+    parts = Path(bare).parts
+    if (
+        re.search(r"[{}]", bare)
+        or ".." in parts
+        or Path(pattern).is_absolute()
+        or not all(isinstance(places[name], int) for name in used)
+    ):
+        raise fault(
+            file,
+            "data_path",
+            f"{pattern!r} names no file in the dataset",
+            "use data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        )
+    return pattern.format(**places)
+
+
+def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str, Columns]:
+    """Return the columns of a feature by manipulator, according to the names of the columns."""
+    file, features = dataset.folder / _INFO, dataset.info["features"]
+    if feature not in features or not isinstance(features[feature], dict):
+        raise fault(file, "features", f"there is no {feature!r}", near_name(feature, features))
+    shape, names = features[feature].get("shape"), features[feature].get("names")
+    key = f"features.{feature}"
+    if not (isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0):
+        raise fault(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
+    while isinstance(names, dict) and names:
+        names = next(iter(names.values()))
+    if not names:
+        names = [f"{feature}_{index}" for index in range(shape[0])]
+    if not isinstance(names, list) or len(set(map(str, names))) != len(names) or len(names) != shape[0]:
+        raise fault(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
+    groups = {
+        manipulator: _group(
+            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}, unit
+        )
+        for manipulator, axes in _divided([str(name) for name in names]).items()
+    }
+    for group in groups.values():
+        if len(group.position) > MAX_DIMS:
+            raise fault(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
+    return groups
+
+
+def _divided(names: list[str]) -> dict[str, list[str]]:
+    """Return the names of the axes by manipulator, or all under "" if the names contain no manipulator."""
+    cartesian = {*AXES, *QUATERNION}
+    split = [name.rpartition("_") for name in names]
+    if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
+        split = [name.partition("_") for name in names]
+        if {manipulator for manipulator, mark, axis in split if mark and axis} != {"left", "right"}:
+            return {"": names}
+        if not all(manipulator in ("left", "right") and axis for manipulator, _, axis in split):
+            return {"": names}
+    divided: dict[str, list[str]] = {}
+    for manipulator, _, axis in split:
+        divided.setdefault(manipulator, []).append(axis)
+    return divided
+
+
+def _group(columns: Mapping[str, int], unit: str | None) -> Columns:
+    """Separate the columns of quaternions from those of positions."""
+    axes = tuple(axis for axis in columns if axis not in QUATERNION)
+    turned = [columns[axis] for axis in QUATERNION if axis in columns]
+    if not axes or len(turned) < 4:
+        axes, turned = tuple(columns), []
+    if unit is None:
+        unit = "m" if set(axes) <= set(AXES) else "rad"
+    return Columns([columns[axis] for axis in axes], turned, axes, unit)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), and their first row in the table."""
+
+    time: NDArray[np.float64]
+    values: NDArray[np.float64]
+    first: int
+
+
+def _origin(file: Path, feature: str, first: int, columns: list[int]) -> Origin:
+    """Name samples by their row and column in the table."""
+    return Origin(
+        file,
+        time=lambda sample: f"row {first + sample}, column timestamp",
+        position=lambda sample, dim: f"row {first + sample}, {feature}[{columns[dim]}]",
+        orientation=lambda sample: f"row {first + sample}, {feature}[{columns[-4]}] to [{columns[-1]}]",
+    )
+
+
+def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Rows:
+    """Return the rows of one episode in a table."""
+    pc = extra("pyarrow.compute", file)
+    chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
+    expected = dataset.lengths[number]
+    if len(chosen) != expected or (expected and chosen[-1] - chosen[0] != expected - 1):
+        raise fault(
+            file,
+            None,
+            f"it holds {len(chosen)} rows of episode {number}, and {expected} were recorded",
+            _COPY,
+        )
+    if expected < 2:
+        raise fault(
+            file, None, f"a movement needs two rows at least, episode {number} has {expected}", "leave it out"
+        )
+    rows = table.slice(int(chosen[0]), expected)
+    vectors = rows.column(feature).combine_chunks()
+    width = dataset.info["features"][feature]["shape"][0]
+    if vectors.null_count:
+        raise fault(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
+    if hasattr(vectors, "flatten") and str(vectors.type).startswith(
+        ("list", "fixed_size_list", "large_list")
+    ):
+        lengths = pc.list_value_length(vectors).to_numpy(zero_copy_only=False)
+        if (lengths != width).any():
+            row = int(np.argmax(lengths != width))
+            raise fault(
+                file,
+                f"row {chosen[row]}, {feature}",
+                f"it has {lengths[row]} numbers, and {width} are described",
+                _COPY,
+            )
+        vectors = vectors.flatten()
+    values = _numeric(file, feature, vectors)
+    if len(values) != width * expected:
+        raise fault(file, feature, f"it has one number a row, and {width} are described", _COPY)
+    frames = _column(file, rows, "frame_index")
+    stamps = _column(file, rows, "timestamp").astype(np.float64)
+    even = frames / dataset.fps
+    near = np.array_equal(frames, frames[0] + np.arange(expected)) and (
+        np.abs(stamps - stamps[0] - even + even[0]).max() <= _STAMP_TOLERANCE
+    )
+    return _Rows(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
+
+
+def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
+    """Read columns of a Parquet file up to the size limit, and verify checksums if the file has them.
+
+    The sizes stated in the file's column metadata are not used: pyarrow ends the process where they are damaged.
+    """
+    parquet, pa = extra("pyarrow.parquet", file), extra("pyarrow", file)
+    existing_file(file, MAX_BYTES, "split the dataset")
+
+    broken = (pa.ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError)
+    with (
+        decoding(file, "Parquet file", broken, _COPY),
+        parquet.ParquetFile(file, page_checksum_verification=True) as source,
+    ):
+        names = source.schema_arrow.names
+        for column in columns:
+            if column not in names:
+                raise fault(file, column, "the column is missing", near_name(column, names))
+        wanted = [*columns, *(column for column in optional if column in names)]
+        n_rows, size, batches = source.metadata.num_rows, 0, []
+        if n_rows > MAX_ROWS:
+            raise _too_large(file, f"claims {n_rows:,} rows")
+        for batch in source.iter_batches(batch_size=_BATCH, columns=wanted):
+            size += batch.nbytes
+            if size > MAX_COLUMN_BYTES:
+                raise _too_large(file, f"has columns of more than {MAX_COLUMN_BYTES >> 20} MB")
+            batches.append(batch)
+        if not batches:
+            return source.schema_arrow.empty_table().select(wanted)
+        return pa.Table.from_batches(batches)
+
+
+def _too_large(file: Path, what: str) -> DemonstrationError:
+    return fault(file, None, f"it {what}", f"split the dataset: up to {MAX_ROWS:,} rows a file are read")
+
+
+def _column(file: Path, table: Table, name: str) -> NDArray:
+    """Return a column of scalars, shape (n_rows,)."""
+    column = table.column(name)
+    if column.null_count:
+        raise fault(file, name, f"{column.null_count} rows are empty", _COPY)
+    return _numeric(file, name, column.combine_chunks())
+
+
+def _numeric(file: Path, name: str, array: Any) -> NDArray:
+    values = np.asarray(array.to_numpy(zero_copy_only=False)) if str(array.type) in _NUMBERS else None
+    if values is None:
+        raise fault(file, name, f"it holds {array.type}, not numbers", "give real numbers")
+    if array.null_count:
+        raise fault(file, name, f"{array.null_count} numbers are missing", _COPY)
+    return values
+
+
+_NUMBERS = {
+    *("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"),
+    *("halffloat", "float", "double"),
+}
+
+
+def _json(file: Path, lines: bool = True) -> list[dict[str, Any]]:
+    """Read the objects of a JSON file: one per line, or one for the whole file."""
+    existing_file(file, MAX_META_BYTES, "split the dataset")
+    with telling(file):
+        content = file.read_bytes()
+    rows = []
+    for number, line in enumerate(content.split(b"\n") if lines else [content], start=1):
+        if lines and not line.strip():
+            continue
+        try:
+            row = json.loads(line.decode())
+        except (ValueError, RecursionError) as error:
+            key = f"line {number}" if lines else None
+            raise fault(file, key, f"it is no JSON ({error})", _COPY) from error
+        if not isinstance(row, dict):
+            raise fault(file, f"line {number}" if lines else None, "it is no JSON object", _COPY)
+        rows.append(row)
+    return rows
+
+
+def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
+    """Return one value of an object after a check of its type."""
+    if key not in row:
+        raise fault(file, key, "it is missing", near_name(key, list(row)[:20]))
+    if not isinstance(row[key], kind) or isinstance(row[key], bool):
+        raise fault(file, key, f"it is {str(row[key])[:40]!r}", "see LeRobot's description of the format")
+    return row[key]
+
+
+def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
+    """Return the common sampling rate of all episodes, a whole number [Hz]."""
+    rates = [even_rate(demos, path) for demos in episodes]
+    for number, rate in enumerate(rates):
+        if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
+            raise fault(
+                path,
+                None,
+                f"episode {number} runs at {rate:.6g} Hz",
+                "LeRobot has one whole number of frames a second: resample the episodes",
+            )
+    return round(rates[0])
+
+
+def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
+    """Return the names of the coordinates of all manipulators."""
+    names = []
+    for manipulator, demo in demos.items():
+        unnamed = AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
+        axes = [*(demo.axes or unnamed), *(QUATERNION if demo.orientation is not None else ())]
+        names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
+    if list(demos) != list(_divided(names)):
+        raise fault(
+            path,
+            None,
+            f"the names {', '.join(names[:8])} would not be read as {', '.join(map(repr, demos))}",
+            "call the manipulators left and right, or give positions x, y, z",
+        )
+    return names
+
+
+def _columns(
+    demos: Mapping[str, Samples], fps: int, number: int, first: int, dtype: str
+) -> dict[str, NDArray]:
+    """Return the columns of an episode that begins at row `first` of the dataset."""
+    blocks = [
+        block for demo in demos.values() for block in (demo.position, demo.orientation) if block is not None
+    ]
+    state = np.concatenate(blocks, axis=1).astype(dtype)
+    frames = np.arange(len(state), dtype=np.int64)
+    return {
+        STATE: state,
+        "action": np.concatenate((state[1:], state[-1:])),
+        "timestamp": (frames / fps).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full_like(frames, number),
+        "index": frames + first,
+        "task_index": np.zeros_like(frames),
+    }
+
+
+def _vectors(pa: Any, values: NDArray) -> Any:
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+def _statistics(values: NDArray) -> dict[str, list]:
+    rows = values.reshape(len(values), -1).astype(np.float64)
+    return {
+        "min": rows.min(axis=0).tolist(),
+        "max": rows.max(axis=0).tolist(),
+        "mean": rows.mean(axis=0).tolist(),
+        "std": rows.std(axis=0).tolist(),
+        "count": [len(rows)],
+    }
+
+
+def _write_meta(
+    folder: Path, lengths: list[int], vector: dict[str, Any], fps: int, task: str, robot_type: str
+) -> None:
+    """Write the files that describe the tables; `vector` describes state and action."""
+    scalars = {"timestamp": "float32"} | dict.fromkeys(
+        ("frame_index", "episode_index", "index", "task_index"), "int64"
+    )
+    info = {
+        "codebase_version": "v2.1",
+        "robot_type": robot_type,
+        "total_episodes": len(lengths),
+        "total_frames": sum(lengths),
+        "total_tasks": 1,
+        "total_videos": 0,
+        "total_chunks": -(-len(lengths) // CHUNK_EPISODES),
+        "chunks_size": CHUNK_EPISODES,
+        "fps": fps,
+        "splits": {"train": f"0:{len(lengths)}"},
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "video_path": None,
+        "features": {STATE: vector, "action": vector}
+        | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in scalars.items()},
+    }
+    (folder / _INFO).write_text(json.dumps(info, indent=4), encoding="utf-8")
+    rows = [
+        {"episode_index": number, "tasks": [task], "length": length} for number, length in enumerate(lengths)
+    ]
+    (folder / _EPISODES).write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    tasks = json.dumps({"task_index": 0, "task": task}) + "\n"
+    (folder / "meta/tasks.jsonl").write_text(tasks, encoding="utf-8")

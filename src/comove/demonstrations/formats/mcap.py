@@ -1,0 +1,111 @@
+"""Checksums of MCAP files: written where the library omits them, verified where they exist.
+
+The format has one for each chunk of messages (CRC-32 of its uncompressed records; the library verifies it), one for
+everything before the summary, and one for the summary; 0 means none. See https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from comove.demonstrations.samples import fault
+from comove.errors import DemonstrationError
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_DATA = 256 * 2**20
+"""Largest file whose messages are compared with the checksum of all of them [bytes]; chunks have their own."""
+_FOOTER, _CHUNK, _DATA_END = 0x02, 0x06, 0x0F
+_HEAD = struct.Struct("<BQ")  # of a record: its kind and length
+_DATA = struct.Struct("<BQI")  # the record that ends the data, with their checksum
+_STARTS = struct.Struct("<QQ")  # of the summary, and of its offsets
+_CRC = struct.Struct("<I")
+_TAIL = _HEAD.size + _STARTS.size + _CRC.size + len(MAGIC)
+
+
+def check_mcap(path: Path) -> None:
+    """Verify the checksums of a file.
+
+    Raises
+    ------
+    DemonstrationError
+        If a checksum does not match its bytes.
+    """
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        if size < len(MAGIC) + _DATA.size + _TAIL:
+            return  # the library tells
+        start, said = _footer(file, size)
+        if start and said and start < size and said != _crc(file, start, size - len(MAGIC) - _CRC.size):
+            raise _damaged(path, "its summary")
+        at = (start or size - _TAIL) - _DATA.size  # where the record stands that ends the data
+        if size > MAX_DATA or at < len(MAGIC):
+            return
+        file.seek(at)
+        kind, length, said = _DATA.unpack(file.read(_DATA.size))
+        if (kind, length) == (_DATA_END, _CRC.size) and said and said != _crc(file, 0, at):
+            raise _damaged(path, "its data")
+
+
+def seal_mcap(path: Path) -> None:
+    """Write the checksums of a file whose chunks are not compressed."""
+    with open(path, "rb+") as file:
+        size = file.seek(0, 2)
+        places = list(_records(file, size))
+        for at, kind, length in places:
+            if kind == _CHUNK:
+                file.seek(at + _HEAD.size)
+                body = file.read(length)
+                # Times of the first and last message, size, checksum, compression, records with their size.
+                (name,) = _CRC.unpack_from(body, 28)
+                if name == 0:
+                    file.seek(at + _HEAD.size + 24)
+                    file.write(_CRC.pack(zlib.crc32(body[40:])))
+        for at, kind, _ in places:
+            if kind == _DATA_END:
+                crc = _crc(file, 0, at)
+                file.seek(at + _HEAD.size)
+                file.write(_CRC.pack(crc))
+        start, _ = _footer(file, size)
+        end = size - len(MAGIC) - _CRC.size
+        crc = _crc(file, start or end, end)
+        file.seek(end)
+        file.write(_CRC.pack(crc))
+
+
+def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, int, int]]:
+    """Iterate over the position, kind and length of each complete record."""
+    at = len(MAGIC)
+    while at + _HEAD.size <= size - len(MAGIC):
+        file.seek(at)
+        kind, length = _HEAD.unpack(file.read(_HEAD.size))
+        if at + _HEAD.size + length > size:
+            return
+        yield at, kind, length
+        at += _HEAD.size + length
+
+
+def _footer(file: IO[bytes], size: int) -> tuple[int, int]:
+    """Return the position of the summary and its checksum; 0 if there is none."""
+    file.seek(size - _TAIL)
+    tail = file.read(_TAIL)
+    start, _ = _STARTS.unpack_from(tail, _HEAD.size)
+    (crc,) = _CRC.unpack_from(tail, _HEAD.size + _STARTS.size)
+    return (start, crc) if tail[0] == _FOOTER else (0, 0)
+
+
+def _crc(file: IO[bytes], start: int, end: int) -> int:
+    file.seek(start)
+    crc, left = 0, end - start
+    while left > 0 and (part := file.read(min(left, 2**20))):
+        crc, left = zlib.crc32(part, crc), left - len(part)
+    return crc
+
+
+def _damaged(path: Path, what: str) -> DemonstrationError:
+    return fault(
+        path, None, f"{what} has another checksum than the file says", "copy it again: it is damaged"
+    )

@@ -1,0 +1,280 @@
+"""Samples of movements as files hold them, and what the readers and writers of all formats share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import DemonstrationError, near_name
+
+
+def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
+    """Return the error about a recording: its file, the place in it, what is wrong, and what to do."""
+    return DemonstrationError(message, file=file, key=key, way_out=way_out)
+
+
+@contextmanager
+def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_out: str) -> Iterator[None]:
+    """Convert a library's exceptions on damaged bytes to a fault that says that the file is no whole `what`."""
+    try:
+        yield
+    except (DemonstrationError, Warning):
+        raise
+    except broken as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
+        raise fault(file, None, f"it is no whole {what} ({reason})", way_out) from error
+
+
+AXES = ("x", "y", "z")
+QUATERNION = ("qw", "qx", "qy", "qz")
+MAX_ROWS = 2_000_000
+"""Samples that are read from one file."""
+_EVEN_SHARE = 1e-3
+"""How far stamps may lie from even ones, in steps, where a format knows only a rate."""
+_SHOWN = 20
+"""Names that a message lists."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Names the places of samples in messages as the user knows them.
+
+    Attributes
+    ----------
+    file : file from which the samples were read; None for arrays in memory
+    time, orientation : functions of a sample's number that name its time stamp and its quaternion
+    position : function of the numbers of a sample and a coordinate that names the number there
+    axes : place of the coordinates' names
+    """
+
+    file: object = None
+    time: Callable[[int], str] = lambda sample: f"time[{sample}]"
+    position: Callable[[int, int], str] = lambda sample, dim: f"position[{sample}, {dim}]"
+    orientation: Callable[[int], str] = lambda sample: f"orientation[{sample}]"
+    axes: str = "axes"
+
+
+IN_MEMORY = Origin()
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """One movement as a reader finds it and a writer needs it; `Demonstration` checks it and explains its fields.
+
+    Attributes
+    ----------
+    origin : names of the places of its samples in the file
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    name: str = ""
+    notes: tuple[str, ...] = ()
+    unit: str = "m"
+    orientation: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    axes: tuple[str, ...] = field(default=(), kw_only=True)
+    origin: Origin = field(default=IN_MEMORY, kw_only=True, repr=False)
+
+    @property
+    def n_steps(self) -> int:
+        """Return the number of samples."""
+        return self.position.shape[0]
+
+    @property
+    def n_dims(self) -> int:
+        """Return the number of coordinates."""
+        return self.position.shape[1]
+
+    @property
+    def duration(self) -> float:
+        """Return the time of the last sample [s]."""
+        return float(self.time[-1])
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one manipulator in a table: positions in the order of `axes`, quaternions w x y z."""
+
+    position: list[int]
+    orientation: list[int]
+    axes: tuple[str, ...]
+    unit: str
+
+    def of(self, table: NDArray[np.float64]) -> dict[str, Any]:
+        """Return the fields of `Samples` that a table, shape (n_steps, n_columns), holds in these columns."""
+        orientation = table[:, self.orientation] if self.orientation else None
+        position = table[:, self.position]
+        return {"position": position, "orientation": orientation, "axes": self.axes, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of recordings: how files of it are recognised, read and written.
+
+    Attributes
+    ----------
+    name : name of the kind for users
+    read : function of a path that returns the movements by manipulator. If the kind has `parts`, it returns those of
+        each part, and takes the name of a single one as the keyword argument that `part` names
+    suffixes : suffixes of its files, in lower case
+    marker : file by which a folder of this kind is recognised
+    part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
+    parts : function of a path that returns the names of its parts; a mapping adds a word about each
+    write : function of a path and movements (`Samples`, or several of them by manipulator) that writes a file
+    """
+
+    name: str
+    read: Callable[..., Mapping[str, Samples] | Mapping[str, Mapping[str, Samples]]]
+    suffixes: tuple[str, ...] = ()
+    marker: str = ""
+    part: str = ""
+    parts: Callable[[Any], Iterable[str]] = lambda path: ()
+    write: Callable[..., None] | None = None
+
+
+def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
+    """Return `name` if it is one of `names`, or the only one that exists.
+
+    Parameters
+    ----------
+    names : the existing names; texts among the values of a mapping describe them in messages
+    what : kind of thing that is chosen: the key in messages
+
+    Raises
+    ------
+    DemonstrationError
+        If there are several and the name is missing, or the name is unknown; lists the names.
+    """
+    words = names if isinstance(names, Mapping) else dict.fromkeys(names)
+    if name is None and len(words) == 1:
+        return next(iter(words))
+    if name in words:
+        return str(name)
+    known = [f"{key} ({word})" if isinstance(word, str) else key for key, word in words.items()]
+    listed = _listed(known)
+    if name is None:
+        message, way_out = f"it holds {len(words)} {what}s", f"name one of {listed}"
+    else:
+        message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
+        way_out += f"known: {listed}"
+    raise fault(file, what, message, way_out)
+
+
+def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:
+    """Return the names to read: all, or only the requested one, given by its name or its number.
+
+    Raises
+    ------
+    DemonstrationError
+        If there is no such episode; lists the episodes.
+    """
+    if episode is None:
+        return list(episodes)
+    for name in (str(episode), f"{prefix}{episode}"):
+        if name in episodes:
+            return [name]
+    raise fault(file, "episode", f"there is no episode {episode!r}", f"known: {_listed(episodes)}")
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more
+
+
+def by_manipulator(
+    demos: Samples | Mapping[str, Samples], file: object, *, alike: bool = True
+) -> dict[str, Samples]:
+    """Return movements by manipulator, a single one under "", after a check that one file can hold them.
+
+    Parameters
+    ----------
+    alike : whether the format needs names, and common time stamps, dimensions and orientations
+
+    Raises
+    ------
+    DemonstrationError
+        If there are none, one of several has no name, they differ in time stamps or dimensions, or only some have
+        orientations.
+    """
+    found = {"": demos} if isinstance(demos, Samples) else dict(demos)
+    if not found:
+        raise fault(file, None, "there is no movement to write", "give one at least")
+    first_name, first = next(iter(found.items()))
+    for name, demo in found.items() if alike else ():
+        if len(found) > 1 and not name:
+            raise fault(file, None, f"one of {len(found)} manipulators has no name", "name all of them")
+        if not np.array_equal(demo.time, first.time) or demo.n_dims != first.n_dims:
+            raise fault(
+                file,
+                None,
+                f"{name!r} differs from {first_name!r} in its time stamps or dimensions",
+                "bring both to the same duration and resampled(n_steps), or write a file for each",
+            )
+        if (demo.orientation is None) != (first.orientation is None):
+            raise fault(
+                file,
+                None,
+                f"only one of {name!r} and {first_name!r} has orientations",
+                "give orientations to all or to none, or write a file for each",
+            )
+    return found
+
+
+Episodes = Samples | Mapping[str, Samples] | Sequence[Samples | Mapping[str, Samples]]
+"""Episodes to write: one or several, each of one movement or of movements by manipulator."""
+
+
+def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
+    """Return each episode as movements by manipulator, after a check that one file can hold them.
+
+    Raises
+    ------
+    DemonstrationError
+        If there are none, movements of one episode do not belong together, or episodes differ in their manipulators
+        or coordinates.
+    """
+    given = [episodes] if isinstance(episodes, Samples | Mapping) else list(episodes)
+    if not given:
+        raise fault(file, None, "there is no episode to write", "give one at least")
+    found = [by_manipulator(episode, file) for episode in given]
+    kinds = [[(name, demo.n_dims, demo.orientation is None) for name, demo in e.items()] for e in found]
+    for index, kind in enumerate(kinds):
+        if kind != kinds[0]:
+            raise fault(
+                file,
+                None,
+                f"episode {index} differs from episode 0 in its manipulators or their coordinates",
+                "write a file for each kind",
+            )
+    return found
+
+
+def even_rate(demos: Mapping[str, Samples], file: object) -> float:
+    """Return the sampling rate [Hz] of movements with common time stamps, for formats that keep only a rate.
+
+    Raises
+    ------
+    DemonstrationError
+        If the time steps are not even.
+    """
+    demo = next(iter(demos.values()))
+    rate = (demo.n_steps - 1) / demo.duration
+    if math.isclose(rate, round(rate, 3), rel_tol=1e-9):
+        rate = round(rate, 3)
+    off = np.abs(demo.time * rate - np.arange(demo.n_steps))
+    if off.max() > _EVEN_SHARE:
+        row = int(off.argmax())
+        raise fault(
+            file,
+            None,
+            f"time[{row}] of {demo.name or 'the movement'} is {demo.time[row]:.6g} s, which is no even step at "
+            f"{rate:.6g} Hz",
+            "the format keeps a rate and no stamps: write demonstration.resampled(n_steps)",
+        )
+    return rate

@@ -1,0 +1,147 @@
+"""What compared methods share: jointly taught primitives to begin with, and curves fitted to what they integrate.
+
+A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it.
+If what is left is small (`END_ERROR`, `END_SPEED`), a correction of minimum jerk over its last part leads it to the
+goal; else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are
+needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.errors import OptionError
+from comove.planning.objective import N_STEPS
+from comove.planning.search import Search
+from comove.planning.seeds import minimum_jerk
+from comove.primitives.basis import MotionBasis, motion_basis
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+N_BASIS = 30  # shape weights a dimension
+END_ERROR, END_SPEED = 5e-3, 1e-2  # m and m/s, within which an integrated motion has arrived
+LED = 0.2  # durations, over which the error at the end is corrected
+N_BASES, CLOSE = (30, 60, 120, 200), 1e-6  # shape weights tried in turn, until the fit is that close [m]
+MAX_SAMPLES = 4001  # samples that a fit uses at most
+
+
+def taught_primitives(search: Search, basis: MotionBasis | None = None) -> CoordinatedDMP:
+    """Return the demonstration transferred to every hand (paper, III-B), or straight lines of minimum jerk.
+
+    Parameters
+    ----------
+    search : search whose objective is in coordinates of free hands
+    basis : basis of the primitives; one with `N_BASIS` shape weights unless given
+
+    Raises
+    ------
+    OptionError
+        If the scene goes on from another movement: taught movements begin at rest.
+    """
+    scene, coordinates = search.scene, search.objective.coordinates
+    if any(group.start_twist.any() for group in scene.groups):
+        raise OptionError(
+            "what is taught begins at rest, and the scene goes on from another movement",
+            key="method",
+            way_out="use the method 'comove'",
+        )
+    basis = basis or motion_basis(N_BASIS, "velocity")
+    if search.taught is not None:
+        return CoordinatedDMP.from_demonstration(search.taught, scene, coordinates, basis)
+    s = np.linspace(0.0, 1.0, N_STEPS)
+    hands = scene.start + minimum_jerk(s)[:, None, None] * (scene.goal - scene.start)
+    dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), np.zeros(0))
+    return dmp.fitted(s, coordinates.from_hands(hands))
+
+
+def group_means(scene: Scene) -> Array:
+    """Return the matrix that averages over the hands of every rigid group, shape (n_groups, n_manipulators)."""
+    means = np.zeros((len(scene.groups), len(scene.manipulators)))
+    for g, group in enumerate(scene.groups):
+        means[g, list(group.members)] = 1.0 / len(group.members)
+    return means
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A curve that was fitted to an integrated motion.
+
+    Attributes
+    ----------
+    motion : the curve
+    error : largest distance between the hands on the curve and in the integrated motion, corrected at its end [m]
+    end_miss : largest distance of a hand from its goal at the end of the integration [m]
+    """
+
+    motion: CoordinatedMotion
+    error: float
+    end_miss: float
+
+
+def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) -> Fit:
+    """Fit a curve to sampled positions of the hands.
+
+    Parameters
+    ----------
+    coordinates : coordinates of free hands
+    s : array, shape (n_steps,), even normalised times from 0 to 1
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
+    """
+    miss = float(np.linalg.norm(hands[-1] - scene.goal, axis=1).max())
+    slope = (3.0 * hands[-1] - 4.0 * hands[-2] + hands[-3]) / (2.0 * (s[-1] - s[-2]))
+    speed = float(np.linalg.norm(slope, axis=1).max()) / scene.duration
+    boundary = coordinates.boundary()
+    if miss <= END_ERROR and speed <= END_SPEED:
+        share = minimum_jerk((s - (1.0 - LED)) / LED)[:, None, None]
+        hands = hands + share * (scene.goal - hands[-1])
+    else:
+        boundary[2], boundary[3] = coordinates.from_hands(np.stack([hands[-1], slope]))
+    stride = -(-(len(s) - 1) // (MAX_SAMPLES - 1))
+    s, hands = s[::stride], hands[::stride]
+    for n_basis in N_BASES:
+        basis = motion_basis(n_basis, "velocity")
+        base, phi = (of[0] for of in basis.at(s))
+        weights = np.linalg.lstsq(phi, coordinates.from_hands(hands) - base @ boundary, rcond=None)[0]
+        motion = CoordinatedMotion(scene, coordinates, basis, boundary, weights.T)
+        error = float(np.linalg.norm(motion.hands(s)[0] - hands, axis=2).max())
+        if error <= CLOSE:
+            break
+    return Fit(motion, error, miss)
+
+
+def count_execution(search: Search, hands: Array) -> None:
+    """Count one execution as a generation of the search, and report its cost.
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands at even times [m]
+    """
+    scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
+    flat, steps = hands.reshape(len(hands), -1), np.arange(len(hands))
+    sampled = np.stack([np.interp(even, steps, column) for column in flat.T], axis=1)
+    nodes = np.zeros((1, N_STEPS, hands.shape[1], 3))
+    nodes[0, :, :, : scene.n_dims] = sampled.reshape(N_STEPS, *hands.shape[1:])
+    search.evaluations += 1
+    value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
+    search.tell(float(value.cost[0]), float(value.penalty[0]))
+
+
+def control_times(duration: float, period: float, most: int) -> Array:
+    """Return even normalised times from 0 to 1, a control period [s] apart; array, shape (n_steps + 1,).
+
+    The period is shorter if there would be fewer than 200 steps, and longer if there would be more than `most`.
+    """
+    return np.linspace(0.0, 1.0, int(np.clip(np.ceil(duration / period), 200, most)) + 1)
+
+
+def judge_execution(search: Search, s: Array, hands: Array) -> None:
+    """Fit a curve to the positions of the hands (see `fit_curve`), log both errors, and have the curve verified."""
+    fit = fit_curve(search.scene, search.objective.coordinates, s, hands)
+    search.log |= {"fit_error_max_m": fit.error, "integration_end_miss_m": fit.end_miss}
+    search.judge(fit.motion)

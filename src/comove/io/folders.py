@@ -1,0 +1,136 @@
+"""Folders that are written as a whole: a draft beside the folder takes its place when everything has been written."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from comove.errors import InputError, ResultError
+from comove.io import drafts
+from comove.io.files import refusal, require_room, telling
+
+ROOM = 2_000_000
+"""What must be free on a disk before anything is begun that is written as a folder [bytes]."""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Description of the files in a kind of folder.
+
+    Attributes
+    ----------
+    what : name of the kind in messages
+    marks : files by which it is recognised, of which one at least is present; where there are none, only a new or
+        empty folder is written
+    names : all files that may be in such a folder, relative to it
+    error : kind of error that is raised
+    """
+
+    what: str
+    marks: frozenset[str] = frozenset()
+    names: frozenset[str] = frozenset()
+    error: type[InputError] = ResultError
+
+
+def check_target(folder: str | Path, contents: Contents) -> Path:
+    """Check that a folder of the kind `contents` may be written, and return its resolved path.
+
+    Raises
+    ------
+    contents.error
+        If `folder` is a file, holds other files, or is not writable.
+    """
+    folder = _resolved(folder, contents.error)
+    with telling(folder, "written", contents.error):
+        if folder.exists() and not folder.is_dir():
+            raise contents.error("it is a file", file=folder, way_out="name a folder")
+        if folder.is_dir():
+            _require_only(folder, contents)
+    require_room(folder, contents.error, ROOM)
+    return folder
+
+
+@contextmanager
+def whole_folder(folder: str | Path, contents: Contents) -> Iterator[Path]:
+    """Lend a draft folder, which replaces `folder` as a whole when all went well, and is deleted otherwise.
+
+    Raises
+    ------
+    contents.error
+        As `check_target`.
+    """
+    folder = check_target(folder, contents)
+    made = [parent for parent in folder.parents if not parent.exists()]
+    try:
+        with telling(folder, "written", contents.error):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with drafts.draft(folder) as draft:
+                yield draft
+                if folder.is_dir():
+                    _require_only(folder, contents)  # whatever was put there meanwhile
+                drafts.put(draft, folder, replace=bool(contents.marks))
+    finally:
+        for parent in made:
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def require_folder(folder: str | Path, made_by: str) -> Path:
+    """Return the path of a folder, after completing a replacement of it that was interrupted.
+
+    Raises
+    ------
+    ResultError
+        If there is none; the message names the command that makes it.
+    """
+    folder = Path(folder)
+    with telling(folder, error=ResultError):
+        if not folder.is_dir() and not drafts.finish(_resolved(folder, ResultError)):
+            raise ResultError("there is no such folder", file=folder, way_out=f"make it by: {made_by}")
+    return folder
+
+
+def _resolved(folder: str | Path, error: type[InputError]) -> Path:
+    """Return the path to which links lead."""
+    try:
+        return Path(folder).resolve()
+    except (OSError, RuntimeError, ValueError) as failure:
+        why, way_out = str(failure), "name a folder"
+        if isinstance(failure, RuntimeError):  # how Python 3.11 and 3.12 tell of a circle of links
+            failure = OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        if isinstance(failure, OSError):
+            why, way_out = refusal(failure, Path(folder))
+        raise error(f"it cannot be written: {why}", file=folder, way_out=way_out) from failure
+
+
+def _require_only(folder: Path, contents: Contents) -> None:
+    """Refuse a folder that cannot be replaced as a whole without loss."""
+    what, names = contents.what, {entry.name for entry in folder.iterdir()}
+    if names and not names & contents.marks:
+        why, way_out = f"the folder is not empty and holds no {what}", "name another or empty it"
+    elif other := _other_file(folder, names, contents):
+        why = f"besides a {what} the folder holds '{other}'"
+        way_out = "name another folder or move that away"
+    elif os.path.ismount(folder):
+        why = "it is a mount point, which cannot be replaced as a whole"
+        way_out = f"name a folder in it, such as {folder / 'result'}"
+    elif folder == Path.cwd():
+        why = "it is the folder that you are in, and would be replaced as a whole"
+        way_out = "name a folder in it"
+    elif not os.access(folder, os.W_OK | os.X_OK):
+        why, way_out = "you may not write it", "name a folder that you may write"
+    else:
+        return
+    raise contents.error(why, file=folder, way_out=way_out)
+
+
+def _other_file(folder: Path, names: set[str], contents: Contents) -> str | None:
+    """Return the first file in a folder that does not belong to its kind; None where there is none."""
+    known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
+    others = names - known  # and only if there are none, which need not be looked through, those below
+    others = others or {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - known
+    return min(others, default=None)

@@ -1,0 +1,129 @@
+"""Recordings by name, a file or lasa:SHAPE:DEMO, with what a primitive learned from one says of its origin."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from comove.demonstrations import Demonstration
+from comove.demonstrations.cleaning import unit_hint
+from comove.errors import ComoveError, DemonstrationError
+from comove.primitives.files import Primitive, checksum
+
+LASA = "lasa:"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A movement of a recording.
+
+    Attributes
+    ----------
+    demonstration : the movement
+    source : the recording's name without its folder, for the provenance of a primitive
+    name : a name for a primitive that is learned from it
+    """
+
+    demonstration: Demonstration
+    source: str
+    name: str
+
+
+def read_recordings(
+    named: str,
+    manipulator: str | None = None,
+    episode: str | None = None,
+    topic: str | None = None,
+    **options: Any,
+) -> list[Recording]:
+    """Return the movements of a recording; one if a choice was made or there is only one.
+
+    Parameters
+    ----------
+    named : path of a file, or lasa:SHAPE or lasa:SHAPE:DEMO
+    manipulator, episode, topic, options : as for `Demonstration.load`
+
+    Raises
+    ------
+    DemonstrationError
+        As `Demonstration.load` and `Demonstration.load_all`.
+    """
+    if named.startswith(LASA):
+        shape, _, number = named.removeprefix(LASA).partition(":")
+        if number and not number.isdigit():
+            raise DemonstrationError(
+                f"{number!r} is no recording", file=named, way_out="write lasa:SHAPE:0 to :6"
+            )
+        count = int(number or 0)
+        return [
+            Recording(Demonstration.from_lasa(shape, count), f"{LASA}{shape}:{count}", f"{shape}-{count}")
+        ]
+    path = Path(named)
+    source = path.name.encode(errors="replace").decode()
+    if (manipulator, episode, topic) == (None, None, None) and not options:
+        found = Demonstration.load_all(path)
+        alone = len(found) == 1
+        return [
+            Recording(one, source, name_from(path.stem if alone else one.name or path.stem)) for one in found
+        ]
+    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
+    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
+    return [Recording(one, source, name_from(chosen))]
+
+
+def read_recording(
+    named: str,
+    manipulator: str | None = None,
+    episode: str | None = None,
+    topic: str | None = None,
+    **options: Any,
+) -> Recording:
+    """Return the only movement of a recording, or the chosen one; arguments and errors as of `read_recordings`."""
+    found = read_recordings(named, manipulator, episode, topic, **options)
+    if len(found) > 1:
+        Demonstration.load(named)  # which says what there is to choose from
+        raise DemonstrationError(
+            f"it holds {len(found)} movements", file=named, way_out="choose one by --manipulator or --episode"
+        )
+    return found[0]
+
+
+def recording_of(primitive: Primitive) -> Demonstration | None:
+    """Return the recording from which a primitive was learned; None if it is missing or has changed."""
+    if primitive.provenance is None:
+        return None
+    try:
+        for recording in read_recordings(primitive.provenance.source):
+            if checksum(recording.demonstration) == primitive.provenance.sha256:
+                return recording.demonstration
+    except ComoveError:
+        pass
+    return None
+
+
+def require_metres(recording: Demonstration, named: str) -> None:
+    """Refuse a recording whose numbers do not look like metres, for commands that were not told its unit.
+
+    Raises
+    ------
+    DemonstrationError
+        The message says what the numbers look like.
+    """
+    if hint := unit_hint(recording.position, recording.unit):
+        raise DemonstrationError(
+            hint.partition(",")[0],
+            file=named,
+            key="--unit",
+            way_out="give --unit mm, or --unit m if it is right",
+        )
+
+
+def name_from(text: str) -> str:
+    """Return a valid name for a primitive, made from any text.
+
+    >>> name_from("reach & grasp (2)")
+    'reach-grasp-2'
+    """
+    return re.sub(r"[^\w.+-]+", "-", text).strip("-.+")[:100] or "movement"

@@ -1,0 +1,208 @@
+"""Sealed files of results: a summary in JSON and an archive of arrays, with the checksums of both in the summary.
+
+Every kind of result says once which files and entries it has, and is written, read and checked in one way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import DemonstrationError, ResultError, shortened
+from comove.io.arrays import read_arrays
+from comove.io.drafts import steadily
+from comove.io.entries import agrees, require_unedited
+from comove.io.files import telling, whole_file
+from comove.io.folders import require_folder
+
+Arrays = dict[str, NDArray[Any]]
+Summary = dict[str, Any]
+
+SEAL = "summary_sha256"
+
+
+def checksum(arrays: Mapping[str, Any]) -> str:
+    """Compute the SHA-256 of arrays: their names, types, shapes and bytes."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number as JSON can hold it: None where it is infinite, or not a number."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def read_json(path: Path, hint: str, max_bytes: int = 2**20) -> dict[str, Any]:
+    """Read an object from a JSON file of at most `max_bytes`.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read or holds something else; `hint` is the advice.
+    """
+    if not path.is_file():
+        raise ResultError(
+            f"it holds no {path.name}", file=path.parent, way_out=f"name another folder, or {hint}"
+        )
+    try:
+        if path.stat().st_size > max_bytes:
+            raise ValueError(f"it is larger than {max_bytes >> 20} MB")
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        if not isinstance(data, dict):
+            raise ValueError("it is no JSON object")
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultError(f"it cannot be read: {error}", file=path, way_out=hint) from error
+    return data
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"it holds {text}")
+
+
+def _accept(summary: Summary, file: Path) -> None:
+    """Accept entries of all types."""
+
+
+@dataclass(frozen=True)
+class ResultKind:
+    """A kind of result: the names of its files, and what is in them.
+
+    Attributes
+    ----------
+    summary, arrays : names of the two files
+    checksum : entry of the summary that holds the checksum of the arrays
+    made_by : command that makes the files
+    hint : advice where they cannot be used
+    required, optional : names of the arrays
+    unsealed : entries that differ between runs of one seed, which the summary's checksum leaves out
+    outdated : names of files that show what an earlier summary told of, and are removed with it
+    require_entries : function of a summary and its path that raises `ResultError` for entries of other types
+    """
+
+    summary: str
+    arrays: str
+    checksum: str
+    made_by: str
+    hint: str
+    required: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    unsealed: tuple[str, ...] = ()
+    outdated: tuple[str, ...] = ()
+    require_entries: Callable[[Summary, Path], None] = _accept
+
+    def write(self, folder: Path, summary: Mapping[str, Any], arrays: Mapping[str, Any]) -> Summary:
+        """Write both files into an existing folder, and return the summary with its checksums.
+
+        The summary appears last, right after the arrays, so that an interruption is detected.
+
+        Raises
+        ------
+        ResultError
+            If the folder cannot be written.
+        """
+        sealed = {**summary, self.checksum: checksum(arrays)}
+        sealed[SEAL] = self.seal(sealed)
+        with whole_file(folder / self.summary, ResultError) as told:
+            told.write(json.dumps(sealed, indent=2, allow_nan=False).encode() + b"\n")
+            told.flush()
+            os.fsync(told.fileno())  # so that nothing is left to do between the two files but to name them
+            with whole_file(folder / self.arrays, ResultError) as file:
+                np.savez(file, **arrays)
+                for name in self.outdated:
+                    with telling(folder / name, "replaced", ResultError):
+                        (folder / name).unlink(missing_ok=True)
+        return sealed
+
+    def read(self, folder: str | Path, *, whole: bool = False) -> tuple[Summary, Arrays]:
+        """Read the summary and the arrays from a folder.
+
+        Parameters
+        ----------
+        whole : whether to refuse files that may not be shown: a checksum does not fit, or an entry is of another type
+
+        Raises
+        ------
+        ResultError
+            If the folder or a file is missing, incomplete or unreadable, or not whole.
+        """
+        summary, arrays = steadily(Path(folder), lambda: self._read(require_folder(folder, self.made_by)))
+        if whole:
+            file = Path(folder) / self.summary
+            if summary.get(self.checksum) != checksum(arrays):
+                raise ResultError(
+                    f"its checksum is not the one in {self.summary}",
+                    file=Path(folder) / self.arrays,
+                    way_out=self.hint,
+                )
+            require_unedited(summary, self.seal(summary), file)
+            self.require_entries(summary, file)
+        return summary, arrays
+
+    def _read(self, folder: Path) -> tuple[Summary, Arrays]:
+        summary = read_json(folder / self.summary, self.hint)
+        try:
+            return summary, read_arrays(folder / self.arrays, self.required, self.optional)
+        except DemonstrationError as error:
+            raise ResultError(
+                error.message, file=folder / self.arrays, key=error.key, way_out=self.hint
+            ) from error
+
+    def seal(self, summary: Mapping[str, Any]) -> str:
+        """Compute the SHA-256 of all entries but the checksum itself and those that differ between runs."""
+        entries = {key: value for key, value in summary.items() if key not in (SEAL, *self.unsealed)}
+        return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
+
+    def broken_seals(self, summary: Mapping[str, Any], arrays: Mapping[str, Any]) -> list[str]:
+        """List the checksums that do not fit, in words."""
+        reasons = []
+        if summary.get(self.checksum) != checksum(arrays):
+            reasons.append(f"{self.arrays} was edited: its checksum is not the one in {self.summary}")
+        if summary.get(SEAL) != self.seal(summary):
+            reasons.append(f"{self.summary} was edited: its own checksum does not fit")
+        return reasons
+
+    def mistyped(self, summary: Summary) -> list[str]:
+        """List the first entry of another type, in words."""
+        try:
+            self.require_entries(summary, Path(self.summary))
+        except ResultError as error:
+            return [f"{self.summary} was edited: {error.key}: {error.message}"]
+        return []
+
+    def differences(
+        self,
+        stated: Mapping[str, Any],
+        right: Mapping[str, float | None],
+        within: Callable[[str, float], float],
+        prefix: str = "",
+    ) -> list[str]:
+        """List the measures in the summary that are not those of the motion, in words.
+
+        Parameters
+        ----------
+        stated, right : measures in the summary, and those of the motion; not finite ones are null in a summary
+        within : function of name and right value of a measure that returns by how much it may differ
+        prefix : beginning of the names in messages
+        """
+        reasons = []
+        for name, value in right.items():
+            said, own = stated.get(name), finite(value)
+            if said is not None if own is None else not agrees(said, own, within(name, own)):
+                reasons.append(
+                    f"{self.summary} says {prefix}{name} = {shortened(str(said))}, the motion's is "
+                    f"{own if own is None else format(own, '.9g')}"
+                )
+        return reasons

@@ -1,0 +1,424 @@
+"""A solution in a result folder: `solution.npz`, `solution.json` and pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from comove._version import __version__
+from comove.coordination.coordinates import COORDINATES, coordinates_for
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import InputError, OptionError, ResultError, shortened
+from comove.io.entries import COUNT, MAPPING, NUMBER, TEXT, TEXTS, TRUTH, agrees, number, require_types
+from comove.io.folders import Contents
+from comove.planning.objective import Objective
+from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
+from comove.planning.objectives.own import name_of
+from comove.planning.solution import Solution
+from comove.primitives.basis import Metric, MotionBasis, motion_basis
+from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
+from comove.scenes.scene import Scene
+from comove.ties import first_largest
+from comove.trajectory import Trajectory
+from comove.verification.smoothness import smoothness
+from comove.verification.verify import Report, Verdict, verify
+
+SCENE = "scene.json"
+RESULT = Contents(
+    what="result",
+    marks=frozenset({"solution.json", "run.json"}),
+    names=frozenset(
+        ["solution.npz", "solution.json", "motion.png", "progress.png", SCENE]
+        + ["run.npz", "run.json", "run.png", "run.gif"]  # of an execution
+        + [f"comparison.{suffix}" for suffix in ("json", "png", "gif")]
+        + ["joints.npz", "robot.json", "joints.png"]  # of a robot
+        + [f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")]
+        + [f"{part}.csv{more}" for part in ("baxter", "approach", "release") for more in ("", ".json")]
+        + [
+            f"motion{part}{suffix}"
+            for part in ("", "_approach", "_release")
+            for suffix in ("", ".csv", ".csv.json", ".npz", ".bag", ".mcap")
+        ]
+    ),
+)
+TERMS = ("goal", "velocity", "obstacle", "resemblance")
+RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
+USUAL = PaperCost()
+NAMES = {kind: name for name, kind in OBJECTIVES.items()}
+SAMPLES = ("time", "position", "velocity", "manipulators")
+CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
+AGAIN = "solve the scene again"
+REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
+SAME = 1e-6  # relative, by which measures may differ from those of the summary
+JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
+SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
+SCENE_BYTES = 2**24  # of scene.json
+
+
+def _require_entries(summary: Summary, file: Path) -> None:
+    """Refuse a summary with missing entries, or entries of another type."""
+    require_types(summary, _TYPES, file)
+    require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
+    require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
+    for key in ("smoothness", "demonstration"):
+        require_types(summary.get(key) or {}, {}, file, f"{key}.", others=NUMBER.or_nothing)
+
+
+_TYPES = (
+    dict.fromkeys(("scene", "method", "version", "scene_sha256"), TEXT)
+    | dict.fromkeys(("seed", "evaluations", "generations"), COUNT)
+    | {"verified": TRUTH, "interrupted": TRUTH, "reasons": TEXTS, "cost": NUMBER, "cost_terms": MAPPING}
+    | dict.fromkeys(("objective", "smoothness", "demonstration", "cost_weights"), MAPPING.or_nothing)
+    | dict.fromkeys(("jerk_squared", "time_to_first_verified_s", "wall_time_s"), NUMBER.or_nothing)
+    | {field.name: NUMBER.or_nothing for field in fields(Report)}
+)
+
+SOLUTION = ResultKind(
+    summary="solution.json",
+    arrays="solution.npz",
+    checksum="motion_sha256",
+    made_by="comove solve SCENE --out DIR",
+    hint=AGAIN,
+    required=(*SAMPLES, *CURVE),
+    unsealed=("time_to_first_verified_s", "wall_time_s"),
+    require_entries=_require_entries,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredResult:
+    """Contents of a result folder.
+
+    Attributes
+    ----------
+    folder : path of the folder
+    summary : the contents of solution.json
+    arrays : the contents of solution.npz
+    """
+
+    folder: Path
+    summary: Summary
+    arrays: Arrays
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the samples of the motion."""
+        names = tuple(str(name) for name in self.arrays["manipulators"])
+        return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
+
+
+def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
+    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary."""
+    return SOLUTION.write(folder, _summary_of(solution, wall_time_s), motion_arrays(solution.attempt))
+
+
+def motion_arrays(motion: CoordinatedMotion) -> Arrays:
+    """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly."""
+    trajectory, basis = motion.trajectory(), motion.basis
+    return {
+        "time": trajectory.time,
+        "position": trajectory.position,
+        "velocity": trajectory.velocity,
+        "manipulators": np.array(trajectory.manipulators),
+        "coordinates": np.array(motion.coordinates.kind),
+        "weights": motion.weights,
+        "start": motion.boundary[:2],
+        "goal": motion.boundary[2:],
+        "basis_functions": np.array(basis.n_basis),
+        "basis_metric": np.array(basis.metric),
+        "basis_phase": np.array(_phase_text(basis.phase)),
+    }
+
+
+def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
+    """Return the contents of solution.json."""
+    report, cost = solution.report, solution.cost
+    terms = {name: getattr(cost, name) for name in TERMS}
+    return {
+        "verified": solution.verified,
+        "interrupted": solution.interrupted,
+        "reasons": list(solution.reasons),
+        "scene": solution.scene.name,
+        "duration": solution.scene.duration,
+        "method": solution.method,
+        "seed": solution.seed,
+        "version": __version__,
+        "cost": cost.total,
+        "cost_terms": terms,
+        "cost_weights": _weights_of(terms, solution.attempt),
+        **{name: finite(value) for name, value in report.asdict().items()},
+        "objective": _said_of(solution.objective),
+        "demonstration": None if solution.followed is None else vars(solution.followed),
+        **_smoothness_of(solution.attempt),
+        "evaluations": solution.evaluations,
+        "generations": solution.generations,
+        **({"log": dict(solution.log)} if solution.log else {}),
+        "time_to_first_verified_s": solution.time_to_first_verified_s,
+        "wall_time_s": wall_time_s,
+        "scene_sha256": solution.scene.sha256,
+    }
+
+
+def _smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
+    """Return the summary's measures of the smoothness of a motion."""
+    measures = {name: finite(value) for name, value in vars(smoothness(motion)).items()}
+    return {name: measures.pop(name) for name in JERK} | {"smoothness": measures}
+
+
+def _said_of(objective: object) -> dict[str, Any]:
+    """Return the summary's description of the objective."""
+    if not isinstance(objective, OwnFunctions):
+        return {"type": NAMES[type(objective)], **vars(objective)}
+    function = None if objective.function is None else name_of(objective.function)
+    return {"type": "own", "function": function, "constraints": [name_of(c) for c in objective.constraints]}
+
+
+def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
+    """Compute the weights of those terms of J that follow from the motion; the usual weight where a term is 0."""
+    weights = {}
+    for name, unit in _unit_terms(motion).items():
+        usual = getattr(USUAL, name)
+        weight = terms[name] / unit if unit > 0 else usual
+        weights[name] = usual if abs(weight - usual) <= SAME * usual else float(f"{weight:.12g}")
+    return weights
+
+
+def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
+    """Compute the terms of J that follow from the motion alone, each with weight 1."""
+    cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
+    return {name: getattr(cost, name) for name in RECOMPUTED}
+
+
+def read_result(folder: str | Path) -> StoredResult:
+    """Read a result folder.
+
+    Raises
+    ------
+    ResultError
+        If the folder is missing, incomplete or unreadable.
+    """
+    return StoredResult(Path(folder), *SOLUTION.read(folder))
+
+
+def rebuild(arrays: Arrays, scene: Scene) -> CoordinatedMotion:
+    """Rebuild the motion that a stored result describes, on `scene`.
+
+    Raises
+    ------
+    ResultError
+        If the arrays do not describe a motion on this scene.
+    """
+    name: Any = str(arrays["coordinates"])
+    if name not in COORDINATES:
+        raise ResultError(f"unknown coordinates '{name}'", key="coordinates", way_out=AGAIN)
+    try:
+        coordinates = coordinates_for(scene, name)
+    except OptionError as error:
+        raise ResultError(error.message, key="coordinates", way_out="verify it on its own scene") from error
+    basis = _basis(arrays)
+    expected = {
+        "weights": (coordinates.n_columns, basis.n_basis),
+        "start": (2, coordinates.n_columns),
+        "goal": (2, coordinates.n_columns),
+    }
+    for key, shape in expected.items():
+        array = arrays[key]
+        if array.shape != shape or array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise ResultError(
+                f"{array.dtype.name} of shape {array.shape} where finite numbers of shape {shape} belong",
+                key=key,
+                way_out="verify it on its own scene",
+            )
+    boundary = np.concatenate([arrays["start"], arrays["goal"]])
+    return CoordinatedMotion(scene, coordinates, basis, boundary, arrays["weights"])
+
+
+def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
+    """Judge a stored result anew, from its files and the scene alone.
+
+    The motion is rebuilt from its weights, compared with its samples and judged; checksums and the measures
+    in the summary must agree as well.
+    """
+    try:
+        motion = rebuild(stored.arrays, scene)
+    except ResultError as error:
+        nothing = Report(-math.inf, math.inf, math.inf, math.inf, math.inf, math.inf)
+        return Verdict(None, nothing, (f"the motion cannot be rebuilt on this scene: {error}",))
+    verdict, summary = verify(motion), stored.summary
+    reasons = [*verdict.reasons, *_edited_samples(stored, motion)]
+    reasons += SOLUTION.broken_seals(summary, stored.arrays)
+    if summary.get("scene_sha256") != scene.sha256:
+        reasons.append(
+            "the scene is not the one that was solved: its checksum differs (options such as --duration that "
+            "changed it must be given again)"
+        )
+    reasons += SOLUTION.mistyped(summary)
+    if verdict.verified is not None and summary.get("verified") is True:
+        reasons += SOLUTION.differences(summary, verdict.report.asdict(), _near)
+        reasons += _edited_cost(summary, motion)
+        reasons += _edited_smoothness(summary, motion)
+        if summary.get("duration") not in (None, scene.duration):  # older results do not say it
+            reasons.append(
+                f"{SOLUTION.summary} says a duration of {summary['duration']} s, not {scene.duration} s"
+            )
+        if summary.get("scene") != scene.name:
+            told = shortened(str(summary.get("scene")))
+            reasons.append(f"{SOLUTION.summary} names another scene: {told}")
+    elif summary.get("verified") is not True:
+        reasons.append(f"{SOLUTION.summary} does not claim a verified motion")
+    return Verdict(None if reasons else verdict.verified, verdict.report, tuple(reasons))
+
+
+def _near(name: str, value: float) -> float:
+    """Return by how much a measure may differ from the one in the summary."""
+    return SAME * max(1e-3, abs(value))
+
+
+def _smooth(name: str, value: float) -> float:
+    """Return by how much a measure may differ that takes differences of accelerations."""
+    return SMOOTH * max(1e-3, abs(value))
+
+
+def filled_in(scene: Scene, stored: StoredResult) -> Scene:
+    """Return the scene with its open duration and limits taken from the result's own scene.
+
+    Raises
+    ------
+    ResultError
+        If the result does not state them.
+    """
+    hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
+    if scene.is_timed and not hasty:
+        return scene
+    path = stored.folder / SCENE
+    try:
+        said = read_json(path, AGAIN, SCENE_BYTES)
+        limits = {key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None}
+        return scene.timed(_positive(said["duration"])).limited(**limits)
+    except (ValueError, TypeError, KeyError, ResultError) as error:
+        why = error.message if isinstance(error, ResultError) else str(error)
+        raise ResultError(
+            f"the scene leaves its duration open, and the result does not say it: {why}",
+            file=path,
+            way_out=AGAIN,
+        ) from error
+
+
+def changes_to(scene: Scene, stored: StoredResult, file: Path) -> dict[str, float]:
+    """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
+
+    There are none if it is that scene, or if no such changes make it.
+    """
+    solved = stored.summary.get("scene_sha256")
+    if scene.sha256 == solved:
+        return {}
+    try:
+        found = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)
+        limits = found.get("limits") or {}
+        limits = {
+            key: limits.get(key) for key, own in scene.file.limits if limits.get(key) not in (None, own)
+        }
+        changes: dict[str, Any] = {"limits": limits} if limits else {}
+        if found.get("duration") not in (None, scene.file.duration):
+            changes["duration"] = found["duration"]
+        if Scene.load(file, changes).sha256 != solved:
+            return {}
+    except (ValueError, TypeError, AttributeError, InputError):  # the folder is not trusted
+        return {}
+    return {key: value for key, value in changes.items() if key != "limits"} | limits
+
+
+def _positive(value: object) -> float:
+    if not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ValueError(f"{value!r} is not a positive number")
+    return float(value)
+
+
+def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:
+    """List the samples that are not on the rebuilt curve, in words."""
+    expected, reasons = motion_arrays(motion), []
+    for name in SAMPLES:
+        found, right = stored.arrays[name], expected[name]
+        if found.shape != right.shape or found.dtype.kind != right.dtype.kind:
+            reasons.append(f"'{name}' was edited: its shape is {found.shape}, the motion's is {right.shape}")
+        elif right.dtype.kind == "U":
+            if list(found) != list(right):
+                reasons.append("the manipulators are not those of the scene")
+        elif not np.abs(found - right).max() <= REBUILT:
+            at = np.unravel_index(first_largest(np.abs(found - right)), right.shape)
+            where = ", ".join(str(int(i)) for i in at)
+            reasons.append(
+                f"'{name}[{where}]' was edited: it is {float(found[at])!r}, the motion's is {float(right[at])!r}"
+            )
+    return reasons
+
+
+def _edited_smoothness(summary: Summary, motion: CoordinatedMotion) -> list[str]:
+    """List the measures of smoothness that are not those of the motion; results of earlier versions state none."""
+    stated, right = summary.get("smoothness"), _smoothness_of(motion)
+    if stated is None:
+        return []
+    measures = right.pop("smoothness")
+    if not isinstance(stated, dict) or stated.keys() != measures.keys():
+        needed = ", ".join(measures)
+        return [f"{SOLUTION.summary} does not say how smooth the motion is: smoothness needs {needed}"]
+    return [
+        *SOLUTION.differences(summary, right, _smooth),
+        *SOLUTION.differences(stated, measures, _smooth, "smoothness."),
+    ]
+
+
+def _edited_cost(summary: Summary, motion: CoordinatedMotion) -> list[str]:
+    """List the terms of J that are not those of the motion under the weights in the summary, in words."""
+    file, terms, weights = (
+        SOLUTION.summary,
+        summary.get("cost_terms"),
+        summary.get("cost_weights", vars(USUAL)),
+    )
+    if not isinstance(terms, dict) or not isinstance(weights, dict):
+        return [f"{file} says nothing of the terms of J, or of their weights"]
+    reasons, total, units = [], 0.0, _unit_terms(motion)
+    for name in TERMS:
+        stated, weight = number(terms.get(name)), number(weights.get(name, 0.0))
+        if stated is None or weight is None or min(stated, weight) < 0:
+            reasons.append(f"{file} says {shortened(str(terms.get(name)))} of the cost's term '{name}'")
+            continue
+        total += stated
+        if name in units:
+            reasons += SOLUTION.differences(terms, {name: weight * units[name]}, _near, "cost_terms.")
+    if not reasons and not agrees(summary.get("cost"), total, _near("cost", total)):
+        told = shortened(str(summary.get("cost")))
+        reasons.append(f"{file} says cost = {told}, its terms make {total:.9g}")
+    return reasons
+
+
+def _basis(arrays: Arrays) -> MotionBasis:
+    try:
+        count, metric = int(arrays["basis_functions"]), str(arrays["basis_metric"])
+        if metric not in get_args(Metric):
+            raise ValueError(f"unknown metric '{metric}'")
+        return motion_basis(count, metric, _phase(str(arrays["basis_phase"])))
+    except (TypeError, ValueError) as error:
+        raise ResultError(str(error), key="basis", way_out=AGAIN) from error
+
+
+def _phase_text(phase: Phase) -> str:
+    return "linear" if isinstance(phase, LinearPhase) else f"exponential {phase.alpha!r}"
+
+
+def _phase(text: str) -> Phase:
+    name, _, alpha = text.partition(" ")
+    if name == "linear":
+        return LinearPhase()
+    if name == "exponential":
+        try:
+            return ExponentialPhase(float(alpha))
+        except OptionError as error:
+            raise ValueError(str(error)) from error
+    raise ValueError(f"unknown phase '{text}'")

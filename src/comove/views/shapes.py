@@ -1,0 +1,80 @@
+"""Outlines and faces of convex bodies, for pictures of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry import distances as sd
+from comove.geometry.polytopes import vertices_in
+
+Array = NDArray[np.float64]
+
+
+def support_points(row: Array, directions: Array) -> Array:
+    """Return the points of a convex obstacle that are farthest in some directions; arrays, shape (n, 3) [m].
+
+    Parameters
+    ----------
+    row : row of the obstacle in `Scene.obstacles`
+    directions : unit vectors
+    """
+    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
+    size = np.minimum(row[sd.SIZE : sd.SIZE + 3], 1e3)  # a planar scene's boxes are endless along z
+    local, kind = directions @ rotation, int(row[sd.KIND])
+    if kind == sd.BOX:
+        points = np.sign(local) * size
+    elif kind == sd.POLYTOPE:
+        corners = vertices_in(row)
+        points = corners[np.argmax(local @ corners.T, axis=1)]
+    elif kind in (sd.SPHERE, sd.CAPSULE):
+        points = local * size[0]
+        if kind == sd.CAPSULE:
+            points[:, 2] += np.sign(local[:, 2]) * size[1]
+    elif kind == sd.CYLINDER:
+        radial = np.maximum(np.linalg.norm(local[:, :2], axis=1, keepdims=True), 1e-12)
+        points = np.concatenate([local[:, :2] / radial * size[0], np.sign(local[:, 2:]) * size[1]], axis=1)
+    else:
+        points = local * size**2 / np.linalg.norm(local * size, axis=1, keepdims=True)
+    return row[sd.CENTER : sd.CENTER + 3] + points @ rotation.T
+
+
+def outline(row: Array, view: tuple[int, int]) -> Array:
+    """Compute the border of an obstacle's projection onto a plane of two axes; array, shape (n, 2) [m]."""
+    angles = np.linspace(0.0, 2 * np.pi, 181)
+    directions = np.zeros((len(angles), 3))
+    directions[:, view[0]], directions[:, view[1]] = np.cos(angles), np.sin(angles)
+    return support_points(row, directions)[:, list(view)]
+
+
+def hull_outline(corners: Array) -> Array:
+    """Return the corners, shape (n, 2), of the convex hull of points, in order."""
+    angles = np.linspace(0.0, 2 * np.pi, 721)
+    farthest = np.argmax(corners @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    return corners[list(dict.fromkeys(farthest.tolist()))]
+
+
+def obstacle_faces(row: Array) -> Array:
+    """Return triangles of the surface of a convex obstacle, outwards; array, shape (n_faces, 3, 3) [m]."""
+    u, v = np.meshgrid(0.01 + np.linspace(0.0, 2 * np.pi, 20, endpoint=False), np.linspace(-1.0, 1.0, 10))
+    ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
+    directions = np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
+    return hull_faces(support_points(row, directions))
+
+
+def hull_faces(points: Array) -> Array:
+    """Return the triangles of the convex hull of points, outwards; array, shape (n_faces, 3, 3).
+
+    There are none if the points lie in a plane.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return np.zeros((0, 3, 3))
+    faces = points[hull.simplices]
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    inward = (normal * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces

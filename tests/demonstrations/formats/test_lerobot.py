@@ -1,0 +1,435 @@
+"""LeRobot datasets: round trips to the precision of the format, foreign ones, and damage told."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from comove.demonstrations import Demonstration, lerobot_episodes, read_lerobot, write_lerobot
+from comove.demonstrations.formats import lerobot
+from comove.errors import DemonstrationError
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+STATE = "observation.state"
+ALOHA = [f"{arm}_{joint}" for arm in ("left", "right") for joint in ("waist", "elbow", "gripper")]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "dataset"
+
+
+def pair(hand, seed=0, **changes):
+    return {"left": hand(seed, rate=30.0, **changes), "right arm": hand(seed + 50, rate=30.0, **changes)}
+
+
+def info(path, **changes):
+    """Change `meta/info.json`."""
+    file = path / "meta/info.json"
+    content = json.loads(file.read_text())
+    features = content["features"] | changes.pop("features", {})
+    file.write_text(json.dumps(content | {"features": features} | changes))
+
+
+def parquet(path, episode=0, **changes):
+    """Change columns of an episode's table."""
+    file = path / f"data/chunk-000/episode_{episode:06d}.parquet"
+    table = pq.read_table(file)
+    columns = {name: table.column(name) for name in table.column_names} | changes
+    pq.write_table(pa.table({name: column for name, column in columns.items() if column is not None}), file)
+    return file
+
+
+def version_3(path, names=ALOHA, lengths=(5, 4, 6), fps=50):
+    """A dataset as version 3.0 lays it out: two files, the first of which holds two episodes."""
+    rng = np.random.default_rng(0)
+    states, episodes = [], []
+    for index, length in enumerate(lengths):
+        states.append(rng.normal(size=(length, len(names))).astype(np.float32))
+        where = {"data/chunk_index": 0, "data/file_index": int(index > 1)}
+        episodes.append({"episode_index": index, "length": length, "tasks": ["lift"], **where})
+    for number, chosen in enumerate([(0, 1), (2,)]):
+        rows = [(index, frame) for index in chosen for frame in range(lengths[index])]
+        columns = {
+            STATE: [states[index][frame].tolist() for index, frame in rows],
+            "timestamp": pa.array([np.float32(frame / fps) for _, frame in rows], pa.float32()),
+            "frame_index": [frame for _, frame in rows],
+            "episode_index": [index for index, _ in rows],
+        }
+        columns[STATE] = pa.array(columns[STATE], pa.list_(pa.float32()))
+        (path / "data/chunk-000").mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.table(columns), path / f"data/chunk-000/file-{number:03d}.parquet")
+    (path / "meta/episodes/chunk-000").mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(episodes), path / "meta/episodes/chunk-000/file-000.parquet")
+    tasks = pa.table({"task_index": [0], "__index_level_0__": ["lift"]})
+    pq.write_table(tasks, path / "meta/tasks.parquet")
+    content = {
+        "codebase_version": "v3.0",
+        "fps": fps,
+        "total_episodes": len(lengths),
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "features": {STATE: {"dtype": "float32", "shape": [len(names)], "names": {"motors": names}}},
+    }
+    (path / "meta/info.json").write_text(json.dumps(content))
+    return states
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_what_is_written_is_read_to_the_precision_of_its_numbers(path, hand, dtype):
+    episodes = [pair(hand, seed) for seed in range(3)]
+    write_lerobot(path, episodes, dtype=dtype, task="carry")
+    again = read_lerobot(path)
+    assert list(again) == ["0", "1", "2"] == list(lerobot_episodes(path))
+    for episode, written in zip(again.values(), episodes, strict=True):
+        assert list(episode) == ["left", "right arm"]
+        for name, demo in episode.items():
+            kept = written[name].position.astype(dtype).astype(float)
+            assert demo.position.tobytes() == kept.tobytes()
+            np.testing.assert_allclose(demo.orientation, written[name].orientation, atol=1e-7)
+            assert demo.time.tobytes() == written[name].time.tobytes()
+            assert demo.notes[0] == "task: carry"
+    if dtype == "float64":
+        assert again["1"]["left"].orientation.tobytes() == episodes[1]["left"].orientation.tobytes()
+
+
+def test_the_folder_is_laid_out_as_version_2_1(path, hand):
+    write_lerobot(path, [pair(hand), pair(hand, 1, n_steps=7)], task="carry", robot_type="two hands")
+    content = json.loads((path / "meta/info.json").read_text())
+    assert content["codebase_version"] == "v2.1"
+    assert (content["fps"], content["total_episodes"], content["total_frames"]) == (30, 2, 19)
+    assert content["robot_type"] == "two hands"
+    names = content["features"][STATE]["names"]
+    assert names[:8] == [*(f"left_{a}" for a in ("x", "y", "z", "qw", "qx", "qy", "qz")), "right arm_x"]
+    rows = [json.loads(line) for line in (path / "meta/episodes.jsonl").read_text().splitlines()]
+    assert rows[1] == {"episode_index": 1, "tasks": ["carry"], "length": 7}
+    assert json.loads((path / "meta/tasks.jsonl").read_text()) == {"task_index": 0, "task": "carry"}
+    stats = [json.loads(line) for line in (path / "meta/episodes_stats.jsonl").read_text().splitlines()]
+    assert set(stats[0]["stats"]) == set(content["features"])
+    table = pq.read_table(path / "data/chunk-000/episode_000001.parquet")
+    assert str(table.schema.field("timestamp").type) == "float"
+    assert table.column("index").to_pylist() == list(range(12, 19))
+    state = np.array(table.column(STATE).to_pylist())
+    np.testing.assert_array_equal(np.array(table.column("action").to_pylist())[:-1], state[1:])
+    np.testing.assert_allclose(stats[1]["stats"][STATE]["mean"], state.mean(axis=0))
+    assert stats[1]["stats"][STATE]["count"] == [7]
+
+
+def test_joints_keep_their_names(path, hand):
+    joints = {
+        "n_dims": 3,
+        "turned": False,
+        "rate": 50.0,
+        "unit": "rad",
+        "axes": ("waist", "elbow", "gripper"),
+    }
+    write_lerobot(path, [{"left": hand(0, **joints), "right": hand(1, **joints)}])
+    (arms,) = read_lerobot(path).values()
+    assert {name: demo.axes for name, demo in arms.items()} == dict.fromkeys(
+        ("left", "right"), joints["axes"]
+    )
+    assert arms["left"].unit == "rad"
+
+
+def test_version_3_is_read(path):
+    states = version_3(path)
+    again = read_lerobot(path)
+    assert list(again) == ["0", "1", "2"]
+    for state, arms in zip(states, again.values(), strict=True):
+        assert list(arms) == ["left", "right"]
+        np.testing.assert_array_equal(arms["right"].position, state[:, 3:])
+        assert arms["left"].axes == ("waist", "elbow", "gripper")
+        np.testing.assert_array_equal(arms["left"].time, np.arange(len(state)) / 50)
+    assert again["1"]["left"].notes[0] == "task: lift"
+    assert list(read_lerobot(path, episode=2)) == ["2"]
+    assert read_lerobot(path, unit="deg")["0"]["left"].unit == "deg"
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["x", "y", "z"], {"": ((), "m")}),
+        (["y", "x"], {"": (("y", "x"), "m")}),
+        (["shoulder_pan.pos", "gripper.pos"], {"": (("shoulder_pan.pos", "gripper.pos"), "rad")}),
+        (["left_waist", "torso"], {"": (("left_waist", "torso"), "rad")}),
+        (["a_x", "a_y", "b_x", "b_y"], {"a": ((), "m"), "b": ((), "m")}),
+        (None, {"": ((f"{STATE}_0", f"{STATE}_1"), "rad")}),
+        (["qw", "qx", "qy"], {"": (("qw", "qx", "qy"), "rad")}),
+    ],
+)
+def test_names_say_whose_coordinates_they_are(path, names, expected):
+    version_3(path, names or ["a", "b"])
+    if names is None:
+        info(path, features={STATE: {"shape": [2], "names": None}})
+    (demos, *_) = read_lerobot(path).values()
+    assert {name: (demo.axes, demo.unit) for name, demo in demos.items()} == expected
+
+
+def test_stamps_that_are_not_even_are_kept(path, hand):
+    write_lerobot(path, [hand(rate=30.0)])
+    stamps = np.arange(12, dtype=np.float32) / 30 + np.float32(0.001) * (np.arange(12) % 2)
+    parquet(path, timestamp=pa.array(stamps))
+    (demo,) = read_lerobot(path)["0"].values()
+    np.testing.assert_allclose(demo.time, stamps, atol=1e-9)
+
+
+def test_other_features_are_read_by_name(path, hand):
+    demo = hand(rate=30.0)
+    write_lerobot(path, [demo], dtype="float64")
+    (action,) = read_lerobot(path, feature="action")["0"].values()
+    assert action.position[:-1].tobytes() == demo.position[1:].tobytes()
+    with pytest.raises(DemonstrationError, match=r"there is no 'acton'; did you mean 'action'"):
+        read_lerobot(path, feature="acton")
+    with pytest.raises(DemonstrationError, match="there is no episode 7; known: 0"):
+        read_lerobot(path, episode=7)
+
+
+VECTOR = {"dtype": "float32", "shape": [7], "names": list("abcdefg")}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"codebase_version": "v1.6"}, "codebase_version: 'v1.6' is not read; convert"),
+        ({"codebase_version": 3}, "codebase_version: it is '3'"),
+        ({"fps": 0}, "fps: 0 is no rate"),
+        ({"fps": "fast"}, "fps: it is 'fast'"),
+        ({"fps": True}, "fps: it is 'True'"),
+        ({"total_episodes": 3}, "total_episodes: it says 3, and 2 episodes are described"),
+        ({"data_path": "../{episode_index:06d}.parquet"}, "data_path: .*names no file in the dataset"),
+        ({"data_path": "/tmp/{episode_index}"}, "data_path: .*names no file in the dataset"),
+        ({"data_path": "{episode_index.__class__}"}, "data_path: .*names no file in the dataset"),
+        ({"data_path": "{episode_index:0999999999d}"}, "data_path: .*names no file in the dataset"),
+        ({"data_path": "data/{file_index:03d}.parquet"}, "data_path: .*names no file in the dataset"),
+        ({"data_path": "data/no_{episode_index:06d}.parquet"}, "no_000000.parquet: there is no such file"),
+        ({"features": {STATE: VECTOR | {"shape": [7, 2]}}}, r"shape \[7, 2\], which is no vector"),
+        ({"features": {STATE: VECTOR | {"shape": [6]}}}, "are not 6 distinct names"),
+        ({"features": {STATE: VECTOR | {"names": ["a"] * 7}}}, "are not 7 distinct names"),
+        ({"features": {STATE: VECTOR | {"names": 5}}}, "are not 7 distinct names"),
+        ({"features": {STATE: {"shape": [8]}}}, "it has 7 numbers, and 8 are described"),
+        ({"features": {STATE: {"shape": [99]}}}, "it has 99 coordinates; up to 64"),
+        ({"features": {STATE: 1}}, f"there is no '{STATE}'"),
+    ],
+)
+def test_descriptions_that_do_not_fit_are_told(path, hand, changes, says):
+    write_lerobot(path, [hand(rate=30.0), hand(1, rate=30.0)])
+    info(path, **changes)
+    with pytest.raises(DemonstrationError, match=says) as caught:
+        read_lerobot(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_key_that_is_missing_is_told(path, hand):
+    write_lerobot(path, [hand(rate=30.0)])
+    content = json.loads((path / "meta/info.json").read_text())
+    for key in ("codebase_version", "fps", "features", "total_episodes", "data_path"):
+        (path / "meta/info.json").write_text(json.dumps({k: v for k, v in content.items() if k != key}))
+        with pytest.raises(DemonstrationError, match=f"info.json: {key}: it is missing"):
+            read_lerobot(path)
+
+
+def vectors(*rows):
+    return pa.array(rows, pa.list_(pa.float32()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({STATE: None}, f"{STATE}: the column is missing"),
+        ({"timestamp": None}, "timestamp: the column is missing"),
+        ({STATE: pa.array(["a"] * 12)}, "it holds string, not numbers"),
+        ({STATE: vectors(*[["1"] * 0] * 12)}, r"row 0, observation.state: it has 0 numbers, and 7"),
+        ({STATE: vectors(*[[1.0] * 7] * 11, [1.0])}, r"row 11, observation.state: it has 1 numbers, and 7"),
+        ({STATE: vectors(*[[1.0] * 7] * 11, None)}, "1 rows of episode 0 are empty"),
+        ({STATE: vectors(*[[1.0] * 7] * 11, [None] * 7)}, "7 numbers are missing"),
+        ({STATE: pa.array([1.0] * 12)}, "one number a row, and 7 are described"),
+        ({STATE: vectors(*[[float("nan")] * 7] * 12)}, r"row 0, observation.state\[0\]: nan"),
+        ({STATE: vectors(*[[1.0] * 7] * 12)}, r"row 0, observation.state\[3\] to \[6\]: .*norm 2, not 1"),
+        ({"episode_index": pa.array([1] * 12)}, "it holds 0 rows of episode 0, and 12 were recorded"),
+        ({"episode_index": pa.array([0] * 11 + [None])}, "1 rows are empty"),
+        ({"timestamp": pa.array([0.0] * 12, pa.float32())}, "row 1, column timestamp: time stands still"),
+        (
+            {"timestamp": pa.array([1.0] + [0.0] * 11, pa.float32())},
+            "row 1, column timestamp: time goes back",
+        ),
+    ],
+)
+def test_tables_that_do_not_fit_are_told(path, hand, changes, says):
+    write_lerobot(path, [hand(rate=30.0)])
+    file = parquet(path, **changes)
+    with pytest.raises(DemonstrationError, match=says) as caught:
+        read_lerobot(path)
+    assert str(file) in str(caught.value)
+
+
+def test_episodes_that_are_empty_or_out_of_order_are_told(path, hand):
+    write_lerobot(path, [hand(rate=30.0)])
+    file = path / "meta/episodes.jsonl"
+    for row, says in [
+        ({"episode_index": 0, "length": 11}, "it holds 12 rows of episode 0, and 11 were recorded"),
+        ({"episode_index": -1, "length": 12}, "episode -1 of length 12 stands there"),
+        ({"episode_index": 0}, "line|length: it is missing"),
+        ({"episode_index": 0, "length": 10**9}, "1,000,000,000 rows; read one by one"),
+        ([], "line 1: it is no JSON object"),
+    ]:
+        file.write_text(json.dumps(row) + "\n")
+        with pytest.raises(DemonstrationError, match=says):
+            read_lerobot(path)
+    empty = {"episode_index": 0, "length": 0}
+    file.write_text(json.dumps(empty) + "\n")
+    parquet(path, episode_index=pa.array([5] * 12))
+    with pytest.raises(DemonstrationError, match="a movement needs two rows at least, episode 0 has 0"):
+        read_lerobot(path)
+    version_3(path.with_name("three"))
+    (path.with_name("three") / "meta/episodes/chunk-000/file-000.parquet").unlink()
+    with pytest.raises(DemonstrationError, match="there is no table of the episodes"):
+        read_lerobot(path.with_name("three"))
+
+
+def test_claims_are_compared_with_a_limit_before_anything_is_read(path, hand, monkeypatch):
+    write_lerobot(path, [hand(rate=30.0)])
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("read"))
+    for name, says in [("MAX_ROWS", "12 rows"), ("MAX_BYTES", "more than")]:
+        with monkeypatch.context() as patch:
+            patch.setattr(lerobot, name, 5)
+            with pytest.raises(DemonstrationError, match=says):
+                read_lerobot(path)
+
+
+def test_columns_are_read_up_to_the_limit(path, hand, monkeypatch):
+    write_lerobot(path, [hand(rate=30.0)])
+    monkeypatch.setattr(lerobot, "_BATCH", 5)
+    (demo,) = read_lerobot(path)["0"].values()
+    assert demo.n_steps == 12
+    monkeypatch.setattr(lerobot, "MAX_COLUMN_BYTES", 100)
+    with pytest.raises(DemonstrationError, match="has columns of more than 0 MB; split the dataset"):
+        read_lerobot(path)
+
+
+def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand):
+    """Which pyarrow does where it is asked for the sizes of columns; found by changing bytes."""
+    write_lerobot(path, [hand(rate=30.0)])
+    file = path / "data/chunk-000/episode_000000.parquet"
+    content = file.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    code = """
+import sys
+from pathlib import Path
+from comove.demonstrations import read_lerobot
+from comove.errors import DemonstrationError
+
+file = Path(sys.argv[2])
+content = file.read_bytes()
+for at in range(int(sys.argv[3]), len(content)):
+    file.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    try:
+        read_lerobot(sys.argv[1])
+    except DemonstrationError:
+        pass
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, path, file, str(footer)], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_changed_number_is_told_by_the_checksum_of_its_page(path, hand):
+    """Every number of a movement that comove wrote; files without checksums of pages cannot tell."""
+    write_lerobot(path, [hand(rate=30.0)])
+    before = read_lerobot(path)["0"][""]
+    file = path / "data/chunk-000/episode_000000.parquet"
+    content = file.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    told = 0
+    for at in range(4, footer, 3):
+        file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        try:
+            after = read_lerobot(path)["0"][""]
+        except DemonstrationError:
+            told += 1
+        else:  # of a column that is not read
+            np.testing.assert_array_equal(after.position, before.position)
+            np.testing.assert_array_equal(after.time, before.time)
+            np.testing.assert_array_equal(after.orientation, before.orientation)
+    assert told > 100
+
+
+def test_files_cut_anywhere_are_refused(path, hand, cut_anywhere):
+    write_lerobot(path, [hand(rate=30.0)])
+    cut_anywhere(lambda: read_lerobot(path), path / "meta/info.json", step=7)
+    file = path / "meta/episodes.jsonl"
+    file.write_text(file.read_text().rstrip("\n"))
+    content = file.read_bytes()
+    for length in range(len(content)):
+        file.write_bytes(content[:length])
+        with pytest.raises(DemonstrationError, match=r"line 1|0 episodes are described"):
+            read_lerobot(path)
+    file.write_bytes(content)
+    cut_anywhere(lambda: read_lerobot(path), path / "data/chunk-000/episode_000000.parquet", step=5)
+    three = path.with_name("three")
+    version_3(three)
+    cut_anywhere(lambda: read_lerobot(three), three / "meta/episodes/chunk-000/file-000.parquet", step=11)
+    cut_anywhere(lambda: read_lerobot(three), three / "data/chunk-000/file-001.parquet", step=11)
+
+
+@pytest.mark.slow
+def test_tables_cut_at_every_byte_are_refused(path, hand, cut_anywhere):
+    write_lerobot(path, [hand(rate=30.0)])
+    cut_anywhere(lambda: read_lerobot(path), path / "data/chunk-000/episode_000000.parquet")
+
+
+def test_damage_is_read_or_told(path, hand, damaged):
+    write_lerobot(path, [hand(rate=30.0)])
+
+    def read():
+        return [demo for demos in read_lerobot(path).values() for demo in demos.values()]
+
+    for file in ("data/chunk-000/episode_000000.parquet", "meta/info.json", "meta/episodes.jsonl"):
+        damaged(read, path / file, 100)
+
+
+def test_the_folder_appears_whole_or_not_at_all(path, hand, monkeypatch):
+    monkeypatch.setattr(lerobot, "_write_meta", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        write_lerobot(path, [hand(rate=30.0)])
+    assert os.listdir(path.parent) == []
+
+
+def test_what_does_not_fit_is_not_written(path, refused, hand):
+    uneven = Demonstration([0.0, 0.1, 0.3], np.eye(3))
+    for episodes, says, way_out in [
+        ([], "no episode", "give one"),
+        ([hand(), hand(rate=30.0)], "episode 1 runs at 30 Hz", "resample"),
+        ([hand(rate=2.5)], "episode 0 runs at 2.5 Hz", "whole number"),
+        ([uneven], "no even step", "resampled"),
+        (
+            [{"a": hand(unit="rad", axes=("j", "k", "l")), "b": hand(unit="rad", axes=("j", "k", "l"))}],
+            "a_j, .* would not be read as 'a', 'b'",
+            "left and right",
+        ),
+    ]:
+        refused(lambda p, e=episodes: write_lerobot(p, e), path, key=None, says=says, way_out=way_out)
+    with pytest.raises(DemonstrationError, match="dtype: 'float16' is no kind of number"):
+        write_lerobot(path, [hand()], dtype="float16")
+    assert os.listdir(path.parent) == []
+    path.mkdir()
+    write_lerobot(path, [hand()])
+    refused(lambda p: write_lerobot(p, [hand()]), path, key=None, says="not empty", way_out="name another")
+    write_lerobot(path.parent / "new" / "dataset", [hand()])
+
+
+def test_what_is_no_dataset_is_told(path):
+    with pytest.raises(DemonstrationError, match=r"info\.json: there is no such file"):
+        read_lerobot(path)
+
+
+def test_a_missing_library_names_the_command(path, hand, without):
+    write_lerobot(path, [hand()])
+    without("pyarrow")
+    for use in (lambda: read_lerobot(path), lambda: write_lerobot(path.with_name("b"), [hand()])):
+        with pytest.raises(DemonstrationError, match=r"needs pyarrow, .*; run: pip install 'comove\[data\]'"):
+            use()
+    assert os.listdir(path.parent) == ["dataset"]

@@ -1,0 +1,197 @@
+"""Tables of other programs: what is written is read, in metres and seconds, and what cannot be is told in words."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from comove.cli import learn  # noqa: F401  registers the verb
+from comove.cli.library import add  # noqa: F401  this one too
+from comove.demonstrations import Demonstration, resampling
+from comove.demonstrations.cleaning import LENGTHS
+from comove.demonstrations.formats import tables
+from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
+from tests.cli.test_cli import assert_refused, invoke
+
+TIME = np.arange(0.0, 8.0, 0.01)
+SHARE = np.clip((TIME - 2.0) / 3.0, 0.0, 1.0)
+POSITION = np.column_stack(  # stands still, moves from 2 s to 5 s, stands still [mm]
+    [
+        700 * SHARE**3 * (10 - 15 * SHARE + 6 * SHARE**2),
+        300 + 150 * np.sin(np.pi * SHARE) ** 3,
+        50 + 0 * TIME,
+    ]
+)
+
+
+def read_table(path, **options):
+    """What `Demonstration.load` makes of a table, also where all of it is detected."""
+    samples = tables.read(path, **options)
+    return Demonstration.of(samples).in_metres(samples.unit)
+
+
+def write(path, header, *columns, separator=";", comma=False, preamble=""):
+    rows = "".join(separator.join(f"{x:.9g}" for x in row) + "\n" for row in np.column_stack(columns))
+    path.write_text(preamble + header + "\n" + (rows.replace(".", ",") if comma else rows))
+    return path
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ",", " "])
+@pytest.mark.parametrize("unit", ["m", "cm", "mm", "in"])
+def test_positions_come_back_in_metres(tmp_path, separator, unit):
+    header = separator.join(["t", "X", "Y", "Z"])
+    path = write(tmp_path / "r.txt", header, TIME, POSITION * 1e-3 / LENGTHS[unit], separator=separator)
+    read = read_table(path, columns=["X", "Y", "Z"], unit=unit)
+    np.testing.assert_allclose(read.position, POSITION * 1e-3, atol=1e-8)
+    np.testing.assert_allclose(read.time, TIME, atol=1e-9)
+
+
+def test_what_a_program_writes_is_found(tmp_path):
+    """A preamble, decimal commas, units in the header, columns by names in another case."""
+    header = "Frame;Zeit (ms);X [mm];Y [mm];Z [mm]"
+    columns = np.arange(len(TIME)), 1e3 * TIME, POSITION
+    path = write(tmp_path / "r.csv", header, *columns, comma=True, preamble="Tracker v2\n\nid;7\n")
+    for chosen in (None, ["x", "y", "z"], ["X [mm]", "Y", "5"]):
+        read = read_table(path, columns=chosen)
+        np.testing.assert_allclose(read.position, POSITION * 1e-3, atol=1e-8)
+        np.testing.assert_allclose(read.time, TIME, atol=1e-9)
+
+
+def test_columns_have_numbers_where_they_have_no_names(tmp_path):
+    path = tmp_path / "r.dat"
+    np.savetxt(path, np.column_stack([POSITION, TIME]))
+    read = read_table(path, columns=["1", "2"], time="4", unit="mm")
+    np.testing.assert_allclose(read.position, POSITION[:, :2] * 1e-3, atol=1e-9)
+    at_rate = read_table(path, columns=["1", "2"], rate=100, unit="mm")
+    np.testing.assert_allclose(at_rate.time, TIME, atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.floats(-1e3, 1e3, width=32), min_size=4, max_size=20), st.sampled_from(";,\t "), st.booleans()
+)
+def test_any_numbers_are_read_as_they_stand(tmp_path_factory, values, separator, comma):
+    path = tmp_path_factory.mktemp("any") / "r.csv"
+    comma = comma and separator != ","
+    write(
+        path,
+        separator.join(["time", "x"]),
+        np.arange(len(values)) / 10,
+        values,
+        separator=separator,
+        comma=comma,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)
+        read = read_table(path, columns=["x"])
+    np.testing.assert_allclose(read.position[:, 0], values, rtol=1e-7, atol=1e-7)
+
+
+def test_the_movement_between_the_pauses_is_found_and_its_noise_taken_away(tmp_path):
+    rng, noise = np.random.default_rng(4), 0.4
+    path = write(tmp_path / "r.csv", "t;X;Y;Z", TIME, POSITION + noise * rng.standard_normal(POSITION.shape))
+    with pytest.warns(ComoveWarning, match="smoothed"):
+        hand = Demonstration.load(path, columns=["X", "Y", "Z"], unit="mm", clean=True)
+    assert 2.6 < hand.duration < 3.2
+    assert any("from 2" in note for note in hand.notes)
+    begin = np.argmin(np.abs(TIME - (5.0 - 0.5 * (3.0 - hand.duration) - hand.duration)))
+    inner = slice(20, -20)
+    truth = POSITION[begin : begin + hand.n_steps] * 1e-3
+    off = np.linalg.norm(hand.position[inner] - truth[inner], axis=1)
+    assert np.sqrt((off**2).mean()) < 0.5 * noise * 1e-3 * np.sqrt(3)
+
+
+@pytest.mark.parametrize("deviation", [1e-4, 1e-3, 5e-3])
+def test_noise_is_told_from_movement(deviation):
+    """Its size from fourth differences; and what the filter removes is no more than that."""
+    rng = np.random.default_rng(5)
+    noisy = POSITION * 1e-3 + deviation * rng.standard_normal(POSITION.shape)
+    assert resampling.noise(TIME, noisy) == pytest.approx(deviation * np.sqrt(3), rel=0.15)
+    smoothed = resampling.smooth(TIME, noisy, resampling.cutoff_of_noise(TIME, noisy))
+    off = [np.sqrt(((x - POSITION * 1e-3) ** 2).sum(axis=1).mean()) for x in (noisy, smoothed)]
+    assert off[1] < 0.6 * off[0]
+
+
+def test_without_noise_nothing_is_smoothed():
+    assert resampling.cutoff_of_noise(TIME, POSITION) is None
+
+
+def test_of_several_movements_the_longest_is_taken():
+    far = np.concatenate([POSITION, POSITION[-1] + 0.1 * (POSITION[::-1] - POSITION[-1])]) * 1e-3
+    hand = Demonstration(np.arange(len(far)) / 100, far, "two").cleaned()
+    assert np.linalg.norm(hand.goal - hand.start) > 0.6
+
+
+def test_what_stands_still_is_refused():
+    with pytest.raises(DemonstrationError, match="never moves"):
+        Demonstration(TIME, np.zeros((len(TIME), 2))).cleaned()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"columns": ["X", "W"]}, "no line names the columns X, W"),
+        ({"columns": ["X", "X"]}, "stands twice"),
+        ({"columns": ["X", "9"]}, "no column '9'"),
+        ({"delimiter": "ab"}, "cannot separate"),
+        ({"delimiter": "|"}, "no line names"),
+        ({"time": "clock"}, "no column 'clock'"),
+        ({"time": "t [fortnight]"}, "unit of time 'fortnight'"),
+        ({"rate": 0.0}, "no rate"),
+        ({"rate": 100.0, "time": "t"}, "both a column of time and a rate"),
+        ({"unit": "parsec"}, "'parsec' is not known"),
+        ({"time": "n"}, "looks like milliseconds"),
+    ],
+)
+def test_bad_options_are_told(tmp_path, options, words):
+    path = write(tmp_path / "r.csv", "n;t;X;Y;Z", np.arange(len(TIME)), TIME, POSITION)
+    with pytest.raises(ComoveError, match=words):
+        read_table(path, **{"columns": ["X", "Y"], **options})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("t;X\n", "no rows below"),
+        ("t;X\n0;1\n1;\n", "line 3, column X: the cell is empty"),
+        ("t;X\n0;1\n0.1;one\n", "line 3, column X: 'one' is not a number"),
+        ("t;X\n0;1\n0.1\n", "line 3: it has 1 cells"),
+        ("t;X\n0;1\n0.1;nan\n", "line 3, column X"),
+        ("t;X\n0.2;1\n0.1;2\n", "time goes back"),
+        ("Y;X\n0.2;1\n0.1;2\n", "no column of time"),
+    ],
+)
+def test_bad_tables_are_told(tmp_path, text, words):
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(DemonstrationError, match=words):
+        read_table(path, columns=["X"])
+
+
+def test_a_unit_contradicts_what_the_file_says(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("time,elbow [rad]\n0,0\n1,1\n")
+    with pytest.raises(OptionError, match="in rad"):
+        Demonstration.load(path, unit="mm")
+
+
+def test_learning_one_s_own_recording(tmp_path):
+    path = write(tmp_path / "r.csv", "t;X;Y;Z", TIME, POSITION)
+    options = ("--unit", "mm", "--columns", "X,Y,Z", "--delimiter", ";", "--clean")
+    outcome = invoke("learn", path, *options, "--out", tmp_path / "p.json")
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "movement 0 of 1" in outcome.stdout
+
+
+def test_nothing_is_kept_that_spans_hundreds_of_metres_by_mistake(tmp_path):
+    path = write(tmp_path / "r.csv", "time,x,y", TIME, POSITION[:, :2], separator=",")
+    assert_refused(invoke("learn", path, "--out", tmp_path / "p.json"), "spans 700 m", "--unit mm")
+    library = invoke("library", "add", path, "--folder", tmp_path / "lib")
+    assert_refused(library, "spans 700 m", "--unit mm")
+    assert not (tmp_path / "p.json").exists()
+    assert not (tmp_path / "lib").exists()
+    assert invoke("learn", path, "--unit", "mm", "--out", tmp_path / "p.json").exit_code == 0
+    assert invoke("learn", path, "--unit", "m", "--out", tmp_path / "q.json").exit_code == 0

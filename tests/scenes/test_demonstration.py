@@ -1,0 +1,144 @@
+"""The movement that a scene names: a recording, or a primitive of a library beside the scene file."""
+
+import numpy as np
+import pytest
+import yaml
+
+from comove.demonstrations import Demonstration, write_robomimic, write_rosbag
+from comove.errors import SceneError
+from comove.primitives import DMP, Library, Primitive, learn
+from comove.primitives import operations as op
+from comove.scenes import Scene, demonstration_of, recording_of
+
+PLANAR = {
+    "name": "taught",
+    "duration": 5.0,
+    "workspace": {"lower": [0, 0], "upper": [1, 1]},
+    "manipulators": [{"name": "hand", "start": [0.1, 0.5], "goal": [0.9, 0.5]}],
+}
+SPATIAL = {
+    **PLANAR,
+    "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+    "manipulators": [{"name": "hand", "start": [0.1, 0.5, 0.5], "goal": [0.9, 0.5, 0.5]}],
+}
+SINE = learn(Demonstration.from_lasa("Sine"), name="Sine")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    Library(tmp_path / "library").add(SINE)
+    Library(tmp_path / "mine" / "inner").add(SINE, "wave")
+    cycle = DMP(np.ones((2, 5)), *np.zeros((4, 2)), 1.0, variant="rhythmic")
+    Library(tmp_path / "library").add(Primitive("cycle", cycle))
+    return tmp_path
+
+
+def scene(folder, source, data=PLANAR):
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump({**data, "demonstration": source}))
+    return Scene.load(path)
+
+
+@pytest.mark.parametrize("name", ["Sine", "library/Sine", "mine/inner/wave"])
+def test_a_primitive_comes_as_it_lies_there(folder, name):
+    loaded = scene(folder, {"library": name})
+    assert recording_of(loaded) is None
+    assert np.array_equal(demonstration_of(loaded).weights, SINE.dmp.weights)
+    assert (demonstration_of(loaded).duration, demonstration_of(loaded).phase) == (
+        SINE.dmp.duration,
+        SINE.dmp.phase,
+    )
+
+
+def test_recordings_are_fitted_as_before(folder):
+    loaded = scene(folder, {"lasa": "Sine"})
+    assert recording_of(loaded).name == "Sine 0"
+    assert np.array_equal(demonstration_of(loaded).weights, DMP.fit(Demonstration.from_lasa("Sine")).weights)
+    assert demonstration_of(scene(folder, None)) is None
+
+
+def test_plane_and_scale(folder):
+    loaded = scene(folder, {"library": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL)
+    played = demonstration_of(loaded).rollout().position
+    assert np.allclose(played[:, [0, 2]], 0.01 * SINE.dmp.rollout().position, atol=1e-12)
+    assert not played[:, 1].any()
+    recorded = (
+        demonstration_of(scene(folder, {"lasa": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL))
+        .rollout()
+        .position
+    )
+    assert np.abs(played - recorded).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("source", "data", "message"),
+    [
+        ({"library": "Sinus"}, PLANAR, "no primitive 'Sinus'; did you mean 'Sine'"),
+        ({"library": "none/Sine"}, PLANAR, "library is empty"),
+        ({"library": "../library/Sine"}, PLANAR, "lies outside the scene's folder"),
+        ({"library": "mine/../../x/Sine"}, PLANAR, "lies outside"),
+        ({"library": "/library/Sine"}, PLANAR, "lies outside"),
+        ({"library": "away/Sine"}, PLANAR, "lies outside"),
+        ({"library": "a\0b/Sine"}, PLANAR, "lies outside"),
+        ({"library": ""}, PLANAR, "cannot name a primitive"),
+        ({"library": ".."}, PLANAR, "lies outside"),
+        ({"library": "cycle"}, PLANAR, "rhythmic and never ends"),
+        ({"library": "Sine"}, SPATIAL, "2 dimensions, the scene 3; add `plane: xy`"),
+        ({"library": "Sine", "plane": "xy"}, PLANAR, None),
+    ],
+)
+def test_what_is_not_there_or_does_not_fit(folder, source, data, message):
+    (folder / "away").symlink_to(folder.parent)
+    loaded = scene(folder, source, data)
+    if message is None:
+        assert demonstration_of(loaded) is not None
+        return
+    with pytest.raises(SceneError) as caught:
+        demonstration_of(loaded)
+    assert caught.value.key == "demonstration.library"
+    assert message in str(caught.value)
+    assert str(folder / "scene.yaml") in str(caught.value)
+
+
+def test_a_damaged_primitive_is_named(folder):
+    path = folder / "library" / "Sine.dmp.json"
+    path.write_text(path.read_text()[:-50])
+    with pytest.raises(SceneError, match=r"Sine\.dmp\.json.*breaks off"):
+        demonstration_of(scene(folder, {"library": "Sine"}))
+
+
+def test_a_pose_lends_its_positions(folder):
+    time = np.linspace(0, 2, 101)
+    half = 0.3 * time
+    orientation = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1)
+    position = np.stack([time, np.sin(time), 0 * time], axis=1)
+    turn = learn(Demonstration(time, position, orientation=orientation), name="turn", poses=True)
+    Library(folder / "library").add(turn)
+    taught = demonstration_of(scene(folder, {"library": "turn"}, SPATIAL))
+    assert np.array_equal(taught.weights, op.settled(turn.dmp.translation).weights)
+
+
+def test_checksums_of_scenes_stay():
+    """The place of the library in the model does not change what other scenes are."""
+    assert Scene.from_dict(PLANAR).sha256 == Scene.from_dict({**PLANAR, "demonstration": None}).sha256
+
+
+def test_a_recording_of_a_file_that_holds_several(folder):
+    """By episode and manipulator of a data set, by topic of a bag."""
+    time = np.linspace(0, 2, 41)
+    hands = {
+        name: Demonstration(time, np.outer(time, [0.1, size, 0.2]))
+        for name, size in (("left", 0.1), ("right", 0.2))
+    }
+    write_robomimic(folder / "many.hdf5", [hands, {name: hands["left"] for name in hands}])
+    write_rosbag(folder / "hands.mcap", hands)
+    chosen = recording_of(
+        scene(folder, {"file": "many.hdf5", "episode": 1, "manipulator": "robot1"}, SPATIAL)
+    )
+    assert np.array_equal(chosen.position, hands["left"].position)
+    chosen = recording_of(scene(folder, {"file": "hands.mcap", "topic": "/right/point"}, SPATIAL))
+    assert np.array_equal(chosen.position, hands["right"].position)
+    with pytest.raises(SceneError, match="it holds 2 episodes"):
+        recording_of(scene(folder, {"file": "many.hdf5", "manipulator": "robot1"}, SPATIAL))
+    with pytest.raises(SceneError, match="episode 1 belongs to a file"):
+        scene(folder, {"lasa": "Angle", "episode": 1})
