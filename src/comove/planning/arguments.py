@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
     """
     if demonstration is None:
         return None
-    names, each = scene.manipulators, demonstration
+    names, each = scene.manipulators, cast("Sequence[object]", demonstration)
     if isinstance(demonstration, Mapping):
         others = [name for name in demonstration if name not in names]
         missing = [name for name in names if name not in demonstration]
