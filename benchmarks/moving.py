@@ -37,9 +37,9 @@ LATE = {"seen": 0.0, "clouds": 0.03, "measured": SENSOR.delay}  # s, until there
 LONGEST = 3.0  # times the duration
 
 
-def executed(scene: Scene, sight) -> dict[str, float]:
+def executed(scene: Scene, observer) -> dict[str, float]:
     """One execution and what was measured of it."""
-    executor = Executor(scene, sight)
+    executor = Executor(scene, observer)
     record = executor.run(LONGEST * scene.duration)
     log = executor.log
     return {**measures(record), "plans": log.planning, "control": log.control, "record": record}
@@ -117,7 +117,7 @@ def main() -> None:
                 runs.append(modulated_run(scene, *MODULATED[name]))
             else:
                 rng = np.random.default_rng(seed)
-                sights = {
+                observers = {
                     "known": lambda scene=scene: Known(scene),
                     "seen": lambda scene=scene: Functions.of_motions(scene),
                     "clouds": lambda scene=scene, rng=rng: Scanned(
@@ -125,7 +125,7 @@ def main() -> None:
                     ),
                     "measured": lambda scene=scene, rng=rng: Measured(Known(scene), scene, SENSOR, rng),
                 }
-                runs.append(executed(scene, sights[name]()))
+                runs.append(executed(scene, observers[name]()))
         row(name, runs)
         told = {
             what: [seed for seed, r in zip(seeds, runs, strict=True) if wrong(r)]

@@ -36,7 +36,7 @@ def write_run(
 ) -> dict[str, Any]:
     """Write `run.npz` and `run.json` into an existing folder, and return the summary."""
     n = record.scene.n_dims
-    arrays = {
+    arrays: dict[str, Any] = {
         "time": record.time,
         "position": record.position,
         "obstacle_center": record.obstacles[:, :, :n],

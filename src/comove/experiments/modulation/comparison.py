@@ -201,7 +201,7 @@ def loose_run(
         time,
         np.array([p.center for p in poses]),
         np.array([p.quaternion for p in poses]),
-        Known(scene).true(time),
+        Known(scene).ground_truth(time),
         scene.obstacle_sags(time),
         np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - scene.n_dims))], axis=2),
     )
@@ -210,4 +210,4 @@ def loose_run(
 def _among_known(record: Record) -> Record:
     """Return the record with its obstacles moving as in the scene's file, so that all methods have the same truth."""
     sag = record.scene.obstacle_sags(record.time)
-    return replace(record, obstacles=Known(record.scene).true(record.time), sag=sag)
+    return replace(record, obstacles=Known(record.scene).ground_truth(record.time), sag=sag)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.execution.observers import Sight
+from comove.execution.observers import Observer
 from comove.experiments.modulation.matrices import Modulation, Sharing, modulated
 from comove.experiments.modulation.obstacles import level_obstacle
 from comove.geometry.distances import CENTER
@@ -27,7 +27,7 @@ AT_GOAL = 5e-4  # m
 
 def run_modulated(
     scene: Scene,
-    sight: Sight,
+    observer: Observer,
     sharing: Sharing,
     budget: float,
     period: float = 0.01,
@@ -39,7 +39,7 @@ def run_modulated(
 
     Parameters
     ----------
-    sight : sight of the obstacles
+    observer : observer of the obstacles
     sharing : assignment of modulation matrices to points; `Sharing.NONE` follows the primitive as it is
     budget : largest simulated time [s]
     load : whether points of the load are modulated as well, not the hands alone
@@ -61,7 +61,7 @@ def run_modulated(
         wanted = slope / scene.duration + DRAWN * (target - hands)
         fastest = np.linalg.norm(wanted, axis=1).max()
         wanted = wanted * min(1.0, scene.speed_limit / max(fastest, 1e-12))
-        seen = sight.seen(now)
+        seen = observer.observe(now)
         around = [
             replace(o, center=tuple(row[CENTER : CENTER + n]), velocity=tuple(v[:n]))
             for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
