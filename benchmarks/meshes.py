@@ -14,14 +14,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from timing import number, peer, print_table
 
-from comove.geometry.convex_decomposition import cover_of
+from comove.geometry.convex_decomposition import decompose
+from comove.geometry.topology import solids_and_sheets
 
 MESHES = Path(__file__).parents[1] / "examples" / "meshes"
 N_TURNS = 3
 
 
 def main() -> None:
-    """Cover every mesh and print the table."""
+    """Decompose every mesh and print the table."""
     trimesh = peer("trimesh")
     meshes = {
         "box": trimesh.creation.box((0.3, 0.2, 0.1)),
@@ -30,9 +31,8 @@ def main() -> None:
         "torus of 2048 triangles": trimesh.creation.torus(0.1, 0.03, major_sections=32, minor_sections=32),
         "tube, wall of an eighth of its diameter": trimesh.creation.annulus(0.075, 0.1, 0.2),
     }
-    cover_of(
-        np.array(meshes["gate with a round top"].vertices), np.array(meshes["gate with a round top"].faces)
-    )
+    gate = meshes["gate with a round top"]
+    decompose(solids_and_sheets(np.array(gate.vertices), np.array(gate.faces)))
     rows = []
     for name, mesh in meshes.items():
         for share in (0.03, 0.011) if name.startswith("gate") else (0.03,):
@@ -40,13 +40,12 @@ def main() -> None:
             for turn in range(N_TURNS):
                 vertices = mesh.vertices @ Rotation.random(random_state=turn).as_matrix().T
                 begun = time.process_time()
-                cover = cover_of(np.array(vertices), np.array(mesh.faces), share * side)
-                found.append((len(cover.polytopes), cover.overhang / side, time.process_time() - begun))
-            n, overhang, seconds = np.max(found, axis=0)
-            rows.append(
-                [name, f"{100 * share:g} %", int(n), f"{100 * overhang:.1f} %", f"{number(seconds)} s"]
-            )
-    print_table(["mesh", "resolution", "polytopes", "overhang", "time"], rows)
+                parts = solids_and_sheets(np.array(vertices), np.array(mesh.faces))
+                held = decompose(parts, share * side)
+                found.append((len(held.polytopes), held.excess / side, time.process_time() - begun))
+            n, excess, seconds = np.max(found, axis=0)
+            rows.append([name, f"{100 * share:g} %", int(n), f"{100 * excess:.1f} %", f"{number(seconds)} s"])
+    print_table(["mesh", "resolution", "polytopes", "excess", "time"], rows)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from comove.experiments.peers.common import PeerOutOfTime, load_clearances, refu
 from comove.experiments.peers.shapes import Shapes
 from comove.experiments.systems import Offers, OwnSystem, System, SystemOutcome, SystemProblem, measured
 from comove.planning import Comove, Paper, Projection
+from comove.scenes import demonstration_of
 
 SCENES = ("wide", "narrow", "complex")
 N_BASIS, SIGMA = 16, 0.05
@@ -92,7 +93,7 @@ def run(job: tuple[str, str, int, float]) -> tuple[SystemOutcome | None, float]:
     name, system, seed, budget = job
     warnings.simplefilter("ignore")
     scene = example(name)
-    problem = SystemProblem(scene, scene.taught, seed, budget)
+    problem = SystemProblem(scene, demonstration_of(scene), seed, budget)
     return measured(SYSTEMS[system], problem), scene.distances[0].tolerance
 
 

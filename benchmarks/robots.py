@@ -20,7 +20,7 @@ import numpy as np
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning import load_kernels
 from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, carry, track
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from comove.simulators import Friction, Perturbation, Weld, simulate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -34,7 +34,7 @@ def solved(path: Path, seed: int) -> tuple[VerifiedJointMotion | None, dict[str,
     robot = Robot.load(Scene.load(path).file.robot)  # meshes apart
     begun = time.perf_counter()
     scene = Scene.load(path)
-    found = carry(scene, robot, demonstration=scene.taught, seed=seed)
+    found = carry(scene, robot, demonstration=demonstration_of(scene), seed=seed)
     seconds = time.perf_counter() - begun
     solution, report = found.solution, found.report
     return found.motion, {

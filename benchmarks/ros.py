@@ -34,7 +34,7 @@ sys.path.insert(0, str(ROOT))
 
 from comove.export import Ros1Client, SendError, Tolerances, send  # noqa: E402
 from comove.robots import Robot, VerifiedJointMotion, carry  # noqa: E402
-from comove.scenes import Scene  # noqa: E402
+from comove.scenes import Scene, demonstration_of  # noqa: E402
 from tests.export.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
 
 SCENE = ROOT / "examples" / "baxter" / "gap_30.yaml"
@@ -46,7 +46,7 @@ TOLERANCES = Tolerances(connect=10.0)
 def solved(path: Path) -> VerifiedJointMotion:
     """A verified carry; leaves where there is none."""
     scene = Scene.load(path)
-    found = carry(scene, Robot.load(scene.file.robot), demonstration=scene.taught)
+    found = carry(scene, Robot.load(scene.file.robot), demonstration=demonstration_of(scene))
     if found.motion is None:
         sys.exit(f"{path}: no verified motion was found: {found.verdict.reasons[0]}")
     return found.motion

@@ -20,7 +20,7 @@ from timing import number, on_one_thread, print_table
 
 from comove.planning import load_kernels, movements_of
 from comove.robots import JointMotion, Robot, carry
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
 
 SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
@@ -42,7 +42,7 @@ def main() -> None:
     on_one_thread()
     scene, robot = Scene.load(SCENE), Robot.load("baxter")
     load_kernels(scene.n_dims, False)
-    found = carry(scene, robot, demonstration=movements_of(scene.taught, scene))
+    found = carry(scene, robot, demonstration=movements_of(demonstration_of(scene), scene))
     if not found.verified:
         raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.solution.reasons)}")
     rows = []

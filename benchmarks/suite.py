@@ -35,6 +35,7 @@ from timing import number, on_one_thread, print_table, quantile
 import comove
 from comove.experiments.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
 from comove.planning import Paper
+from comove.scenes import recording_of
 
 Problem = tuple[comove.Scene, int]
 Row = dict[str, str | int | float | None]
@@ -111,7 +112,7 @@ def solutions(name: str, count: int | None, first: int, budget: float) -> Iterat
     chosen = SETS[name]
     for index in range(first, first + (count or chosen.count)):
         scene, seed = chosen.problem(index)
-        taught = scene.demonstration
+        taught = recording_of(scene)
         yield comove.solve(
             scene,
             demonstration=None if taught is None else comove.DMP.fit(taught),

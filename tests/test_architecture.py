@@ -77,6 +77,7 @@ def test_the_order_is_that_of_the_design():
             "geometry",
             "demonstrations",
             "primitives",
+            "constraints",
             "scenes",
             "coordination",
             "verification",

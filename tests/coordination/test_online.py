@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comove.constraints import SameHeightConstraint
 from comove.errors import OptionError
-from comove.scenes.constraints import SameHeightConstraint
 from tests.coordination.examples import PLANAR_BAR, SCENES, random_motion
 
 seeds = st.integers(0, 2**32 - 1)

@@ -5,7 +5,7 @@ import pytest
 
 from comove.execution import Executor
 from comove.planning import carried_demonstration
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from comove.verification.record import judge
 from tests.solved import EXAMPLES, example
 
@@ -22,22 +22,22 @@ def distance(record, scene, dmp):
 def test_the_demonstration_is_followed():
     scene = example("narrow")
     found = {}
-    for name, dmp in (("taught", scene.taught), ("free", None)):
+    for name, dmp in (("taught", demonstration_of(scene)), ("free", None)):
         executor = Executor(scene, demonstration=dmp)
         record = executor.run(15.0)
         report = judge(record, executor.blocker)
         assert not report.reasons
         assert report.acceleration_max < 0.5
-        found[name] = distance(record, scene, scene.taught)
+        found[name] = distance(record, scene, demonstration_of(scene))
     assert found["taught"] < 0.03 < 0.08 < found["free"]
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     scene = example("narrow")
-    executor = Executor(scene, demonstration=scene.taught)
+    executor = Executor(scene, demonstration=demonstration_of(scene))
     left, _ = executor._left_of_it(share * scene.duration)
-    whole = scene.taught
+    whole = demonstration_of(scene)
     assert left.duration == pytest.approx((1 - share) * whole.duration)
     np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)
     s = np.linspace(0.05, 1.0, 50)
@@ -48,14 +48,15 @@ def test_what_is_left_of_it_ends_where_all_of_it_does(share):
 
 def test_each_hand_keeps_what_is_left_of_its_own():
     scene = example("narrow")
-    left = Executor(scene, demonstration=(scene.taught, scene.taught))._left_of_it(0.3 * scene.duration)
+    executor = Executor(scene, demonstration=(demonstration_of(scene), demonstration_of(scene)))
+    left = executor._left_of_it(0.3 * scene.duration)
     assert len(left) == 2
     assert left[0].duration == left[1].duration
 
 
 def test_nearly_done_nothing_is_left():
     scene = example("narrow")
-    assert Executor(scene, demonstration=scene.taught)._left_of_it(0.9 * scene.duration) is None
+    assert Executor(scene, demonstration=demonstration_of(scene))._left_of_it(0.9 * scene.duration) is None
 
 
 def test_plans_among_what_moves_are_calm():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.geometry.convex_decomposition import SHARE, SHEET, cover_of, left_out
+from comove.geometry.convex_decomposition import SHARE, SHEET, decompose, left_out
 from comove.geometry.polytopes import hull_of
 from comove.geometry.topology import solids_and_sheets
 
@@ -15,9 +15,9 @@ from ..meshes import are_inside, box, distances, hull, l_profile, on_surface, ri
 seeds = st.integers(0, 2**32 - 1)
 
 
-def held(cover, points):
+def held(decomposition, points):
     """How far each point is from being in one of the polytopes; 0 or less where it is."""
-    beyond = [(points @ p.planes[:, :3].T - p.planes[:, 3]).max(axis=1) for p in cover.polytopes]
+    beyond = [(points @ p.planes[:, :3].T - p.planes[:, 3]).max(axis=1) for p in decomposition.polytopes]
     return np.min(beyond, axis=0)
 
 
@@ -29,23 +29,23 @@ def some_points(vertices, faces, rng):
     return np.concatenate([vertices, on_surface(vertices, faces, 400, rng), inner])
 
 
-def of_polytopes(cover, rng, count=60):
+def of_polytopes(decomposition, rng, count=60):
     """Random points of the polytopes, many at their corners and edges."""
     points = []
-    for p in cover.polytopes:
+    for p in decomposition.polytopes:
         share = rng.dirichlet(np.full(len(p.vertices), 0.15), count)
         points += [share @ p.vertices, p.vertices]
     return np.concatenate(points)
 
 
 def check(vertices, faces, rng, resolution=None):
-    cover = cover_of(solids_and_sheets(vertices, faces), resolution)
+    decomposition = decompose(solids_and_sheets(vertices, faces), resolution)
     size = np.ptp(vertices, axis=0).max()
-    assert held(cover, some_points(vertices, faces, rng)).max() < 1e-8 * size
+    assert held(decomposition, some_points(vertices, faces, rng)).max() < 1e-8 * size
     coal = pytest.importorskip("coal")
-    beyond = distances(vertices, faces, of_polytopes(cover, rng), coal).max()
-    assert beyond <= cover.overhang + 1e-6
-    return cover
+    beyond = distances(vertices, faces, of_polytopes(decomposition, rng), coal).max()
+    assert beyond <= decomposition.excess + 1e-6
+    return decomposition
 
 
 @settings(max_examples=15, deadline=None)
@@ -53,9 +53,9 @@ def check(vertices, faces, rng, resolution=None):
 def test_a_convex_mesh_is_one_polytope_without_overhang(seed):
     rng = np.random.default_rng(seed)
     vertices, faces = hull(rng.standard_normal((rng.integers(4, 20), 3)) * rng.uniform(0.03, 0.2, 3))
-    cover = check(vertices, faces, rng)
-    assert len(cover.polytopes) == 1
-    assert cover.overhang == 0.0
+    decomposition = check(vertices, faces, rng)
+    assert len(decomposition.polytopes) == 1
+    assert decomposition.excess == 0.0
 
 
 @settings(max_examples=12, deadline=None)
@@ -64,49 +64,49 @@ def test_a_mesh_that_is_not_convex_is_held(seed):
     rng = np.random.default_rng(seed)
     vertices, faces = star(rng)
     vertices = Rotation.random(random_state=seed).apply(vertices) + rng.uniform(-1, 1, 3)
-    cover = check(vertices, faces, rng)
-    assert cover.overhang < 2 * SHARE * np.ptp(vertices, axis=0).max()
+    decomposition = check(vertices, faces, rng)
+    assert decomposition.excess < 2 * SHARE * np.ptp(vertices, axis=0).max()
 
 
 def test_what_boxes_make_up_is_held_exactly():
     vertices, faces = l_profile()
-    cover = check(vertices, faces, np.random.default_rng(0))
-    assert len(cover.polytopes) == 2
-    assert cover.overhang == 0.0
+    decomposition = check(vertices, faces, np.random.default_rng(0))
+    assert len(decomposition.polytopes) == 2
+    assert decomposition.excess == 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_cover_does_not_depend_on_how_the_mesh_is_turned(seed):
     vertices, faces = l_profile()
     turn, shift = Rotation.random(random_state=seed), np.random.default_rng(seed).uniform(-1, 1, 3)
-    cover = check(turn.apply(vertices) + shift, faces, np.random.default_rng(seed))
-    assert len(cover.polytopes) == 2
-    assert cover.overhang == 0.0
+    decomposition = check(turn.apply(vertices) + shift, faces, np.random.default_rng(seed))
+    assert len(decomposition.polytopes) == 2
+    assert decomposition.excess == 0.0
 
 
 def test_a_hole_stays_open():
     vertices, faces = ring()
-    cover = check(vertices, faces, np.random.default_rng(1))
+    decomposition = check(vertices, faces, np.random.default_rng(1))
     through = np.column_stack([np.zeros((9, 2)), np.linspace(-0.1, 0.1, 9)])
-    assert held(cover, through).min() > 0.05
+    assert held(decomposition, through).min() > 0.05
 
 
 @pytest.mark.slow
 def test_finer_is_nearer():
     vertices, faces = ring()
     rough, fine = (check(vertices, faces, np.random.default_rng(1), r) for r in (0.01, 0.003))
-    assert fine.overhang < rough.overhang
-    assert fine.overhang < 0.006
+    assert fine.excess < rough.excess
+    assert fine.excess < 0.006
 
 
 def test_many_corners_become_few():
     rng = np.random.default_rng(0)
     ball = rng.standard_normal((800, 3))
     vertices, faces = hull(0.1 * ball / np.linalg.norm(ball, axis=1, keepdims=True))
-    cover = check(vertices, faces, rng)
-    (only,) = cover.polytopes
+    decomposition = check(vertices, faces, rng)
+    (only,) = decomposition.polytopes
     assert len(only.planes) <= 96
-    assert 0.0 < cover.overhang < 0.007
+    assert 0.0 < decomposition.excess < 0.007
 
 
 def test_parts_are_covered_one_by_one_and_a_cavity_is_part_of_what_is_around_it():
@@ -114,8 +114,8 @@ def test_parts_are_covered_one_by_one_and_a_cavity_is_part_of_what_is_around_it(
     both = np.concatenate([first, second + [0.3, 0, 0]]), np.concatenate([faces, more + len(first)])
     assert len(check(*both, np.random.default_rng(0)).polytopes) == 2
     hollow = np.concatenate([first, 0.5 * first]), np.concatenate([faces, faces[:, ::-1] + len(first)])
-    cover = check(*hollow, np.random.default_rng(0))
-    assert held(cover, np.zeros((1, 3)))[0] > 0.02  # nothing is in the middle
+    decomposition = check(*hollow, np.random.default_rng(0))
+    assert held(decomposition, np.zeros((1, 3)))[0] > 0.02  # nothing is in the middle
 
 
 @settings(max_examples=5, deadline=None)
@@ -133,10 +133,10 @@ def test_a_sheet_is_held_and_what_it_leaves_open_stays_open(seed):
     turn = Rotation.random(random_state=seed)
     turned, shift = turn.apply(vertices), rng.uniform(-1, 1, 3)
     for few in (True, False):
-        cover = cover_of(solids_and_sheets(turned + shift, faces), few=few)
-        assert held(cover, on_surface(turned + shift, faces, 400, rng)).max() < 1e-8
-        assert held(cover, shift[None])[0] > 0.1
-        assert held(cover, turn.apply([[-0.4, 0.1, 0.05]]) + shift)[0] > 0.05 - 2 * SHEET
+        decomposition = decompose(solids_and_sheets(turned + shift, faces), few=few)
+        assert held(decomposition, on_surface(turned + shift, faces, 400, rng)).max() < 1e-8
+        assert held(decomposition, shift[None])[0] > 0.1
+        assert held(decomposition, turn.apply([[-0.4, 0.1, 0.05]]) + shift)[0] > 0.05 - 2 * SHEET
 
 
 @settings(max_examples=40, deadline=None)
@@ -176,10 +176,10 @@ RUBBISH = st.sampled_from(["flip", "double", "drop", "sliver", "fin", "unwelded"
 def test_every_triangle_is_held_whatever_is_done_to_a_mesh(seed, done, few):
     rng = np.random.default_rng(seed)
     vertices, faces = spoilt(*star(rng), done, rng)
-    cover = cover_of(solids_and_sheets(vertices, faces), few=few)
+    decomposition = decompose(solids_and_sheets(vertices, faces), few=few)
     size = np.ptp(vertices[np.unique(faces)], axis=0).max()
     points = np.concatenate([vertices[np.unique(faces)], on_surface(vertices, faces, 400, rng)])
-    assert held(cover, points).max() < 1e-8 * size
+    assert held(decomposition, points).max() < 1e-8 * size
 
 
 def test_a_plate_with_a_hole_is_four_boxes():
@@ -196,6 +196,6 @@ def test_a_plate_with_a_hole_is_four_boxes():
         faces += [[i, j, j + 8], [i, j + 8, i + 8], [4 + j, 4 + i, 12 + i], [4 + j, 12 + i, 12 + j]]
     vertices, faces = vertices.astype(float), np.array(faces)
     assert trimesh.Trimesh(vertices, faces, process=False).is_watertight
-    cover = check(vertices, faces, np.random.default_rng(0))
-    assert len(cover.polytopes) == 4
-    assert cover.overhang < 1e-6
+    decomposition = check(vertices, faces, np.random.default_rng(0))
+    assert len(decomposition.polytopes) == 4
+    assert decomposition.excess < 1e-6

@@ -68,7 +68,7 @@ def refused(folder, *args, **more):
 def test_a_load_of_any_shape(folder):
     scene = build(folder)
     assert scene.body.solids.shape[0] == 2
-    assert scene.overhangs == {"load": 0.0}
+    assert scene.excess == {"load": 0.0}
     nodes = scene.nodes_at("start")[2:]
     assert np.ptp(nodes, axis=0) == pytest.approx([0.3, 0.2, 0.06])
     assert nodes.min(axis=0) == pytest.approx([0.5, 0.3, 0.3])
@@ -147,11 +147,13 @@ def test_an_open_mesh_is_thin_walls_and_says_so(folder):
     with pytest.warns(ComoveWarning, match=r"'open.obj' is not closed: what is open counts as thin walls"):
         scene = Scene.from_dict(data(data()["load"] | {"file": "open.obj"}), folder=folder)
     with pytest.warns(ComoveWarning, match="not closed"):
-        cover = module.read_mesh(folder / "open.obj", 1.0, file=None, key="x").cover(None, few=True)
-    assert left_out(vertices[faces[:-1]], list(cover.polytopes), 1e-9) == []
-    assert len(scene.body.solids) == len(cover.polytopes)
+        decomposition = module.read_mesh(folder / "open.obj", 1.0, file=None, key="x").decomposed(
+            None, few=True
+        )
+    assert left_out(vertices[faces[:-1]], list(decomposition.polytopes), 1e-9) == []
+    assert len(scene.body.solids) == len(decomposition.polytopes)
     inside = np.array([0.025, 0.1, 0.03])
-    assert min((p.planes[:, :3] @ inside - p.planes[:, 3]).max() for p in cover.polytopes) < 0.025
+    assert min((p.planes[:, :3] @ inside - p.planes[:, 3]).max() for p in decomposition.polytopes) < 0.025
 
 
 def test_two_sides_of_a_sheet_stop_what_comes(folder):
@@ -202,7 +204,7 @@ def test_triangles_turned_the_wrong_way_are_turned_back(folder, turn):
     write_obj(folder / "turned.obj", vertices, faces)
     scene = build(folder, data()["load"] | {"file": "turned.obj"})
     assert len(scene.body.solids) == 2
-    assert scene.overhangs["load"] == 0.0
+    assert scene.excess["load"] == 0.0
 
 
 def test_a_corner_that_three_solids_share_is_no_hole(folder):
@@ -211,7 +213,7 @@ def test_a_corner_that_three_solids_share_is_no_hole(folder):
     other = vertices + [0.1, 0.1, 0.0]
     write_obj(folder / "two.obj", np.concatenate([vertices, other]), np.concatenate([faces, faces + 8]))
     scene = build(folder, obstacles=[obstacle("two.obj")])
-    assert scene.overhangs[0] < 0.01
+    assert scene.excess[0] < 0.01
     assert len(scene.obstacles) == 2
 
 

@@ -12,6 +12,7 @@ from comove.planning.compiling import Compiled, compiling
 from comove.planning.configurations import configuration_space
 from comove.planning.method import Method
 from comove.planning.methods import _planner
+from comove.scenes import demonstration_of
 from tests.solved import example
 
 
@@ -58,7 +59,7 @@ def test_nothing_is_compiled_once_kernels_are_loaded():
     """Neither for a scene with a demonstration nor for one without."""
     load_kernels(2)
     scene = example("narrow")
-    dmp = scene.taught
+    dmp = demonstration_of(scene)
     with compiling() as compiled:
         found = solve(scene, demonstration=dmp, budget=60, method=Comove(n_plans=1))
     assert found.verified

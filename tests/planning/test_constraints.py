@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 
 import comove
 from comove import Projection
+from comove.constraints import SameHeightConstraint, SeparationConstraint, UprightConstraint
 from comove.coordination import load_coordinates, rollouts
 from comove.errors import OptionError
 from comove.planning import Paper
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan
-from comove.scenes import SameHeightConstraint, Scene, SeparationConstraint, UprightConstraint
+from comove.scenes import Scene
 from tests import brute_force
 from tests.planning.test_planner import between as along_edges
 from tests.planning.test_solver import assert_verified, scene_of

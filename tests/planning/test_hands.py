@@ -8,7 +8,7 @@ from comove import DMP, Demonstration
 from comove.demonstrations import write_csv
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of, recording_of
 from tests.solved import example
 
 TIME = np.linspace(0.0, 4.0, 401)
@@ -49,7 +49,7 @@ def test_each_hand_follows_its_own():
 
 def test_recordings_do_as_well_as_primitives():
     scene = example("narrow")
-    recording = scene.demonstration
+    recording = recording_of(scene)
     ways = [
         comove.solve(scene, demonstration=d).attempt.hands(np.linspace(0, 1, 50))[0]
         for d in (recording, DMP.fit(recording), {name: recording for name in scene.manipulators})
@@ -61,14 +61,14 @@ def test_recordings_do_as_well_as_primitives():
 def test_a_file_of_all_hands_is_theirs(tmp_path):
     write_csv(tmp_path / "hands.csv", {"low": swing(-0.1), "high": swing(0.1)})
     scene = Scene.from_dict(free_scene(demonstration={"file": "hands.csv"}), folder=tmp_path)
-    low, high = scene.taught
+    low, high = demonstration_of(scene)
     carried = carried_demonstration((low, high), scene)
     assert carried[100, 0, 1] == pytest.approx(0.2, abs=0.01)
     assert carried[100, 1, 1] == pytest.approx(0.8, abs=0.01)
     one = Scene.from_dict(
         free_scene(demonstration={"file": "hands.csv", "manipulator": "low"}), folder=tmp_path
     )
-    assert isinstance(one.taught, DMP)
+    assert isinstance(demonstration_of(one), DMP)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import comove
 from comove import LeastJerk, LeastTime
 from comove.errors import OptionError, SceneError
 from comove.planning.pace import LIMITS, in_least_time, least_possible
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from comove.verification import verify
 from tests.solved import EXAMPLES, example
 from tests.verification.test_rates import lone_hand
@@ -73,7 +73,8 @@ def test_it_rests_at_both_ends_without_a_jump():
 
 def test_least_time_is_asked_for_whatever_the_scene_says():
     """The scene's own duration and demonstration do not count; limits that it leaves out are filled in and said."""
-    solution = comove.solve(example("narrow"), objective=LeastTime(), demonstration=example("narrow").taught)
+    scene = example("narrow")
+    solution = comove.solve(scene, objective=LeastTime(), demonstration=demonstration_of(scene))
     assert solution.verified
     assert solution.scene.duration < 2.2
     assert solution.scene.jerk_limit == LIMITS["jerk"]
@@ -82,8 +83,8 @@ def test_least_time_is_asked_for_whatever_the_scene_says():
 
 def test_what_was_taught_is_made_as_fast_as_limits_allow():
     timed, scene = example("narrow"), hasty("narrow")
-    solution = comove.solve(scene, demonstration=timed.taught)
-    asked = comove.solve(timed, demonstration=timed.taught)
+    solution = comove.solve(scene, demonstration=demonstration_of(timed))
+    asked = comove.solve(timed, demonstration=demonstration_of(timed))
     assert isinstance(solution.objective, LeastJerk)
     s = np.linspace(0, 1, 101)
     assert np.abs(solution.attempt.hands(s)[0] - asked.attempt.hands(s)[0]).max() < 0.02

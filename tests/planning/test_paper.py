@@ -10,7 +10,7 @@ from comove.planning import Paper
 from comove.planning.objective import N_STEPS
 from comove.planning.paper import window_errors
 from comove.planning.search import OutOfTime, Search
-from comove.scenes import Scene
+from comove.scenes import Scene, recording_of
 from tests import brute_force
 from tests.solved import example
 from tests.verification.random_motions import scene_data
@@ -127,7 +127,7 @@ def test_every_attempt_begins_with_the_demonstration(monkeypatch, taught, starts
     monkeypatch.setattr("comove.planning.paper.first_guess", guessed)
     monkeypatch.setattr("comove.planning.paper.threaded", lambda *_: None)
     scene = example("complex")
-    comove.solve(scene, demonstration=comove.DMP.fit(scene.demonstration) if taught else None, method=Paper())
+    comove.solve(scene, demonstration=comove.DMP.fit(recording_of(scene)) if taught else None, method=Paper())
     assert seen == starts
 
 
@@ -136,7 +136,7 @@ def test_every_attempt_begins_with_the_demonstration(monkeypatch, taught, starts
 @pytest.mark.parametrize("seed", range(3))
 def test_from_a_demonstration_within_a_hundred_thousand_rollouts(name, seed):
     scene = example(name)
-    taught = comove.DMP.fit(scene.demonstration) if scene.demonstration else None
+    taught = comove.DMP.fit(recording_of(scene)) if recording_of(scene) else None
     solution = comove.solve(scene, demonstration=taught, method=Paper(), seed=seed, budget=120.0)
     assert solution.verified
     assert solution.evaluations <= 100_000

@@ -9,7 +9,7 @@ from comove.errors import OptionError
 from comove.planning import Printed
 from comove.planning.objective import Objective
 from comove.planning.printed import of_hands_alone, violations
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from tests.solved import example
 from tests.verification.random_motions import scene_data
 
@@ -47,7 +47,7 @@ def test_equation_4_looks_at_the_hands_alone():
 @pytest.mark.parametrize("taught", [True, False])
 def test_the_narrow_passage_is_not_passed(taught):
     scene = example("narrow")
-    dmp = scene.taught if taught else None
+    dmp = demonstration_of(scene) if taught else None
     solution = comove.solve(scene, demonstration=dmp, method=Printed(), budget=5.0)
     assert solution.method == "printed"
     assert solution.generations == 0

@@ -8,7 +8,7 @@ from comove import LeastJerk, PaperCost
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
 from comove.planning.convex.jerk import jerk_cost
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of, recording_of
 from tests.solved import example, random_scene
 
 # The least known squared jerk over that of straight motions, by a solver of nonlinear programmes from many starts.
@@ -59,10 +59,11 @@ def test_what_was_taught_is_followed():
     """Through a passage in which the demonstration itself would hit the walls: as near as asked for, and calm."""
     scene = example("narrow")
     far, near, nearest = (
-        comove.solve(scene, demonstration=scene.taught, objective=LeastJerk(r)) for r in (0.0, None, 1.0)
+        comove.solve(scene, demonstration=demonstration_of(scene), objective=LeastJerk(r))
+        for r in (0.0, None, 1.0)
     )
     assert far.verified and near.verified and nearest.verified
-    distances = [nearness(solution.attempt, scene.taught) for solution in (far, near, nearest)]
+    distances = [nearness(solution.attempt, demonstration_of(scene)) for solution in (far, near, nearest)]
     assert distances[0] > 0.05 > 0.02 > distances[1] > distances[2]
     assert accelerations(near.attempt).max() < 0.5
 
@@ -70,18 +71,19 @@ def test_what_was_taught_is_followed():
 def test_where_nothing_is_in_the_way_the_demonstration_is_carried_out():
     scene = example("narrow")
     free = Scene.from_dict(scene.file.model_dump(exclude={"obstacles", "demonstration"}))
-    solution = comove.solve(free, demonstration=scene.taught, objective=LeastJerk(1.0))
+    solution = comove.solve(free, demonstration=demonstration_of(scene), objective=LeastJerk(1.0))
     assert solution.verified
-    assert nearness(solution.attempt, scene.taught) < 2e-3
+    assert nearness(solution.attempt, demonstration_of(scene)) < 2e-3
 
 
 def test_another_demonstration_makes_another_motion():
     scene = example("narrow")
     mirrored = comove.DMP.fit(
-        comove.Demonstration(scene.demonstration.time, scene.demonstration.position * [1.0, -1.0], "mirrored")
+        comove.Demonstration(recording_of(scene).time, recording_of(scene).position * [1.0, -1.0], "mirrored")
     )
     first, second = (
-        comove.solve(scene, demonstration=dmp, objective=LeastJerk()) for dmp in (scene.taught, mirrored)
+        comove.solve(scene, demonstration=dmp, objective=LeastJerk())
+        for dmp in (demonstration_of(scene), mirrored)
     )
     hands = [solution.attempt.hands(S)[0] for solution in (first, second)]
     assert np.linalg.norm(hands[0] - hands[1], axis=2).mean() > 0.03

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.errors import ComoveWarning, SceneError
-from comove.scenes import (
+from comove.constraints import (
     DistanceConstraint,
     RelativePoseConstraint,
     SameHeightConstraint,
-    Scene,
     SeparationConstraint,
     UprightConstraint,
 )
+from comove.errors import ComoveWarning, SceneError
+from comove.scenes import Scene
 from comove.scenes.groups import levelling, tilt_between
 from tests import brute_force
 

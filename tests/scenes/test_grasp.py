@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from comove.constraints import UprightConstraint
 from comove.coordination.coordinates import ANGLE, load_coordinates
 from comove.errors import ComoveWarning
-from comove.scenes import Scene, UprightConstraint
+from comove.scenes import Scene
 
 from .test_scene import BAR, quiet, refused, scene_of
 

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.coordination import CoordinatedDMP, arms_coordinates, load_coordinates, projected_coordinates
-from comove.errors import ComoveWarning, OptionError, SceneError
-from comove.primitives import motion_basis
-from comove.scenes import (
+from comove.constraints import (
     DistanceConstraint,
     SameHeightConstraint,
-    Scene,
     SeparationConstraint,
     UprightConstraint,
 )
+from comove.coordination import CoordinatedDMP, arms_coordinates, load_coordinates, projected_coordinates
+from comove.errors import ComoveWarning, OptionError, SceneError
+from comove.primitives import motion_basis
+from comove.scenes import Scene
 from comove.verification import verify
 from tests import brute_force
 from tests.verification.random_motions import (

@@ -109,7 +109,7 @@ def certified_and_true(folder, seed):
         assert verify(motion).verified is None
         return False
     # What stands for a mesh reaches beyond it, and the hands, which are points, see it up to an eighth nearer.
-    spare = sum(scene.overhangs.values()) + 1e-3 + truth / 8
+    spare = sum(scene.excess.values()) + 1e-3 + truth / 8
     assert found.lower > truth - spare, (seed, found, truth)
     return found.nearest >= 0
 

@@ -10,6 +10,7 @@ from comove.experiments.examples import example
 from comove.experiments.paper.jobs import scene_of
 from comove.experiments.paper.runs import given_to_both
 from comove.primitives import DMP
+from comove.scenes import recording_of
 from comove.views import (
     Panel,
     draw_measures,
@@ -30,7 +31,7 @@ def colours(axes):
 @pytest.fixture(scope="module")
 def apart():
     """Free hands that leave their distance on the way, far from all walls in the wide passage."""
-    motion = given_to_both(DMP.fit(example("narrow").demonstration), "wide")
+    motion = given_to_both(DMP.fit(recording_of(example("narrow"))), "wide")
     weights = motion.weights.copy()
     weights[1] += 0.05
     return CoordinatedMotion(motion.scene, motion.coordinates, motion.basis, motion.boundary, weights)
@@ -85,7 +86,7 @@ def test_measures_that_are_missing_are_not_drawn(tmp_path):
 
 
 def test_the_pipeline_has_four_steps(tmp_path):
-    recording = example("narrow").demonstration
+    recording = recording_of(example("narrow"))
     dmp = DMP.fit(recording)
     given = given_to_both(dmp, "narrow")
     straight = CoordinatedMotion.straight(example("wide"))

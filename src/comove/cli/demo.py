@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.scenes import recording_of
 
 
 @verb
@@ -28,7 +29,7 @@ def demo(
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
     for folder, _, _ in jobs:
         check_target(out / folder)
-    recording = example("narrow").demonstration
+    recording = recording_of(example("narrow"))
     dmp = DMP.fit(recording)
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"

@@ -50,7 +50,7 @@ def run(
     from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
     from comove.planning import load_kernels, solve
     from comove.results import check_target, whole_folder
-    from comove.scenes import Scene
+    from comove.scenes import Scene, demonstration_of
     from comove.verification.record import judge
     from comove.views import animate_run, draw_run, save
 
@@ -65,13 +65,13 @@ def run(
     with progress_bar():
         load_kernels(loaded.n_dims, bool(loaded.moving.any()))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(loaded, demonstration=loaded.taught, seed=seed, budget=PLANNING)
+            planned = solve(loaded, demonstration=demonstration_of(loaded), seed=seed, budget=PLANNING)
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene
         budget = budget or LONGEST * loaded.duration
         check_steps(budget, period)
-        executor = Executor(loaded, seed=seed, pace=pace, demonstration=loaded.taught)
+        executor = Executor(loaded, seed=seed, pace=pace, demonstration=demonstration_of(loaded))
         record = executor.run(budget)
         report, interrupted, compared = judge(record, executor.blocker), executor.interrupted, []
         if compare and not interrupted:

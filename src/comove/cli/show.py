@@ -16,6 +16,7 @@ FURTHER = {
     "separation_spare_min": ("spare separation", 1e3, "mm or more, at every instant"),
     "tilt_max": ("tilt", 180 / math.pi, "deg at most"),
     "height_error_max": ("height error", 1.0, "m"),
+    "constraint_excess_max": ("other constraints' excess", 1.0, "at most"),
 }
 
 

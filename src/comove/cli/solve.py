@@ -94,7 +94,7 @@ def solve(
     from comove.planning import load_kernels, movements_of, solve
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
-    from comove.scenes import Scene
+    from comove.scenes import Scene, demonstration_of
     from comove.scenes.model import canonical
     from comove.views import draw_motion  # noqa: F401  what the pictures need is loaded before the search
 
@@ -115,7 +115,7 @@ def solve(
         if library is not None and method == "single":
             chosen = replace(chosen, movements=Library(library))
         solved = chosen.scene_of(loaded)
-        source, taught = None, loaded.taught
+        source, taught = None, demonstration_of(loaded)
         if library is not None and method != "single":
             source, taught = from_library(Library(library), loaded, chosen, seed, LIBRARY_SHARE * budget)
         dmp = movements_of(taught, solved)

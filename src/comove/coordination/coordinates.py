@@ -32,12 +32,6 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.geometry.rotations import quaternion_product
-from comove.scenes.constraints import (
-    ROUNDING,
-    RelativePoseConstraint,
-    SameHeightConstraint,
-    UprightConstraint,
-)
 from comove.scenes.groups import (
     GroupPose,
     RigidGroup,
@@ -327,15 +321,13 @@ def arms_coordinates(scene: Scene) -> Coordinates:
         If the load has points besides the hands, which free hands do not determine; if it must stay upright in the
         plane, or between hands at different heights; and if hands must keep their relative pose in space.
     """
-    tilted = [c for c in scene.constraints if isinstance(c, UprightConstraint) and not _is_level(scene, c)]
-    posed = [c for c in scene.constraints if isinstance(c, RelativePoseConstraint) and scene.n_dims == 3]
-    for held, unheld in (("upright", tilted), ("relative pose", posed)):
-        if unheld:
-            raise OptionError(
-                f"free hands do not hold the constraint '{held}'",
-                key="method",
-                way_out="use the method 'comove'",
-            )
+    unheld = next((c for c in scene.constraints if c.needs_body(scene.ends)), None)
+    if unheld is not None:
+        raise OptionError(
+            f"free hands do not hold the constraint '{unheld.kind.replace('_', ' ')}'",
+            key="method",
+            way_out="use the method 'comove'",
+        )
     if any(len(group.corners) for group in scene.groups):
         raise OptionError(
             "free hands do not say where the rest of the load is",
@@ -376,7 +368,7 @@ def _coordinates(
     n_dims, corner, n_columns = scene.n_dims, len(scene.manipulators), 0
     center, turn = np.zeros((len(groups), 3), dtype=np.int64), []
     scale, first, node, point = [], [0], [], []
-    for b, (group, kind, level) in enumerate(zip(groups, kinds, _level_with(scene, groups), strict=True)):
+    for b, (group, kind, level) in enumerate(zip(groups, kinds, scene.level_with(groups), strict=True)):
         own = n_dims if level == b else n_dims - 1  # the height is the last coordinate
         center[b, :own] = range(n_columns, n_columns + own)
         if level != b:
@@ -398,29 +390,6 @@ def _coordinates(
         n_dims,
     )
     return Coordinates(name, blocks, groups, n_columns, np.diag(scale))
-
-
-def _level_with(scene: Scene, groups: tuple[RigidGroup, ...]) -> list[int]:
-    """Return, for every group, the number of the first group that is kept at the same height by the constraints."""
-    group_of = {hand: b for b, group in enumerate(groups) for hand in group.members}
-    level = list(range(len(groups)))
-    for c in scene.constraints:
-        if isinstance(c, SameHeightConstraint):
-            pairs = [(c.first, c.second)]
-        elif isinstance(c, UprightConstraint) and _is_level(scene, c):
-            pairs = [(c.members[0], other) for other in c.members[1:]]
-        else:
-            continue
-        for first, second in pairs:
-            old, new = sorted((level[group_of[first]], level[group_of[second]]), reverse=True)
-            level = [new if b == old else b for b in level]
-    return level
-
-
-def _is_level(scene: Scene, c: UprightConstraint) -> bool:
-    """Return whether hands that keep a load upright in space are at one height at start and goal, and so always."""
-    heights = [ends[list(c.members), -1] for ends in (scene.start, scene.goal)]
-    return scene.n_dims == 3 and all(np.ptp(h) <= ROUNDING for h in heights)
 
 
 def _width(kind: int, n_dims: int) -> int:

@@ -53,27 +53,27 @@ PLANE_AREA, N_PLANES = (
     1e-4,
     12,
 )  # least share of the surface in one plane for a cut there; cuts per axis
-FINEST = 0.5  # of the resolution, below which overhangs are not told apart
+FINEST = 0.5  # of the resolution, below which excesses are not told apart
 FLAT = 1e-12  # of the square of its size: a triangle of less has no plane
 HELD = 1e-9  # of a mesh's size, by which a triangle may be outside its polytopes
 MOST_CORNERS, MOST_OPEN = 64, 192  # corners of a remaining polygon; pending polygons
 
 
 @dataclass(frozen=True)
-class Cover:
+class ConvexDecomposition:
     """A union of convex polytopes that contains a mesh.
 
     Attributes
     ----------
     polytopes : their union contains every triangle and the solids that the triangles close
-    overhang : upper bound of the distance from the mesh of a point of the polytopes [m]
+    excess : upper bound of the distance from the mesh of a point of the polytopes [m]
     """
 
     polytopes: tuple[Polytope, ...]
-    overhang: float
+    excess: float
 
 
-def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True) -> Cover:
+def decompose(parts: Parts, resolution: float | None = None, *, few: bool = True) -> ConvexDecomposition:
     """Find convex polytopes that contain solids and sheets.
 
     Parameters
@@ -84,7 +84,7 @@ def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True)
     size = float(np.ptp(parts.vertices, axis=0).max())
     resolution = SHARE * size if resolution is None else resolution
     work = MOST_WORK if few else LITTLE_WORK
-    found, overhang, rest = [], 0.0, []
+    found, excess, rest = [], 0.0, []
     for part, thickness in [(p, 0.0) for p in parts.solids] + [(p, SHEET * size) for p in parts.sheets]:
         corners = parts.vertices[part]
         if _area(corners).max() <= FLAT * size**2:
@@ -93,23 +93,23 @@ def cover_of(parts: Parts, resolution: float | None = None, *, few: bool = True)
         groups = None if hull else _Groups(corners, resolution, thickness)
         if hull is None and groups.n <= (work if few or not thickness else 0):
             work -= groups.n
-            hull = groups.cover()
+            hull = groups.decomposed()
         if hull is None:
             rest.append((corners, thickness))
         else:
             found += hull[0]
-            overhang = max(overhang, hull[1])
+            excess = max(excess, hull[1])
     own, beyond = _singles(rest, resolution, SHEET * size)
-    found, overhang = found + own, max(overhang, beyond)
+    found, excess = found + own, max(excess, beyond)
     triangles = parts.vertices[np.concatenate([*parts.solids, *parts.sheets])]
     for polygon in left_out(triangles, found, HELD * size):
         found.append(_thin(polygon, SHEET * size))
-        overhang = max(overhang, SHEET * size)
-    return Cover(tuple(found), overhang)
+        excess = max(excess, SHEET * size)
+    return ConvexDecomposition(tuple(found), excess)
 
 
 def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Polytope], float] | None:
-    """Return the hull of a part and its overhang [m].
+    """Return the hull of a part and its excess [m].
 
     It is None unless the part is convex or no larger than the resolution.
     """
@@ -127,7 +127,7 @@ def _hull(corners: Array, resolution: float, thickness: float) -> tuple[list[Pol
 def _singles(
     parts: list[tuple[Array, float]], resolution: float, thickness: float
 ) -> tuple[list[Polytope], float]:
-    """Return the hulls of all pieces of some parts and their overhang [m].
+    """Return the hulls of all pieces of some parts and their excess [m].
 
     Where the hulls would be too many, the parts are cut again with a coarser resolution.
 
@@ -144,11 +144,11 @@ def _singles(
         if sum(own.n for own in groups) <= MOST_PIECES:
             break
         resolution, n_planes = COARSER * resolution, 0
-    found, overhang = [], 0.0
+    found, excess = [], 0.0
     for own in groups:
         hulls, beyond = own.singles()
-        found, overhang = found + hulls, max(overhang, beyond)
-    return found, overhang
+        found, excess = found + hulls, max(excess, beyond)
+    return found, excess
 
 
 def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
@@ -250,8 +250,8 @@ class _Groups:
         ]
         return np.sort(np.concatenate([places, *even]))
 
-    def cover(self) -> tuple[list[Polytope], float] | None:
-        """Return hulls that contain all pieces, in the given frame, and their overhang [m].
+    def decomposed(self) -> tuple[list[Polytope], float] | None:
+        """Return hulls that contain all pieces, in the given frame, and their excess [m].
 
         It is None where the hulls are too many.
         """
@@ -270,26 +270,26 @@ class _Groups:
             others = [held for i, (_, held) in enumerate(chosen) if i != k]
             if others and np.any(others, axis=0).all():
                 del chosen[k]
-        found, overhang = [], 0.0
+        found, excess = [], 0.0
         for hull, held in chosen:
             around, _ = coarser(hull, self.resolution - self.near)
             beyond = 0.0
             if around is not hull or not self._is_filled(hull, held):
                 beyond = self.distance.farthest(around, FINEST * self.resolution)
-            overhang = max(overhang, beyond)
+            excess = max(excess, beyond)
             found.append(self._turned(around))
-        return found, overhang
+        return found, excess
 
     def singles(self) -> tuple[list[Polytope], float]:
-        """Return the hull of every piece, in the given frame, and an upper bound of their overhang [m]."""
-        found, overhang = [], 0.0
+        """Return the hull of every piece, in the given frame, and an upper bound of their excess [m]."""
+        found, excess = [], 0.0
         for k in range(self.n):
             points = self._points_of(k)
             hull = hull_of(points) or _thin(points, CONVEX * self.size)
             around, _ = coarser(hull, self.resolution - self.near)
-            overhang = max(overhang, float(np.linalg.norm(np.ptp(around.vertices, axis=0))))
+            excess = max(excess, float(np.linalg.norm(np.ptp(around.vertices, axis=0))))
             found.append(self._turned(around))
-        return found, overhang
+        return found, excess
 
     def _turned(self, polytope: Polytope) -> Polytope:
         """Return a polytope of the part's own frame in the frame that was given."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, SceneError
-from comove.geometry.convex_decomposition import SHEET, Cover, cover_of
+from comove.geometry.convex_decomposition import SHEET, ConvexDecomposition, decompose
 from comove.geometry.topology import Parts, solids_and_sheets
 from comove.geometry.triangles import FORMATS, MeshError, read_bytes, triangles_of
 
@@ -39,11 +39,11 @@ class Mesh:
     width: float
     sha256: str
 
-    def cover(self, resolution: float | None, *, few: bool) -> Cover:
+    def decomposed(self, resolution: float | None, *, few: bool) -> ConvexDecomposition:
         """Return convex polytopes that contain all triangles and what they close (see
-        `comove.geometry.convex_decomposition.cover_of`).
+        `comove.geometry.convex_decomposition.decompose`).
         """
-        return _cover(self, resolution, few)
+        return _decomposed(self, resolution, few)
 
 
 def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
@@ -108,5 +108,5 @@ def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]
 
 
 @lru_cache(maxsize=16)
-def _cover(mesh: Mesh, resolution: float | None, few: bool) -> Cover:
-    return cover_of(mesh.parts, resolution, few=few)
+def _decomposed(mesh: Mesh, resolution: float | None, few: bool) -> ConvexDecomposition:
+    return decompose(mesh.parts, resolution, few=few)

@@ -1,1 +1,1 @@
-"""Reading and writing of whole files: paths, free space, atomic replacement, archives of arrays, entries of JSON."""
+"""Reading and writing of whole files: paths, atomic replacement, archives of arrays, entries of JSON, strict YAML."""

@@ -16,6 +16,7 @@ from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
+from comove.scenes import fitted
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -110,7 +111,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
         each = [demonstration[name] for name in names]
     elif not isinstance(demonstration, (list, tuple)):
         if isinstance(demonstration, Demonstration):
-            demonstration = scene.learned(demonstration)
+            demonstration = fitted(scene, demonstration)
         if isinstance(demonstration, PoseDMP):
             return hands_of_poses(demonstration, scene)
         each = [_movement(demonstration)] * len(names)

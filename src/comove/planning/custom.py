@@ -1,4 +1,6 @@
-"""The search for the user's own functions: constrained CMA-ES, which begins at verified smooth motions."""
+"""The search for what must be sampled, functions of the user and constraints of the scene: constrained CMA-ES, which
+begins at smooth motions.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ Array = NDArray[np.float64]
 
 N_BASIS, N_FREE = 24, 8  # shape weights a column, and those that are changed: the smoothest
 STEP = 0.02  # m, the first step size: by which the middle of a motion moves
-MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance, more after a rejection
+MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance and constraints, more after a rejection
 SCALE = 0.01  # m of missing clearance, which count as much as a limit exceeded by 100 %
 MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # runs at most, and the relative gain after which another run follows
 PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
@@ -58,6 +60,9 @@ def _minimised(
     blank = CoordinatedMotion(scene, coordinates, basis, start.boundary, weights)
     limits = Limits.of(scene, scene.duration)
     width = coordinates.search.shape[1] * N_FREE
+    ends = np.stack([scene.nodes_at(end)[: len(scene.manipulators)] for end in ("start", "goal")])
+    # What an end needs of a tolerance no margin can keep.
+    kept = [(c, max(c.tolerance - margin, c.error(ends, scene.n_dims).max())) for c in scene.sampled]
 
     def moved(x: Array) -> Array:
         """Return the weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
@@ -71,14 +76,15 @@ def _minimised(
         motions = [replace(blank, weights=own_weights) for own_weights in population]
         q = rollouts(basis, start.boundary, population, N_STEPS)
         clearance = search.objective.evaluate(q).clearance
-        nodes = coordinates.nodes(q)
-        hands = nodes[:, :, : len(scene.manipulators), : scene.n_dims].reshape(len(x), N_STEPS, -1)
+        hands = coordinates.nodes(q)[:, :, : len(scene.manipulators)]
+        flat = hands[..., : scene.n_dims].reshape(len(x), N_STEPS, -1)
         search.evaluations += len(x)
         samples = [Samples.of(search.handed(motion)) for motion in motions]
         fixed = np.column_stack(
             [
                 (scene.clearance + margin - clearance) / SCALE,
-                [limits.excess(own_hands) for own_hands in hands],
+                [limits.excess(own_hands) for own_hands in flat],
+                *([(c.error(one, scene.n_dims).max() - most) / SCALE for one in hands] for c, most in kept),
             ]
         )
         costs = [

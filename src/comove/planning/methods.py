@@ -124,20 +124,32 @@ class Comove(Method):
             search.check_time()
 
     def _customise(self, search: Search, *, planner: bool) -> None:
-        """Find smooth motions without the user's functions, then optimise these functions from the best motions."""
+        """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
+        optimise with all of it from the best motions.
+        """
         base = replace(
-            search, own=None, checks=tuple(c for c in search.checks if c != search.own.reasons), kept=[]
+            search,
+            own=None,
+            checks=tuple(c for c in search.checks if c != search.own.reasons),
+            kept=[],
+            objective=replace(search.objective, scene=_unsampled(search.scene)),
+            asked=None if search.asked is None else _unsampled(search.asked),
         )
         base.deadline = min(base.deadline, base.started + SMOOTHING_SHARE * (base.deadline - base.started))
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
         search.needed = base.needed
-        search.attempt, search.attempt_verdict = base.attempt, base.attempt_verdict
-        for motion in base.kept:
+        if base.attempt is not None:
+            search.attempt, search.attempt_verdict = (
+                replace(base.attempt, scene=search.scene),
+                base.attempt_verdict,
+            )
+        kept = [replace(motion, scene=search.scene) for motion in base.kept]
+        for motion in kept:
             search.judge(motion)
         search.stage = "minimising the objective given"
-        for motion in reversed(base.kept[-N_STARTS:]):
+        for motion in reversed(kept[-N_STARTS:]):
             search.check_time()
             improve_own(search, search.own, motion)
 
@@ -381,6 +393,11 @@ class Guide(Quick):
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+
+
+def _unsampled(scene: Scene) -> Scene:
+    """Return a scene without the constraints that a search has to sample."""
+    return replace(scene, constraints=tuple(c for c in scene.constraints if not c.sampled))
 
 
 def _planner(search: Search, space: Space, ends: Array) -> Targets:

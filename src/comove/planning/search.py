@@ -130,7 +130,7 @@ class Search:
     compiled : counters of the kernels compiled since the start
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
         it is the scene that is searched
-    own : objective and constraints of the user; None without any
+    own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     kept : all motions that were the best at their time, in order
     needed : shortest duration known to suffice if the given one is too short [s]; else inf
     checks : further checks that a motion must pass, on the scene of the caller
@@ -271,7 +271,8 @@ class Search:
     def _violation(self, verdict: Verdict) -> float:
         """Return how far a rejected motion is from being verified; contact counts more than limits."""
         report, scene = verdict.report, self.scene
-        depth = max(0.0, scene.clearance - report.clearance_min, -(report.separation_spare_min or 0.0))
+        missed = max(-(report.separation_spare_min or 0.0), report.constraint_excess_max or 0.0)
+        depth = max(0.0, scene.clearance - report.clearance_min, missed)
         excess = max(report.limit_ratios(scene))
         violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
         return np.inf if np.isnan(violation) else violation

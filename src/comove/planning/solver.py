@@ -99,7 +99,7 @@ def solve(
     OptionError
         If an argument is out of range.
     """
-    functions = own(objective, listed(constraints))
+    functions = own(objective, listed(constraints), scene)
     if functions is not None:
         checks = (*checks, functions.reasons) if functions.constraints else checks
         objective = None if functions.function is not None else objective
@@ -113,9 +113,9 @@ def solve(
     if objective is None:
         objective = _default_objective(scene, taught, smooth)
     if (not isinstance(objective, PaperCost) or functions is not None) and not smooth:
-        what = type(objective).__name__ if functions is None else "a function of one's own"
         raise OptionError(
-            f"{what} needs comove's own method, a planner, and obstacles that are constraints",
+            f"{_what_is_asked(objective, functions)} needs comove's own method, a planner, and obstacles that are "
+            "constraints",
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
@@ -145,7 +145,7 @@ class Problem:
     Attributes
     ----------
     taught : demonstrated movement of every manipulator; None without any
-    own : objective and constraints of the user; None without any
+    own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
     smooth : whether motions are made smooth, by comove's own method
     """
@@ -178,6 +178,12 @@ class Problem:
         patient = self.smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
         plain = patient and self.carrier is None and self.own is None and not self.scene.moving.any()
         return plain and self.is_timed and least_possible(self.scene) > self.scene.duration
+
+
+def _what_is_asked(objective: LeastJerk | LeastTime | PaperCost, functions: OwnFunctions | None) -> str:
+    if functions is None:
+        return type(objective).__name__
+    return "a function of one's own" if functions.given else "a constraint that is sampled"
 
 
 def _default_objective(
@@ -275,7 +281,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
-        objective=search.aim if problem.own is None else problem.own,
+        objective=problem.own if problem.own is not None and problem.own.given else search.aim,
         followed=_followed(motion, search.aim, evaluated.demonstration),
     )
 
@@ -302,11 +308,11 @@ def _among_moving(problem: Problem) -> Solution:
     Raises
     ------
     OptionError
-        If there are functions of the user, which need a given duration here.
+        If there are functions of the user, or constraints that are sampled, which need a given duration here.
     """
     if problem.own is not None:
         raise OptionError(
-            "functions of one's own need a duration where obstacles move",
+            "functions of one's own, and constraints that are sampled, need a duration where obstacles move",
             file=problem.scene.path,
             key="duration",
             way_out="give one",

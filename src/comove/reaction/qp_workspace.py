@@ -108,16 +108,24 @@ class Desk(NamedTuple):
 
 
 def empty_desk(
-    points: LoadPoints, freedom: Freedom, n_hands: int, shape: tuple[int, int], n_rounds: int
+    points: LoadPoints,
+    freedom: Freedom,
+    n_hands: int,
+    shape: tuple[int, int],
+    n_rounds: int,
+    n_sampled: int = 0,
 ) -> Desk:
-    """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows."""
+    """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
+
+    `n_sampled` rows more are for constraints that are sampled.
+    """
     n_obstacles, n_columns = shape
     n_groups, _, n = freedom.basis.shape
     n_nodes, n_edges = len(points.node_group), len(points.edges) + len(points.solids)
     parts = len(points.edges) + N_PARTS * len(points.solids)
     first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
     later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
-    n_rows = first + n_rounds * later
+    n_rows = first + n_sampled + n_rounds * later
     return Desk(
         np.zeros((n, n)),
         np.zeros(n),

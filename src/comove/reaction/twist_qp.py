@@ -34,11 +34,10 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, require_positive
-from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows
+from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows, rate
 from comove.reaction.control_points import load_points
-from comove.reaction.qp_workspace import BORDER, LIMIT, Desk, Freedom, Rates, empty_desk
+from comove.reaction.qp_workspace import BORDER, HANDS, LIMIT, Desk, Freedom, Rates, empty_desk
 from comove.reaction.twists import HandPoses, group_nodes
-from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
@@ -52,6 +51,7 @@ ENDLESS = 1e30  # infinite for the solver
 TOLERANCE = 1e-9  # m/s, of rows in the solver
 # Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
 MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
+DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 
@@ -171,6 +171,7 @@ class TwistProgramme:
         )
         self._hands = (len(scene.manipulators), 3)
         self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
+        self._start = scene.nodes_at("start")[: self._hands[0]]
         self._prepare(len(scene.obstacles))
 
     def _prepare(self, n_obstacles: int) -> None:
@@ -181,6 +182,7 @@ class TwistProgramme:
             self._hands[0],
             (n_obstacles, self.scene.obstacles.shape[1]),
             MAX_ROUNDS + 1,
+            len(self.scene.sampled),
         )
         n_rows = len(self._desk.low)
         self._high = np.full(n_rows, ENDLESS)
@@ -213,6 +215,7 @@ class TwistProgramme:
         if m < 0:
             wrong, way_out = WRONG[m]
             raise OptionError(wrong, way_out=way_out)
+        m = self._sampled_rows(m)
         twists, gives_way = np.empty((len(poses.center), 6)), HARD
         for _ in range(MAX_ROUNDS):
             x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
@@ -258,6 +261,28 @@ class TwistProgramme:
                     f"{name} of shape {given.shape}", key=name, way_out=f"give an array of shape {shape}"
                 )
         return poses, before, wanted, sighting
+
+    def _sampled_rows(self, m: int) -> int:
+        """Write a row for every constraint that nothing else holds, and return the number of rows.
+
+        Its error, whose slope is taken by differences, may not grow faster than what is left of its tolerance allows.
+        """
+        desk, n_dims = self._desk, self.scene.n_dims
+        now = desk.nodes[: self._hands[0]]
+        for c in self.scene.sampled:
+            moves = [(hand, axis) for hand in c.hands for axis in range(n_dims)]
+            samples = np.repeat(now[None], 2 * len(moves), axis=0)
+            for k, (hand, axis) in enumerate(moves):
+                samples[2 * k : 2 * k + 2, hand, axis] += (DIFFERENCE, -DIFFERENCE)
+            error = c.error(np.concatenate([self._start[None], now[None], samples]), n_dims)[1:]
+            slopes = (error[1::2] - error[2::2]) / (2 * DIFFERENCE)
+            hands = np.array([desk.hands[hand, axis] for hand, axis in moves])
+            groups = [int(self._points.node_group[hand]) for hand in c.hands]
+            desk.rows[m] = -slopes @ hands
+            desk.low[m] = -rate(c.tolerance - float(error[0]) - RESERVE, desk.gain[groups].min(), self._rates)
+            desk.owner[m], desk.body[m] = HANDS, groups[0]
+            m += 1
+        return m
 
     def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
         """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
@@ -352,7 +377,7 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
     """Return the degrees of freedom of the groups of a scene."""
     n_dims, n_groups, up = scene.n_dims, len(scene.groups), scene.n_dims - 1
     node_group, node_point = group_nodes(scene)
-    level, (pairs, apart) = _level_with(scene), scene.kept_apart
+    level, (pairs, apart) = scene.level_with(scene.groups), scene.kept_apart
     shared: dict[int, int] = {}
     basis = np.zeros((n_groups, 6, 6 * n_groups))
     axis, scale = np.full(n_groups, -1, dtype=np.int64), np.ones(n_groups)
@@ -399,14 +424,3 @@ def _freedom(scene: Scene, turning_weight: float) -> Freedom:
         apart + RESERVE,
         *scene.workspace,
     )
-
-
-def _level_with(scene: Scene) -> list[int]:
-    """Return, for every group, the first group that must be at the same height."""
-    group_of = {hand: g for g, group in enumerate(scene.groups) for hand in group.members}
-    level = list(range(len(scene.groups)))
-    for c in scene.constraints:
-        if isinstance(c, SameHeightConstraint):
-            old, new = sorted((level[group_of[c.first]], level[group_of[c.second]]), reverse=True)
-            level = [new if g == old else g for g in level]
-    return level

@@ -33,7 +33,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from comove.errors import RobotError, SceneError, near_name
-from comove.scenes.keys import (
+from comove.io.keys import (
     UNTURNED,
     Name,
     NotNegative,
@@ -47,8 +47,8 @@ from comove.scenes.keys import (
     as_tuple,
     at_least,
 )
-from comove.scenes.messages import Contract, explained, scene_error, show
-from comove.scenes.yaml_reader import read_yaml
+from comove.io.messages import Contract, explained, scene_error, show
+from comove.io.yaml_reader import read_yaml
 
 BUNDLED = Path(__file__).parent / "descriptions"
 

@@ -7,18 +7,21 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
+from comove.constraints.distance import DistanceKeys, distance_tolerance
+from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
-from comove.scenes.constraints import ROUNDING, distance_tolerance
-from comove.scenes.messages import Flaw, KeyPath, counted, show
+from comove.io.keys import HAND, UNTURNED, VECTOR, marked
+from comove.io.messages import Flaw, KeyPath, counted, show
+from comove.io.yaml_reader import MAX_NAMES, near_files
 from comove.scenes.model import SceneFile
-from comove.scenes.yaml_reader import MAX_NAMES, near_files
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
 LARGE_WORKSPACE = 50.0
 """A workspace wider than this is probably written in millimetres [m]."""
 
-_UNTURNED = (1.0, 0.0, 0.0, 0.0)
+ROUNDING = 1e-12
+"""[m]"""
 _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
 
 
@@ -42,33 +45,13 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
     ]
 
 
-def _vectors(scene: SceneFile) -> Iterator[tuple[KeyPath, tuple[float, ...]]]:
-    """Yield all vectors that must have the scene's dimension, with their key paths."""
-    yield ("workspace", "upper"), scene.workspace.upper
-    for i, obstacle in enumerate(scene.obstacles):
-        for key in ("center", "size", "radii"):
-            if hasattr(obstacle, key):
-                yield ("obstacles", i, key), getattr(obstacle, key)
-        for path, vector in () if obstacle.motion is None else obstacle.motion.vectors:
-            yield ("obstacles", i, "motion", *path), vector
-    for i, manipulator in enumerate(scene.manipulators):
-        yield ("manipulators", i, "start"), manipulator.start
-        yield ("manipulators", i, "goal"), manipulator.goal
-    if _shape(scene) == "box":
-        yield ("load", "size"), scene.load.size
-    for i, vertex in enumerate(getattr(scene.load, "vertices", ())):
-        yield ("load", "vertices", i), vertex
-    for name, grasp in (getattr(scene.load, "grasps", None) or {}).items():
-        yield ("load", "grasps", name), grasp
-
-
 def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
     planar_or_spatial = _AXES.get(scene.dimension)
     if planar_or_spatial is None:
         message = f"{show(scene.workspace.lower)} has {counted(scene.workspace.lower, 'number')}"
         yield Flaw(("workspace", "lower"), message, "write 2 (planar) or 3 (spatial)")
         return
-    for path, vector in _vectors(scene):
+    for path, vector in marked(scene, VECTOR):
         if len(vector) != scene.dimension:
             commas = ", with decimal points" if len(vector) == 2 * scene.dimension else ""
             message = f"{show(vector)} has {counted(vector, 'number')}"
@@ -103,16 +86,9 @@ def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     """Yield all mentions of a manipulator's name, with their key paths."""
-    for i, name in enumerate(getattr(scene.load, "held_by", None) or ()):
-        yield ("load", "held_by", i), name
-    for i, edge in enumerate(getattr(scene.load, "edges", ())):
-        for j, name in enumerate(edge):
-            yield ("load", "edges", i, j), name
+    yield from marked(scene, HAND)
     for name in getattr(scene.load, "grasps", None) or ():
         yield ("load", "grasps", name), name
-    for i, constraint in enumerate(scene.constraints):
-        for j, name in enumerate(getattr(constraint, "between", ())):
-            yield ("constraints", i, "between", j), name
     offsets = scene.grasp.offset_deg if scene.grasp else None
     for name in offsets if isinstance(offsets, dict) else ():
         yield ("grasp", "offset_deg", name), name
@@ -131,7 +107,7 @@ def _rotation_flaws(scene: SceneFile) -> Iterator[Flaw]:
         if scene.dimension == 3 and getattr(obstacle, "rotation_deg", 0.0) != 0.0:
             message = f"{obstacle.rotation_deg} turns about no axis, because the scene is spatial"
             yield Flaw(("obstacles", i, "rotation_deg"), message, "use quaternion_wxyz")
-        if scene.dimension == 2 and getattr(obstacle, "quaternion_wxyz", _UNTURNED) != _UNTURNED:
+        if scene.dimension == 2 and getattr(obstacle, "quaternion_wxyz", UNTURNED) != UNTURNED:
             message = f"{show(obstacle.quaternion_wxyz)} turns in space, and the scene is planar"
             yield Flaw(("obstacles", i, "quaternion_wxyz"), message, "use rotation_deg")
     plane = scene.demonstration.plane if scene.demonstration else None
@@ -179,30 +155,29 @@ def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:
     """Yield repeated constraints, distances that contradict the load, and a constraint "upright" without a load."""
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, constraint in enumerate(scene.constraints):
-        pair = getattr(constraint, "between", ())
-        said = constraint.type, frozenset(pair)
+        hands = [name for _, name in marked(constraint, HAND)]
+        said = constraint.type, frozenset(hands)
         if said in seen:
-            what = f"the {constraint.type.replace('_', ' ')}"
-            between = f" between {' and '.join(pair)}" if pair else ""
-            message = f"{what}{between} is already given by constraints[{seen[said]}]"
+            between = f" between {' and '.join(hands)}" if hands else ""
+            what = f"the {constraint.type.replace('_', ' ')}{between}"
+            message = f"{what} is already given by constraints[{seen[said]}]"
             yield Flaw(("constraints", i), message, "keep one of them")
         seen.setdefault(said, i)
-        if constraint.type == "upright" and scene.load is None:
+        if isinstance(constraint, UprightKeys) and scene.load is None:
             message, way_out = "there is no load to keep upright", "add a load, or leave this one out"
             yield Flaw(("constraints", i), message, way_out)
-        if constraint.type == "distance":
-            yield from _distance_flaws(scene, i)
+        if isinstance(constraint, DistanceKeys):
+            yield from _distance_flaws(scene, constraint, ("constraints", i, "distance"))
 
 
-def _distance_flaws(scene: SceneFile, i: int) -> Iterator[Flaw]:
+def _distance_flaws(scene: SceneFile, constraint: DistanceKeys, path: KeyPath) -> Iterator[Flaw]:
     """Compare an explicit distance with the distance at which the load keeps the same two hands."""
-    constraint = scene.constraints[i]
     load = _load_distance(scene, constraint.between)
     tolerance = distance_tolerance(constraint.tolerance, constraint.distance)
     if load is not None and abs(load - constraint.distance) > tolerance + ROUNDING:
         names = " and ".join(constraint.between)
         message = f"{constraint.distance} m, but the load keeps {names} {load:.9g} m apart"
-        yield Flaw(("constraints", i, "distance"), message, "make them equal, or leave this one out")
+        yield Flaw(path, message, "make them equal, or leave this one out")
 
 
 def _shape(scene: SceneFile) -> str | None:

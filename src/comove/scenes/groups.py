@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -175,7 +176,7 @@ def _about_middle(points: Array) -> Array:
     return points - points.mean(axis=-2, keepdims=True)
 
 
-def rotation_in_plane(angle: float) -> Array:
+def rotation_in_plane(angle: Array | float) -> Array:
     """Return the rotation about z by `angle` [rad]; array, shape (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -223,3 +224,12 @@ def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Ar
         flat = jacobian.reshape(len(pairs), -1)
         points -= np.linalg.lstsq(flat, residual, rcond=1e-9)[0].reshape(points.shape)
     return points
+
+
+def connected(n: int, pairs: Sequence[tuple[int, ...]]) -> list[int]:
+    """Return the connected component of each of n nodes, as the least number of its nodes."""
+    component = list(range(n))
+    for a, b in pairs:
+        new, old = sorted((component[a], component[b]))
+        component = [new if c == old else c for c in component]
+    return component

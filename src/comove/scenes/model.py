@@ -12,6 +12,8 @@ in degrees where the key says so, quaternions in the order w, x, y, z.
 from __future__ import annotations
 
 import json
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -19,20 +21,25 @@ from pydantic import (
     BeforeValidator,
     Discriminator,
     Field,
+    GetPydanticSchema,
     SerializerFunctionWrapHandler,
     Tag,
     model_serializer,
     model_validator,
 )
 
-from comove.scenes.constraints import HEIGHT_TOLERANCE, UPRIGHT_TOLERANCE_DEG
-from comove.scenes.keys import (
+from comove.constraints import KINDS, ConstraintKeys
+from comove.io.keys import (
     UNTURNED,
+    Hands,
+    Length,
     Name,
     NotNegative,
     Number,
+    Pair,
     Part,
     Positive,
+    PositiveLength,
     Quaternion,
     Sizes,
     Vector,
@@ -40,10 +47,9 @@ from comove.scenes.keys import (
     as_tuple,
     at_least,
     at_most,
-    no_minus_zero,
     safe_name,
 )
-from comove.scenes.messages import Contract, Family, counted, show
+from comove.io.messages import Contract, Family, show
 from comove.scenes.moving import Motion
 
 CHOICES = ("episode", "topic")
@@ -54,20 +60,6 @@ MAX_MANIPULATORS = 100
 """Hands of one scene; distances grow with the square of their number."""
 ROBOT_CLEARANCE = 0.005
 """[m], kept on robots where the file does not say."""
-
-
-def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names:
-        raise Wrong("no manipulator is named", "name at least one")
-    if len(set(names)) < len(names):
-        raise Wrong(f"{show(names)} names a manipulator twice", "name different manipulators")
-    return names
-
-
-def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(names) != 2:
-        raise Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
-    return _distinct(names)
 
 
 def _version(number: int) -> int:
@@ -88,10 +80,6 @@ def _robot_name(name: str) -> str:
     if not name.strip() or not name.isprintable():
         raise Wrong(f"{show(name)} names no robot", "write a name such as baxter, or a description's path")
     return name
-
-
-Names = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_distinct)]
-Pair = Annotated[tuple[str, ...], BeforeValidator(as_tuple), AfterValidator(_pair)]
 
 
 class Workspace(Part):
@@ -136,15 +124,15 @@ class SphereObstacle(_Obstacle):
 
     shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
     center: Vector
-    radius: Positive
+    radius: PositiveLength
 
 
 class CapsuleObstacle(_Turned):
     """A segment of `length` that is thickened by `radius` [m]; along local x in the plane, local z in space."""
 
     shape: Literal["capsule"]
-    radius: Positive
-    length: Positive
+    radius: PositiveLength
+    length: PositiveLength
 
 
 class CylinderObstacle(_Obstacle):
@@ -152,8 +140,8 @@ class CylinderObstacle(_Obstacle):
 
     shape: Literal["cylinder"]
     center: Vector
-    radius: Positive
-    height: Positive
+    radius: PositiveLength
+    height: PositiveLength
     quaternion_wxyz: Quaternion = UNTURNED
 
 
@@ -174,8 +162,8 @@ class MeshObstacle(_Obstacle):
     file: str
     center: Vector
     quaternion_wxyz: Quaternion = UNTURNED
-    scale: Positive = 1.0
-    resolution: Positive | None = None
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
     """About how far what stands for it may reach beyond it [m]; 3 % of its longest side unless given."""
 
 
@@ -202,9 +190,9 @@ class BarLoad(_Load):
     """
 
     shape: Literal["bar"]
-    length: Positive
-    radius: NotNegative = 0.0
-    overhang: NotNegative = 0.0
+    length: PositiveLength
+    radius: Length = 0.0
+    overhang: Length = 0.0
     held_by: Pair | None = None
 
 
@@ -213,15 +201,15 @@ class FrameLoad(_Load):
 
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
-    radius: NotNegative = 0.0
-    held_by: Names | None = None
+    radius: Length = 0.0
+    held_by: Hands | None = None
 
 
 class _Gripped(_Load):
     """A load that has its own frame, in which `grasps` says where each hand holds it [m]."""
 
     grasps: dict[str, Vector] | None = None
-    held_by: Names | None = None
+    held_by: Hands | None = None
 
 
 class PolygonLoad(_Gripped):
@@ -229,7 +217,7 @@ class PolygonLoad(_Gripped):
 
     shape: Literal["polygon"]
     vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(3, "vertices")]
-    radius: NotNegative = 0.0
+    radius: Length = 0.0
 
 
 class BoxLoad(_Gripped):
@@ -249,8 +237,8 @@ class MeshLoad(_Gripped):
 
     shape: Literal["mesh"]
     file: str
-    scale: Positive = 1.0
-    resolution: Positive | None = None
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
 
 
 Load = Annotated[BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad, Field(discriminator="shape")]
@@ -273,10 +261,10 @@ class LimitsPart(Part):
     leaves the duration out, `solve` fills limits in.
     """
 
-    speed: Positive | None = None
-    acceleration: Positive | None = None
-    jerk: Positive | None = None
-    clearance: NotNegative | None = None
+    speed: PositiveLength | None = None
+    acceleration: PositiveLength | None = None
+    jerk: PositiveLength | None = None
+    clearance: Length | None = None
 
     @model_serializer(mode="wrap")
     def _without_no_jerk(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -284,65 +272,11 @@ class LimitsPart(Part):
         return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
 
 
-class DistancePart(Part):
-    """A constraint that keeps two hands `distance` apart, within `tolerance` (None: not given) [m]."""
-
-    type: Literal["distance"]
-    between: Pair
-    distance: Positive
-    tolerance: NotNegative | None = None
-
-
-class RelativePosePart(Part):
-    """A constraint that moves two hands as one rigid body, as they start.
-
-    Ends may miss the hands' distance by `tolerance` [m].
-    """
-
-    type: Literal["relative_pose"]
-    between: Pair
-    tolerance: NotNegative | None = None
-
-
-class SeparationPart(Part):
-    """A constraint that keeps two hands at least `distance` apart, less `tolerance` [m]."""
-
-    type: Literal["separation"]
-    between: Pair
-    distance: Positive
-    tolerance: NotNegative = 0.0
-
-    @model_validator(mode="after")
-    def _demands_something(self) -> SeparationPart:
-        if self.tolerance >= self.distance:
-            raise Wrong(
-                f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
-                "give a smaller tolerance",
-            )
-        return self
-
-
-class UprightPart(Part):
-    """A constraint that lets the load turn about the vertical only.
-
-    The goal may miss the tilt of the start by `tolerance_deg`.
-    """
-
-    type: Literal["upright"]
-    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = UPRIGHT_TOLERANCE_DEG
-
-
-class SameHeightPart(Part):
-    """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
-
-    type: Literal["same_height"]
-    between: Pair
-    tolerance: NotNegative = HEIGHT_TOLERANCE
-
-
-Constraint = Annotated[
-    DistancePart | RelativePosePart | SeparationPart | UprightPart | SameHeightPart,
-    Field(discriminator="type"),
+_AnyConstraint = Annotated[
+    ConstraintKeys,
+    GetPydanticSchema(
+        lambda _, handler: handler(Annotated[reduce(or_, KINDS.values()), Field(discriminator="type")])
+    ),
 ]
 
 
@@ -383,7 +317,7 @@ class LeastJerkObjective(Part):
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
-    room: NotNegative = 0.01
+    room: Length = 0.01
 
 
 class LeastTimeObjective(Part):
@@ -465,7 +399,7 @@ class SceneFile(Part):
         at_most(MAX_MANIPULATORS, "manipulators"),
     ]
     limits: LimitsPart = LimitsPart()
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(as_tuple)] = ()
+    constraints: Annotated[tuple[_AnyConstraint, ...], BeforeValidator(as_tuple)] = ()
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
@@ -519,20 +453,13 @@ _OBSTACLES = {
     "mesh": MeshObstacle,
 }
 _LOADS = {"bar": BarLoad, "frame": FrameLoad, "polygon": PolygonLoad, "box": BoxLoad, "mesh": MeshLoad}
-_CONSTRAINTS = {
-    "distance": DistancePart,
-    "relative_pose": RelativePosePart,
-    "separation": SeparationPart,
-    "upright": UprightPart,
-    "same_height": SameHeightPart,
-}
 _OBJECTIVES = {"least_jerk": LeastJerkObjective, "least_time": LeastTimeObjective, "paper": PaperObjective}
 CONTRACT = Contract(
     root=SceneFile,
     families={
         "obstacles": Family("shape", _OBSTACLES, 2),
         "load": Family("shape", _LOADS, 1),
-        "constraints": Family("type", _CONSTRAINTS, 2),
+        "constraints": Family("type", KINDS, 2),
         "objective": Family("type", _OBJECTIVES, 1),
     },
 )

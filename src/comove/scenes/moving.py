@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
-from comove.scenes.keys import NotNegative, Part, Positive, Vector, Wrong, as_tuple
-from comove.scenes.messages import counted, show
+from comove.io.keys import NotNegative, Part, Positive, PositiveLength, Vector, Wrong, as_tuple
+from comove.io.messages import counted, show
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ HOW = ("velocity", "waypoints", "circle")
 class Circle(Part):
     """A circle of `radius` [m] in the xy plane that is passed counter-clockwise once in `period_s` [s]."""
 
-    radius: Positive
+    radius: PositiveLength
     period_s: Positive
 
 
@@ -79,13 +79,6 @@ class Motion(Part):
                     f"times[{i + 1}] = {show(after)} does not come after times[{i}] = {show(before)}",
                     "sort the waypoints by time",
                 )
-
-    @property
-    def vectors(self) -> tuple[tuple[tuple[str | int, ...], tuple[float, ...]], ...]:
-        """Return the vectors that must have the scene's dimension, with their keys below `motion`."""
-        if self.velocity is not None:
-            return ((("velocity",), self.velocity),)
-        return tuple((("waypoints", i), point) for i, point in enumerate(self.waypoints or ()))
 
     def offsets(self, time: ArrayLike) -> Array:
         """Return the offsets of the centre from its position at 0 s; array, shape (n_times, 3) [m]."""

@@ -8,10 +8,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from comove.io.messages import explained, scene_error
+from comove.io.yaml_reader import Lines, read_yaml
 from comove.scenes.checks import cross_checked, warn_of_what_is_odd
-from comove.scenes.messages import explained, scene_error
 from comove.scenes.model import CONTRACT, SceneFile
-from comove.scenes.yaml_reader import Lines, read_yaml
 
 
 def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
@@ -51,7 +51,7 @@ def parse_scene(
     folder
         The folder to which paths in the scene are relative; where None, files are not looked for.
     file, lines
-        The source of the data, for messages; `lines` as :func:`comove.scenes.yaml_reader.read_yaml` returns them.
+        The source of the data, for messages; `lines` as :func:`comove.io.yaml_reader.read_yaml` returns them.
 
     Raises
     ------

@@ -7,41 +7,42 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from math import hypot, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import Demonstration
-from comove.errors import ComoveWarning, SceneError
-from comove.geometry import distances as sd
-from comove.geometry.convex_decomposition import Cover
-from comove.geometry.meshes import Mesh, read_mesh
-from comove.geometry.polytopes import rows_of
-from comove.geometry.rotations import matrices
-from comove.geometry.solids import N_CORNERS, solids_clearance
-from comove.geometry.surfaces import Placed, Surfaces, signed_distance, surfaces_of
-from comove.primitives import DMP, PoseDMP
-from comove.scenes.constraints import (
-    ROUNDING,
-    UPRIGHT_TOLERANCE_DEG,
+from comove.constraints import (
     Constraint,
     DistanceConstraint,
-    RelativePoseConstraint,
-    SameHeightConstraint,
+    Hands,
     SeparationConstraint,
     UprightConstraint,
-    distance_tolerance,
+    UprightKeys,
 )
+from comove.errors import ComoveWarning, SceneError
+from comove.geometry import distances as sd
+from comove.geometry.solids import solids_clearance
+from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
+from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, grasp_of
-from comove.scenes.groups import GroupPose, RigidGroup, rotation_in_plane
+from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import SceneFile, canonical
 from comove.scenes.moving import Motion
 from comove.scenes.reading import load_scene_file, parse_scene
-from comove.scenes.rigid import HEADING, levelled, require_same_heights, rigid_group, rigid_sets
-from comove.scenes.taught import read_demonstration, read_hands, read_movement
+from comove.scenes.rigid import ENDS, HEADING, Bodies
+from comove.scenes.shapes import (
+    FAR,
+    LOAD,
+    Body,
+    body_of,
+    inside_polygon,
+    obstacle_table,
+    placed,
+    read_meshes,
+    spatial,
+)
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
@@ -49,46 +50,6 @@ Array = NDArray[np.float64]
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
-LOAD = "load"
-LENGTHS = {  # keys whose numbers are lengths and their rates, and the scale of meshes, which makes lengths
-    *("lower", "upper", "start", "goal", "center", "size", "radius", "radii", "length", "height", "overhang"),
-    *(
-        "vertices",
-        "grasps",
-        "scale",
-        "resolution",
-        "velocity",
-        "waypoints",
-        "distance",
-        "tolerance",
-        "clearance",
-    ),
-    *("speed", "acceleration", "jerk"),
-}
-FAR = 1e6  # m, how far a planar scene's boxes reach along z
-
-
-@dataclass(frozen=True)
-class Body:
-    """The geometry that must keep clear of obstacles: thickened segments between nodes, and solids.
-
-    Nodes are the hands in the order of the manipulators, then the corners of the load.
-
-    Attributes
-    ----------
-    edges : array of int, shape (n_edges, 2), nodes at the ends of the segments; equal ends make a point
-    radii : array, shape (n_edges,), radii of the segments [m]
-    n_nodes : int
-    filled : bool, whether the edges are the border of a filled polygon
-    solids : array of int, shape (n_solids, 8), corners of boxes, numbered as in `comove.geometry.solids`;
-        or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated
-    """
-
-    edges: NDArray[np.int64]
-    radii: Array
-    n_nodes: int
-    filled: bool = False
-    solids: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +74,7 @@ class Scene:
     motions : motions of the obstacles, None for those that stand still
     begins : time on the clock of these motions at which the movement begins [s]
     surfaces : triangles of the obstacles that are meshes, for certified distances
-    overhangs : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or
-        "load"
+    excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     """
 
@@ -134,7 +94,7 @@ class Scene:
     motions: tuple[Motion | None, ...] = ()
     begins: float = 0.0
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
-    overhangs: dict[int | str, float] = field(default_factory=dict)
+    excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
 
     @classmethod
@@ -188,14 +148,14 @@ class Scene:
     def scaled(self, factor: float) -> Scene:
         """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
 
-        The demonstration is left out, as it has lengths of its own; the settings of an objective are not changed.
+        The demonstration is left out, as it has lengths of its own; weights of an objective are not changed.
         """
-        data = self.file.model_dump() | {"demonstration": None}
+        data = scaled(self.file, factor) | {"demonstration": None}
         for manipulator, start, goal in zip(data["manipulators"], self.start, self.goal, strict=True):
-            manipulator |= {"start": start.tolist(), "goal": goal.tolist()}
+            manipulator |= {"start": (factor * start).tolist(), "goal": (factor * goal).tolist()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
-            return Scene.from_dict(_scaled(data, factor), folder=self.folder)
+            return Scene.from_dict(data, folder=self.folder)
 
     def timed(self, duration: float | None) -> Scene:
         """Return the scene with another duration [s]; None leaves it open."""
@@ -360,58 +320,10 @@ class Scene:
         """Return the mass of the load [kg], None where there is no load or its mass is not given."""
         return None if self.file.load is None else self.file.load.mass
 
-    @cached_property
-    def demonstration(self) -> Demonstration | None:
-        """Return the recording that the scene names.
-
-        It is None where the scene names none, or a primitive of a library (see `taught`).
-
-        Raises
-        ------
-        SceneError
-            If the recording cannot be read or has another dimension.
-        """
-        source = self.file.demonstration
-        if source is None or source.library is not None:
-            return None
-        return read_demonstration(source, self.folder, self.n_dims, self.path)
-
     @property
     def turns_as_one(self) -> bool:
         """Return whether a single body, which turns, is all that moves."""
         return len(self.groups) == 1 and self.groups[0].orientation not in ("none", "fixed")
-
-    def learned(self, recording: Demonstration) -> DMP | PoseDMP:
-        """Return a primitive fitted to a recording.
-
-        It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
-        """
-        posed = recording.orientation is not None and self.turns_as_one
-        return PoseDMP.fit(recording) if posed else DMP.fit(recording)
-
-    @cached_property
-    def taught(self) -> DMP | PoseDMP | tuple[DMP, ...] | None:
-        """Return the movement that the scene names, as a primitive fitted to its recording, or from a library.
-
-        There is one primitive for each manipulator where the recording holds movements of all of them. Poses are
-        those of the load. None where the scene names no movement.
-
-        Raises
-        ------
-        SceneError
-            If it cannot be read or has another dimension.
-        """
-        source = self.file.demonstration
-        if source is not None and source.library is not None:
-            return read_movement(source, self.folder, self.n_dims, self.path, posed=self.turns_as_one)
-        hands = (
-            None
-            if source is None
-            else read_hands(source, self.folder, self.n_dims, self.manipulators, self.path)
-        )
-        if hands is not None:
-            return tuple(map(DMP.fit, hands))
-        return None if self.demonstration is None else self.learned(self.demonstration)
 
     @cached_property
     def sha256(self) -> str:
@@ -435,10 +347,26 @@ class Scene:
         apart = [
             c
             for c in self.constraints
-            if isinstance(c, SeparationConstraint) and not self.are_one_body(c.first, c.second)
+            if isinstance(c, SeparationConstraint) and not self.are_one_body(*c.hands)
         ]
         pairs = np.array([(c.first, c.second) for c in apart], dtype=np.int64).reshape(-1, 2)
         return pairs, np.array([c.least for c in apart])
+
+    @cached_property
+    def sampled(self) -> tuple[Constraint, ...]:
+        """Return the constraints that neither coordinates nor distances hold, which a search has to sample."""
+        return tuple(c for c in self.constraints if c.sampled)
+
+    @property
+    def ends(self) -> Array:
+        """Return the hands at start and goal; array, shape (2, n_manipulators, n_dims) [m]."""
+        return np.stack([self.start, self.goal])
+
+    def level_with(self, groups: tuple[RigidGroup, ...]) -> list[int]:
+        """Return, for every group of hands, the number of the first group that constraints keep at its height."""
+        group_of = {hand: g for g, group in enumerate(groups) for hand in group.members}
+        pairs = [pair for c in self.constraints for pair in c.level(self.ends)]
+        return connected(len(groups), [(group_of[first], group_of[second]) for first, second in pairs])
 
     def are_one_body(self, first: int, second: int) -> bool:
         """Return whether two hands, by number, belong to one rigid group."""
@@ -450,7 +378,7 @@ class Scene:
 
         A planar workspace is extended to `FAR` along z.
         """
-        return _spatial(self.lower, -FAR), _spatial(self.upper, FAR)
+        return spatial(self.lower, -FAR), spatial(self.upper, FAR)
 
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
         """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
@@ -491,7 +419,7 @@ class Scene:
         if body.filled:
             first, second = body.edges.T
             border = nodes[first[first != second]]  # without the hands, which are points
-            for j in np.flatnonzero(_inside_polygon(border, table[:, 1:4])):
+            for j in np.flatnonzero(inside_polygon(border, table[:, 1:4])):
                 found = min(found, (-float(table[j, sd.REACH]), int(j)))
         clearance, nearest = found[0], int(self.owners[rows][found[1]]) if found[1] >= 0 else -1
         hulls = [(edge, radius) for edge, radius in zip(body.edges, body.radii, strict=True)]
@@ -523,16 +451,6 @@ class Scene:
         return tuple(found)
 
 
-def _scaled(data: Any, factor: float, key: str = "") -> Any:
-    """Return data of a scene file with all numbers under the keys of lengths multiplied by `factor`."""
-    if isinstance(data, dict):
-        return {k: _scaled(value, factor, key if key in LENGTHS else k) for k, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_scaled(value, factor, key) for value in data]
-    is_length = key in LENGTHS and isinstance(data, (int, float)) and not isinstance(data, bool)
-    return data * factor if is_length else data
-
-
 @lru_cache(maxsize=8)  # a search asks for them in every generation
 def _offsets_along(scene: Scene, n_steps: int) -> Array:
     if not scene.moving.any():
@@ -543,76 +461,59 @@ def _offsets_along(scene: Scene, n_steps: int) -> Array:
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
-    meshes = _meshes(file, folder, path)
-    covers = {whose: mesh.cover(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()}
-    names = [m.name for m in file.manipulators]
-    start = _spatial(np.array([m.start for m in file.manipulators]))
-    goal = _spatial(np.array([m.goal for m in file.manipulators]))
-    n_dims = len(file.workspace.lower)
-    explicit = _resolved(file, start)
-    rigid = rigid_sets(file, explicit, path)
-    require_same_heights(file, explicit, start, goal, path)
-    level = [levelled(file, rigid, explicit, hands, path) for hands in (start, goal)]
-    groups, implied = [], []
+    meshes = read_meshes(file, folder, path)
+    held = {
+        whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
+    }
+    n_dims, n_hands = file.dimension, len(file.names)
+    given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
+    explicit = _resolved(file, spatial(given[0]))
+    bodies = Bodies(file, explicit, *spatial(given), path, held.get(LOAD))
+    rigid = bodies.sets()
+    bodies, groups, implied = bodies.levelled(rigid), [], []
     for members in rigid:
-        group, pairs = rigid_group(file, members, explicit, *level, path, covers.get(LOAD))
+        group, pairs = bodies.group(members)
         groups.append(group)
         implied += pairs
-    table, owners = _obstacle_table(file, n_dims, covers)
+    table, owners = obstacle_table(file, held)
     scene = Scene(
         file=file,
         folder=folder,
         path=path,
-        start=np.array(start[:, :n_dims]),
-        goal=np.array(goal[:, :n_dims]),
+        start=given[0],
+        goal=given[1],
         lower=np.array(file.workspace.lower, dtype=float),
         upper=np.array(file.workspace.upper, dtype=float),
         groups=tuple(groups),
         constraints=explicit + tuple(implied),
-        body=_body(file, names, groups, covers.get(LOAD)),
+        body=body_of(file, groups, held.get(LOAD)),
         obstacles=table,
         owners=owners,
         grasp=grasp_of(file, _carried(file, groups)),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
         surfaces=surfaces_of(
-            [_placed(mesh, part, i, owners) for i, (mesh, part) in meshes.items() if i != LOAD]
+            [placed(mesh, part, i, owners) for i, (mesh, part) in meshes.items() if i != LOAD]
         ),
-        overhangs={whose: cover.overhang for whose, cover in covers.items()},
+        excess={whose: decomposition.excess for whose, decomposition in held.items()},
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
-    moved = {end: scene.nodes_at(end)[: len(names), :n_dims] for end in ("start", "goal")}
-    for end, given in (("start", scene.start), ("goal", scene.goal)):
-        _say_shift(end, given, moved[end], names)
+    moved = {end: scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS}
+    for end, before in zip(ENDS, given, strict=True):
+        _say_shift(end, before, moved[end], scene.manipulators)
     scene = replace(scene, **moved)
     _require_heading(scene, path)
     _require_free_ends(scene, path)
-    _require_separate_ends(scene, path)
+    _require_kept_ends(scene, path)
     return scene
 
 
 def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
-    constraints: list[Constraint] = []
-    for c in file.constraints:
-        if c.type == "upright":
-            holders = tuple(file.names.index(name) for name in file.holders)
-            constraints.append(UprightConstraint(holders, radians(c.tolerance_deg)))
-            continue
-        i, j = (file.names.index(name) for name in c.between)
-        if c.type == "distance":
-            tolerance = distance_tolerance(c.tolerance, c.distance)
-            constraints.append(DistanceConstraint(i, j, c.distance, tolerance))
-        elif c.type == "relative_pose":
-            apart = float(np.linalg.norm(start[i] - start[j]))
-            constraints.append(RelativePoseConstraint(i, j, distance_tolerance(c.tolerance, apart)))
-        elif c.type == "separation":
-            constraints.append(SeparationConstraint(i, j, c.distance, c.tolerance))
-        else:
-            constraints.append(SameHeightConstraint(i, j, c.tolerance))
+    hands = Hands(file.names, tuple(file.names.index(name) for name in file.holders), start)
+    constraints = [keys.resolved(hands) for keys in file.constraints]
     if file.grasp is not None and not any(isinstance(c, UprightConstraint) for c in constraints):
         # Hands that keep their tilt also keep the tilt of the load.
-        holders = tuple(file.names.index(name) for name in file.holders)
-        constraints.append(UprightConstraint(holders, radians(UPRIGHT_TOLERANCE_DEG)))
+        constraints.append(UprightKeys(type="upright").resolved(hands))
     return tuple(constraints)
 
 
@@ -622,130 +523,7 @@ def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
     return next((group.members for group in groups if holders & set(group.members)), ())
 
 
-def _meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | str, tuple[Mesh, Any]]:
-    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""
-    parts: list[tuple[int | str, str, Any]] = [
-        (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
-    ]
-    parts += [(LOAD, "load", file.load)]
-    meshes = {}
-    for whose, key, part in parts:
-        if part is not None and part.shape == "mesh":
-            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
-            if part.resolution is not None and not part.resolution < mesh.width:
-                raise SceneError(
-                    f"'{part.file}' is {mesh.width:.3g} m long, and the resolution is {part.resolution:g} m",
-                    file=path,
-                    key=f"{key}.resolution",
-                    way_out="give a finer resolution",
-                )
-            meshes[whose] = mesh, part
-    return meshes
-
-
-def _placed(mesh: Mesh, obstacle: Any, number: int, owners: NDArray[np.int64]) -> Placed:
-    """Return the mesh of an obstacle at its position at 0 s."""
-    rotation = matrices(np.array(obstacle.quaternion_wxyz))
-    return Placed(mesh.parts, np.array(obstacle.center), rotation, number, int(np.argmax(owners == number)))
-
-
-def _body(file: SceneFile, names: list[str], groups: list[RigidGroup], cover: Cover | None = None) -> Body:
-    """Return the body of load and hands: edges of the load between nodes, or its solids, and hands as points.
-
-    A hand that is not the end of an edge is a point of its own.
-    """
-    load, edges, solids, radius = file.load, [], [], 0.0
-    n_corners = sum(len(g.corners) for g in groups)
-    corners = list(range(len(names), len(names) + n_corners))
-    if load is not None:
-        radius = getattr(load, "radius", 0.0)
-        if load.shape == "bar":
-            holders = [names.index(name) for name in (load.held_by or names)]
-            edges = [tuple(corners or holders)]
-        elif load.shape == "frame":
-            edges = [(names.index(a), names.index(b)) for a, b in load.edges]
-        elif load.shape == "box" and file.dimension == 3:
-            solids = [corners]
-        elif cover is not None:
-            solids = _hulls(cover, len(names))
-        else:
-            edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    touched = {node for edge in edges for node in edge}
-    points = [(i, i) for i in range(len(names)) if i not in touched]
-    return Body(
-        edges=np.array(edges + points, dtype=np.int64).reshape(-1, 2),
-        radii=np.array([radius] * len(edges) + [0.0] * len(points)),
-        n_nodes=len(names) + n_corners,
-        filled=load is not None and file.dimension == 2 and load.shape in ("polygon", "box"),
-        solids=np.array(solids, dtype=np.int64).reshape(-1, len(solids[0]) if solids else N_CORNERS),
-    )
-
-
-def _hulls(cover: Cover, first: int) -> list[list[int]]:
-    """Return the nodes of every polytope of a load, padded to equal length by repeating the last one.
-
-    Parameters
-    ----------
-    first : node of the first corner
-    """
-    counts = [len(polytope.vertices) for polytope in cover.polytopes]
-    width, hulls = max(*counts, N_CORNERS + 1), []
-    for count in counts:
-        own = list(range(first, first + count))
-        hulls.append(own + [own[-1]] * (width - count))
-        first += count
-    return hulls
-
-
-def _obstacle_table(
-    file: SceneFile, n_dims: int, covers: dict[int | str, Cover]
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return the table of obstacles, as `comove.geometry.distances` describes it, and the obstacle of each row."""
-    rows: list[Array] = []
-    for i, obstacle in enumerate(file.obstacles):
-        if i in covers:
-            turn = matrices(np.array(obstacle.quaternion_wxyz))
-            rows.append(rows_of(list(covers[i].polytopes), np.array(obstacle.center), turn))
-        else:
-            rows.append(_row(obstacle, n_dims)[None])
-    width = max((own.shape[1] for own in rows), default=sd.N_COLUMNS)
-    table = np.zeros((sum(map(len, rows)), width))
-    owners = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
-    for i, own in enumerate(rows):
-        table[owners == i, : own.shape[1]] = own
-    return table, owners
-
-
-def _row(obstacle: Any, n_dims: int) -> Array:
-    """Return the row of an obstacle that is not a mesh; array, shape (N_COLUMNS,)."""
-    row = np.zeros(sd.N_COLUMNS)
-    kind, size, reach = _SHAPES[obstacle.shape](obstacle)
-    if n_dims == 2:
-        rotation = rotation_in_plane(np.deg2rad(getattr(obstacle, "rotation_deg", 0.0)))
-        if kind == sd.CAPSULE:  # the kernel's capsule lies along z, the planar one along x
-            rotation = rotation @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-        if len(size) == 2 and kind in (sd.BOX, sd.ELLIPSOID):
-            size = (*size, FAR if kind == sd.BOX else max(size))
-    else:
-        rotation = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0, 0, 0))))
-    row[sd.KIND], row[sd.REACH] = kind, reach
-    row[sd.CENTER : sd.CENTER + 3] = _spatial(np.array(obstacle.center))
-    row[sd.ROTATION : sd.ROTATION + 9] = rotation.ravel()
-    row[sd.SIZE : sd.SIZE + len(size)] = size
-    return row
-
-
-# Kind, size and reach of an obstacle of each shape.
-_SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
-    "box": lambda o: (sd.BOX, tuple(x / 2 for x in o.size), hypot(*o.size) / 2),
-    "sphere": lambda o: (sd.SPHERE, (o.radius,), o.radius),
-    "capsule": lambda o: (sd.CAPSULE, (o.radius, o.length / 2), o.radius + o.length / 2),
-    "cylinder": lambda o: (sd.CYLINDER, (o.radius, o.height / 2), hypot(o.radius, o.height / 2)),
-    "ellipsoid": lambda o: (sd.ELLIPSOID, tuple(o.radii), max(o.radii)),
-}
-
-
-def _say_shift(end: str, given: Array, moved: Array, names: list[str]) -> None:
+def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> None:
     shift = np.linalg.norm(moved - given, axis=1)
     worst = first_largest(shift)
     if shift[worst] > TOLD_SHIFT:
@@ -773,7 +551,7 @@ def _require_heading(scene: Scene, path: object) -> None:
 
 
 def _require_free_ends(scene: Scene, path: object) -> None:
-    for end in ("start", "goal"):
+    for end in ENDS:
         # What moves may have left the goal, or not come there yet, when the load does.
         there = [i for i in range(len(scene.file.obstacles)) if end == "start" or not scene.moving[i]]
         clearance, nearest = scene._nearest(scene.nodes_at(end), 0.0, there)
@@ -792,47 +570,21 @@ def _require_free_ends(scene: Scene, path: object) -> None:
             )
 
 
-def _require_separate_ends(scene: Scene, path: object) -> None:
-    """Refuse a start or goal at which hands are nearer than their separation; warn where it is only just kept.
+def _require_kept_ends(scene: Scene, path: object) -> None:
+    """Refuse a start or goal that misses a constraint; warn where a separation is only just kept.
 
     Hands of one group are not warned of, as their distance does not change.
     """
+    names, ends = scene.manipulators, spatial(scene.ends)
     for i, c in enumerate(scene.constraints):
-        for end in ("start", "goal") if isinstance(c, SeparationConstraint) else ():
-            hands, names = (
-                getattr(scene, end),
-                " and ".join(f"'{scene.manipulators[h]}'" for h in (c.first, c.second)),
-            )
-            apart = float(np.linalg.norm(hands[c.first] - hands[c.second]))
-            if apart < c.least - ROUNDING:
-                raise SceneError(
-                    f"{names} are {apart:.4g} m apart at the {end}, but they must stay at least "
-                    f"{c.least:g} m apart",
-                    file=path,
-                    key=f"constraints[{i}]",
-                    way_out="move one of them, or ask for less",
-                )
-            if apart < c.least + PROVABLE and not scene.are_one_body(c.first, c.second):
+        for end, error in zip(ENDS, c.error(ends, scene.n_dims).tolist(), strict=True):
+            if error > c.allowed:
+                message, way_out = c.unmet(end, error, names)
+                raise SceneError(message, file=path, key=f"constraints[{i}]", way_out=way_out)
+            if isinstance(c, SeparationConstraint) and error > -PROVABLE and not scene.are_one_body(*c.hands):
                 warnings.warn(
-                    f"at the {end} {names} are just as far apart as they must be, which hardly any motion can be "
-                    "proved to keep; move them a little further apart, or give the separation a tolerance",
+                    f"at the {end} {c.pair(names)} are just as far apart as they must be, which hardly any motion "
+                    "can be proved to keep; move them a little further apart, or give the separation a tolerance",
                     ComoveWarning,
                     stacklevel=4,
                 )
-
-
-def _inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:
-    """Return which of `points` lie inside the polygon; both arrays of shape (n, 3), the plane is xy."""
-    a, b = vertices, np.roll(vertices, -1, axis=0)
-    x, y = points[:, None, 0], points[:, None, 1]
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-    return (crosses & (x < at)).sum(axis=1) % 2 == 1
-
-
-def _spatial(vectors: Array, fill: float = 0.0) -> Array:
-    """Return vectors with `fill` appended as third coordinate where they are planar."""
-    if vectors.shape[-1] == 3:
-        return np.array(vectors, dtype=float)
-    return np.concatenate([vectors, np.full((*vectors.shape[:-1], 1), fill)], axis=-1)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints.constraint import nearest_on_chords
 from comove.coordination.coordinates import ANGLE, POINT, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.flow import OMEGA
@@ -43,7 +44,7 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
     acceleration, jerk = np.zeros(shape), np.zeros(shape)
     for part in coordinates.parts:
         center, turn = np.split(knots[:, :, part.columns], [coordinates.n_dims], axis=2)
-        _, second, third = _column_bounds(center)
+        _, second, third = column_bounds(center)
         swing, twist = np.zeros(N_INTERVALS), np.zeros(N_INTERVALS)
         if part.kind != POINT:
             swing, twist = _turning_bounds(part.kind, turn)
@@ -53,51 +54,6 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
             acceleration[:, part.nodes] = second[:, None] + swing[:, None] * reach
             jerk[:, part.nodes] = third[:, None] + twist[:, None] * reach
     return NodeBounds(acceleration, jerk)
-
-
-def distance_error(relative: Array, distance: float) -> float:
-    """Return an upper bound of ``| |r| - distance |`` at every instant, for r = y1 - y2 of two free hands [m].
-
-    The distance d = |r| has |d''| <= |r'|^2 / d + |r''|, and a function leaves the chord between two of its points by
-    at most h^2/8 of its second derivative.
-
-    Parameters
-    ----------
-    relative : array, shape (3, n_knots, n_dims), r and its first two derivatives at the knots
-    """
-    apart = lengths(relative[0])
-    fastest, bend, _ = _column_bounds(relative)
-    nearest = np.minimum(apart[1:], apart[:-1]) - 0.5 * INTERVAL * fastest
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turning = np.where(nearest > 0, fastest**2 / nearest, np.inf)
-    error = np.abs(apart - distance)
-    return float((np.maximum(error[1:], error[:-1]) + INTERVAL**2 / 8 * (turning + bend)).max())
-
-
-def least_distance(relative: Array, stray: Array) -> float:
-    """Return a lower bound of |r| at every instant, for r = y1 - y2 of two hands [m].
-
-    Parameters
-    ----------
-    relative : array, shape (n_knots, n_dims), r at the knots
-    stray : array, shape (n_intervals,), largest distance of r from its chord between two knots [m]
-    """
-    here, step = relative[:-1], np.diff(relative, axis=0)
-    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    nearest = lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step)
-    return float((nearest - stray).min())
-
-
-def largest_size(column: Array) -> float:
-    """Return an upper bound of |x| at every instant, for x a column of q, or the difference of two.
-
-    Parameters
-    ----------
-    column : array, shape (3, n_knots), x and its first two derivatives at the knots
-    """
-    _, bend, _ = _column_bounds(column[:, :, None])
-    size = np.abs(column[0])
-    return float((np.maximum(size[1:], size[:-1]) + INTERVAL**2 / 8 * bend).max())
 
 
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
@@ -148,9 +104,7 @@ def least_length(columns: Array, second: Array) -> Array:
     columns : array, shape (3, n_knots, width), x and its first two derivatives
     second : array, shape (n_intervals,), upper bound of |x''|
     """
-    here, step = columns[0, :-1], np.diff(columns[0], axis=0)
-    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-    return lengths(here + np.clip(along, 0.0, 1.0)[:, None] * step) - INTERVAL**2 / 8 * second
+    return nearest_on_chords(columns[0]) - INTERVAL**2 / 8 * second
 
 
 def lengths(vectors: Array) -> Array:
@@ -161,7 +115,7 @@ def lengths(vectors: Array) -> Array:
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
-def _column_bounds(columns: Array) -> tuple[Array, Array, Array]:
+def column_bounds(columns: Array) -> tuple[Array, Array, Array]:
     """Return upper bounds of the norms of the first three derivatives of a vector x on every interval.
 
     Parameters
@@ -201,7 +155,7 @@ def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
     -------
     second, third : arrays, shape (n_intervals,)
     """
-    first, second, third = _column_bounds(turn)
+    first, second, third = column_bounds(turn)
     if kind == ANGLE:
         return np.hypot(second, first**2), third + 3 * first * second + first**3
     least = least_length(turn, second)

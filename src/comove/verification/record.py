@@ -7,30 +7,21 @@ body strays from the chord of its step by at most ``|w|^2 |r| h^2 / 8``, and the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import Course, RelativePoseConstraint, UprightConstraint
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
-from comove.scenes.constraints import (
-    DistanceConstraint,
-    RelativePoseConstraint,
-    SameHeightConstraint,
-    SeparationConstraint,
-    UprightConstraint,
-)
 from comove.scenes.scene import Scene
-from comove.verification.bounds import least_distance
 from comove.verification.certificate import Clearance, Paths, certify_nodes
-from comove.verification.constraints import judged, tilts, worst
+from comove.verification.constraints import examine, measures
 
 Array = NDArray[np.float64]
-
-PairConstraint = DistanceConstraint | RelativePoseConstraint | SeparationConstraint | SameHeightConstraint
 
 END_ERROR = 1e-3  # m, by which an execution may miss its goal
 END_SPEED = 1e-3  # m/s, below which it is at rest
@@ -92,9 +83,18 @@ class Record:
         """Return the positions of the hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
         return self.nodes[:, : len(self.scene.manipulators), : self.scene.n_dims]
 
-    def holds(self, c: PairConstraint) -> bool:
-        """Return whether the hands of a constraint are on one rigid body, and so stay together between the steps."""
-        return any({c.first, c.second} <= set(own) for own in self.scene.nodes_of_groups)
+    def holds(self, hands: Sequence[int]) -> bool:
+        """Return whether hands are on one rigid body, and so stay together between the steps."""
+        return any(set(hands) <= set(own) for own in self.scene.nodes_of_groups)
+
+    def tilting(self, hands: Sequence[int]) -> Array:
+        """Return half of the rotation within each step that is not about the vertical [rad].
+
+        A line between hands of one body tilts at most that much more than at the worse end of the step.
+        """
+        (g,) = {g for g, own in enumerate(self.scene.nodes_of_groups) if set(hands) & set(own)}
+        axes = slice(0, 2) if self.scene.n_dims == 3 else slice(2, 3)
+        return 0.5 * np.linalg.norm(self.spins[:, g, axes], axis=1) * np.diff(self.time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +155,13 @@ class RecordSamples:
         """Return how far the centres stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
         return self.scene.obstacle_sags(self.time)
 
-    def holds(self, c: PairConstraint) -> bool:
+    def holds(self, hands: Sequence[int]) -> bool:
         """Return False, as no rigid body is known to hold the hands together."""
         return False
+
+    def tilting(self, hands: Sequence[int]) -> Array:
+        """Return zeros: the direction between two hands that go straight turns one way in a step."""
+        return np.zeros(len(self.time) - 1)
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,7 @@ class RecordReport:
     separation_spare_min : least spare of the hands' distances beyond their separations [m]; None without any
     tilt_max : largest tilt of a load that must stay upright [rad]; None where none must
     height_error_max : largest difference of heights that must be the same [m]; None without any
+    constraint_excess_max : what errors of constraints of other kinds exceed their tolerance by; None without any
     reasons : what is wrong, in words; empty for a correct execution
     """
 
@@ -187,10 +192,11 @@ class RecordReport:
     end_speed: float
     speed_max: float
     acceleration_max: float
-    separation_spare_min: float | None
-    tilt_max: float | None
-    height_error_max: float | None
-    reasons: tuple[str, ...]
+    separation_spare_min: float | None = None
+    tilt_max: float | None = None
+    height_error_max: float | None = None
+    constraint_excess_max: float | None = None
+    reasons: tuple[str, ...] = ()
 
 
 def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
@@ -207,19 +213,15 @@ def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
     changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
     clearance = _clearance(record)
-    findings = [judged(c, _MEASURES[type(c)](record, c), scene.manipulators) for c in scene.constraints]
+    findings = examine(_RecordCourse(record), scene.constraints, scene.manipulators)
     report = RecordReport(
         clearance_min=clearance.lower,
-        distance_error_max=worst(findings, DistanceConstraint, max) or 0.0,
         start_error=float(misses[0]),
         end_error=float(misses[1]),
         end_speed=float(speeds[-1].max()),
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
-        separation_spare_min=worst(findings, SeparationConstraint, min),
-        tilt_max=worst(findings, UprightConstraint, max),
-        height_error_max=worst(findings, SameHeightConstraint, max),
-        reasons=(),
+        **{"distance_error_max": 0.0, **measures(findings)},
     )
     reasons = _contact(record, clearance)
     reasons += [finding.reason for finding in findings if finding.reason]
@@ -279,65 +281,26 @@ def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
     return reasons
 
 
-def _distance(record: Record | RecordSamples, c: DistanceConstraint) -> float:
-    """Return the largest error of a distance [m].
+class _RecordCourse(Course):
+    """The hands of a record, which go from step to step along arcs."""
 
-    Between the steps a single group keeps the distance; the distance of two groups is bounded by their chords and
-    arcs.
-    """
-    relative, stray = _relative(record, c)
-    apart = np.linalg.norm(relative, axis=1)
-    error = float(np.abs(apart - c.distance).max())
-    if record.holds(c):
-        return error
-    farthest = float((np.maximum(apart[1:], apart[:-1]) + stray).max())
-    return max(c.distance - least_distance(relative, stray), farthest - c.distance)
+    def __init__(self, record: Record | RecordSamples):
+        self.record, self.n_dims = record, record.scene.n_dims
+        self.position = record.nodes[:, : len(record.scene.manipulators)]
 
+    def stray(self, hands: Sequence[int]) -> Array:
+        """Return the sum of the largest distances of hands from their chords."""
+        return self.record.bulges[:, list(hands)].sum(axis=1)
 
-def _relative_pose(record: Record | RecordSamples, c: RelativePoseConstraint) -> float:
-    return 0.0 if record.scene.n_dims == 2 or record.holds(c) else np.inf
+    def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
+        """Return one hand relative to another, and how far it strays from its chords."""
+        apart = self.position[:, first, axes] - self.position[:, second, axes]
+        return apart, self.stray((first, second))
 
+    def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
+        """Return whether one body is known to hold both hands; a record knows its roll too."""
+        return self.record.holds((first, second))
 
-def _separation(record: Record | RecordSamples, c: SeparationConstraint) -> float:
-    relative, stray = _relative(record, c)
-    if record.holds(c):
-        return float(np.linalg.norm(relative, axis=1).min()) - c.least
-    return least_distance(relative, stray) - c.least
-
-
-def _upright(record: Record, c: UprightConstraint) -> float:
-    """Return the largest tilt [rad].
-
-    Within a step the tilt exceeds that at its ends by at most half of the step's rotation that is not about the
-    vertical.
-    """
-    n_dims = record.scene.n_dims
-    (g,) = {g for g, own in enumerate(record.scene.nodes_of_groups) if set(c.members) & set(own)}
-    tilt = tilts(record.nodes, c.members, n_dims)
-    axes = slice(0, 2) if n_dims == 3 else slice(2, 3)
-    turn = np.linalg.norm(record.spins[:, g, axes], axis=1) * np.diff(record.time)
-    return float((np.maximum(tilt[1:], tilt[:-1]) + 0.5 * turn).max())
-
-
-def _same_height(record: Record | RecordSamples, c: SameHeightConstraint) -> float:
-    relative, stray = _relative(record, c)
-    gap = np.abs(relative[:, record.scene.n_dims - 1])
-    return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
-
-
-_MEASURES: dict[type, Callable[..., float]] = {
-    DistanceConstraint: _distance,
-    RelativePoseConstraint: _relative_pose,
-    SeparationConstraint: _separation,
-    UprightConstraint: _upright,
-    SameHeightConstraint: _same_height,
-}
-
-
-def _relative(record: Record | RecordSamples, c: PairConstraint) -> tuple[Array, Array]:
-    """Return one hand relative to the other and the largest distance of it from its chords.
-
-    Arrays, shapes (n_steps, 3) and (n_steps - 1,) [m].
-    """
-    nodes, bulges = record.nodes, record.bulges
-    return nodes[:, c.first] - nodes[:, c.second], bulges[:, c.first] + bulges[:, c.second]
+    def tilting(self, hands: Sequence[int]) -> Array:
+        """Return by how much lines between hands may tilt more within a step than at its ends."""
+        return self.record.tilting(hands)

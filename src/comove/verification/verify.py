@@ -12,17 +12,11 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
-from comove.scenes.constraints import (
-    DistanceConstraint,
-    SameHeightConstraint,
-    SeparationConstraint,
-    UprightConstraint,
-)
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
-from comove.verification.constraints import examine, worst
+from comove.verification.constraints import MotionCourse, examine, measures
 from comove.verification.rates import largest_jerk
 from comove.verification.sealed import Sealed
 
@@ -51,9 +45,11 @@ class Report:
         allow [m]; negative where one is broken
     tilt_max : upper bound of the change of the tilt of a load that must stay upright [rad]
     height_error_max : upper bound of the difference of heights that must be the same [m]
+    constraint_excess_max : upper bound of what errors of constraints of other kinds exceed their tolerance by, each
+        in its own unit
     jerk_max : upper bound of a hand's jerk [m/s^3]
 
-    The last four are None where the scene asks for nothing of the kind.
+    The last five are None where the scene asks for nothing of the kind.
     """
 
     clearance_min: float
@@ -65,6 +61,7 @@ class Report:
     separation_spare_min: float | None = None
     tilt_max: float | None = None
     height_error_max: float | None = None
+    constraint_excess_max: float | None = None
     jerk_max: float | None = None
 
     def limit_ratios(self, scene: Scene) -> tuple[float, float, float]:
@@ -151,18 +148,15 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     bounds = node_bounds(motion)
     clearance = certify(motion, bounds)
-    findings = examine(motion, bounds, position)
+    findings = examine(MotionCourse(motion, bounds, position), scene.constraints, scene.manipulators)
     report = Report(
         clearance_min=clearance.lower,
-        distance_error_max=worst(findings, DistanceConstraint, max) or 0.0,
         end_error=float(ends.max()),
         end_speed=float(lengths(velocity[-1]).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
-        separation_spare_min=worst(findings, SeparationConstraint, min),
-        tilt_max=worst(findings, UprightConstraint, max),
-        height_error_max=worst(findings, SameHeightConstraint, max),
         jerk_max=largest_jerk(motion, bounds.jerk) if np.isfinite(scene.jerk_limit) else None,
+        **{"distance_error_max": 0.0, **measures(findings)},
     )
     reasons = []
     if not _are_of_the_scene(motion):

@@ -6,6 +6,7 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.experiments.compared import Gains, LeaderFollower
+from comove.scenes import demonstration_of
 from tests.coordination.examples import HANDS, MIXED, PLANAR_BAR, SPATIAL_TRIANGLE
 from tests.solved import example
 
@@ -76,7 +77,7 @@ def test_several_pairs_in_one_scene():
 
 def test_in_space_with_a_demonstration():
     scene = example("window")
-    solution = comove.solve(scene, demonstration=scene.taught, method=LeaderFollower(mutual=True))
+    solution = comove.solve(scene, demonstration=demonstration_of(scene), method=LeaderFollower(mutual=True))
     assert solution.report.distance_error_max < 5e-4
     assert solution.log["epoch_error_max_m"][0] > 0.005
 

@@ -7,7 +7,7 @@ import comove
 from comove.errors import OptionError
 from comove.experiments.compared import Single
 from comove.experiments.compared.single import alone
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from tests import brute_force
 from tests.coordination.examples import POLYGON, TRAY
 from tests.planning.two_gaps import bumps, two_gaps
@@ -61,7 +61,7 @@ def test_the_second_stage_improves_the_combination():
 
 def test_a_demonstration_joins_the_library():
     scene = example("complex")
-    assert comove.solve(scene, demonstration=scene.taught, method=Single(n_movements=1)).verified
+    assert comove.solve(scene, demonstration=demonstration_of(scene), method=Single(n_movements=1)).verified
 
 
 @pytest.mark.parametrize("scene", [TRAY, POLYGON], ids=["tray", "polygon"])

@@ -6,7 +6,7 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.experiments.compared import Performance, TaskPriority
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of
 from tests.coordination.examples import MIXED, PLANAR_BAR, PLANAR_LEVEL
 from tests.meshes import ring, write_obj
 from tests.solved import example
@@ -23,7 +23,7 @@ def stuck():
 def through():
     """Both staggered gaps, by a demonstration that passes them."""
     scene = example("complex")
-    return comove.solve(scene, demonstration=scene.taught, method=TaskPriority())
+    return comove.solve(scene, demonstration=demonstration_of(scene), method=TaskPriority())
 
 
 def test_where_nothing_is_in_the_way_the_motion_is_verified():
@@ -121,9 +121,9 @@ def test_a_tighter_bound_holds_the_middle_closer():
     tight = Performance(first=0.05, last=0.02, decay=2.0, gain=20.0)
     loose = Performance(first=0.05, last=0.02, decay=2.0, gain=2.0)
     errors = [
-        comove.solve(scene, demonstration=scene.taught, method=TaskPriority(absolute=p, period=0.01)).log[
-            "absolute_error_max_m"
-        ]
+        comove.solve(
+            scene, demonstration=demonstration_of(scene), method=TaskPriority(absolute=p, period=0.01)
+        ).log["absolute_error_max_m"]
         for p in (tight, loose)
     ]
     assert 5 < errors[1] / errors[0] < 20

@@ -6,6 +6,7 @@ import pytest
 import comove
 from comove.experiments.compared import Unconstrained
 from comove.experiments.compared.unconstrained import without_load
+from comove.scenes import demonstration_of
 from comove.verification import verify
 from tests.coordination.examples import HANDS
 from tests.solved import example, random_scene
@@ -29,7 +30,7 @@ def test_the_hands_themselves_touch_nothing(taught):
     """Judged as free hands without a load."""
     scene = example("narrow")
     motion = comove.solve(
-        scene, demonstration=scene.taught if taught else None, method=Unconstrained()
+        scene, demonstration=demonstration_of(scene) if taught else None, method=Unconstrained()
     ).attempt
     s = np.linspace(0.0, 1.0, 2001)
     nodes = np.zeros((len(s), 2, 3))

@@ -74,7 +74,7 @@ def solve(
     from comove.primitives import Library
     from comove.results import check_target, whole_folder
     from comove.robots import carry, write_joints
-    from comove.scenes import Scene
+    from comove.scenes import Scene, demonstration_of
     from comove.views import draw_joints, save
 
     chosen = method_named(method, METHODS)
@@ -85,7 +85,7 @@ def solve(
         loaded = Scene.load(scene, changes_of(duration, speed, acceleration, jerk, clearance))
         wanted = objective_of(objective, resemblance, weights, loaded, smooth)
         carrier, named = robot_named(robot, loaded, scene)
-        source, taught = None, loaded.taught
+        source, taught = None, demonstration_of(loaded)
         if library is not None:
             source, taught = from_library(Library(library), loaded, chosen, seed, LIBRARY_SHARE * budget)
         dmp = movements_of(taught, loaded)

@@ -30,6 +30,7 @@ from comove.experiments.bench.sets import BenchScene
 from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.experiments.workers import ONE_THREAD
+from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
 
 KILLS = 3  # of workers, before a run is given up
@@ -297,7 +298,7 @@ def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, 
     why = job.system.refuses(scene)
     if why:
         return "refused", why, None
-    problem = SystemProblem(scene, scene.taught, c.seed, c.budget)
+    problem = SystemProblem(scene, demonstration_of(scene), c.seed, c.budget)
     job.system.warm_up(problem)
     start_clock()
     with _alarm(job.allowed):

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.drawing import DIFFICULTIES, Difficulty, drawn
 from comove.experiments.bench.witness import Witness
+from comove.io.yaml_reader import read_yaml
 from comove.results.folder import Contents, whole_folder
 from comove.scenes.scene import Scene
-from comove.scenes.yaml_reader import read_yaml
 
 Array = NDArray[np.float64]
 

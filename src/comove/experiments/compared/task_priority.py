@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import SameHeightConstraint
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError
 from comove.experiments.compared.curve import count_execution, fit_curve
@@ -32,7 +33,6 @@ from comove.planning.method import Method
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number
 from comove.primitives.online import rate_for_lag
-from comove.scenes.constraints import SameHeightConstraint
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

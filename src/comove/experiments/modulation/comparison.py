@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from comove.experiments.modulation.matrices import Sharing
 from comove.planning.search import Interruption
 from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
-from comove.verification.record import PairConstraint, Record, RecordReport, judge
+from comove.verification.record import Record, RecordReport, judge
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class LooseRecord(Record):
         nodes[:, : self.hands.shape[1]] = self.hands
         return nodes
 
-    def holds(self, c: PairConstraint) -> bool:
+    def holds(self, hands: Sequence[int]) -> bool:
         """Return False, as no rigid body holds the hands together."""
         return False
 

@@ -13,6 +13,7 @@ from comove.experiments.examples import example
 from comove.experiments.paper.measures import largest_turn
 from comove.planning import LeastJerk, Paper, PaperCost, load_kernels, movements_of
 from comove.planning.method import Method
+from comove.scenes import demonstration_of
 
 if TYPE_CHECKING:
     from comove.simulators import Execution
@@ -103,7 +104,7 @@ def transport(passage: Passage) -> Transport:
     found = carry(
         scene,
         robot,
-        demonstration=movements_of(scene.taught, scene),
+        demonstration=movements_of(demonstration_of(scene), scene),
         seed=passage.seed,
         method=method,
         budget=BUDGET,

@@ -22,6 +22,7 @@ from comove.experiments.workers import run_all
 from comove.planning import load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
+from comove.scenes import recording_of
 
 SCENES = ("wide", "narrow", "complex")
 STRAIGHT = "none"
@@ -184,7 +185,7 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     # Moving obstacles and arms, with kernels of their own to load, go first.
     compared, *done = run_all(_do, [None, *passages, *jobs], processes=processes, prepare=warm_up, tell=told)
     transports, outcomes = done[: len(passages)], done[len(passages) :]
-    recording = example("narrow").demonstration
+    recording = recording_of(example("narrow"))
     unchanged = [
         _unsearched("given", scene, movement, given_to_both(movements[movement], scene))
         for scene, movement in INITIAL.items()

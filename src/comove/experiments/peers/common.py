@@ -8,12 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.experiments.systems import Offers, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance
 from comove.primitives.basis import motion_basis
-from comove.scenes.constraints import DistanceConstraint, SeparationConstraint
 from comove.scenes.scene import Scene
 from comove.verification.record import END_SPEED
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ class Equality:
 
 @dataclass(frozen=True, eq=False)
 class OwnFunctions:
-    """The user's objective, and the user's constraints besides the scene.
+    """The user's objective, and the user's constraints besides the scene; neither where only the scene is sampled.
 
     Attributes
     ----------
@@ -95,6 +96,11 @@ class OwnFunctions:
 
     function: Function | None
     constraints: tuple[Callable[[Samples], object], ...] = ()
+
+    @property
+    def given(self) -> bool:
+        """Return whether the user gave any function."""
+        return self.function is not None or bool(self.constraints)
 
     def value(self, samples: Samples) -> float:
         """Return the value of the objective.
@@ -149,8 +155,8 @@ def name_of(function: object) -> str:
     return getattr(inner, "__name__", type(inner).__name__)
 
 
-def own(objective: object, constraints: Sequence[object]) -> OwnFunctions | None:
-    """Return the user's functions, None if there are none.
+def own(objective: object, constraints: Sequence[object], scene: Scene) -> OwnFunctions | None:
+    """Return the user's functions, None if there are none and the scene has no constraint that must be sampled.
 
     Raises
     ------
@@ -165,7 +171,8 @@ def own(objective: object, constraints: Sequence[object]) -> OwnFunctions | None
                 way_out="give functions of Samples: h(samples) <= 0, or Equality(g)",
             )
     function = objective if callable(objective) else None
-    return OwnFunctions(function, tuple(constraints)) if function is not None or constraints else None
+    functions = OwnFunctions(function, tuple(constraints))
+    return functions if functions.given or scene.sampled else None
 
 
 def _called(function: Callable[[Samples], object], samples: Samples, key: str) -> Array:

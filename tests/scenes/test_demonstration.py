@@ -8,7 +8,7 @@ from comove.demonstrations import Demonstration, write_robomimic, write_rosbag
 from comove.errors import SceneError
 from comove.primitives import DMP, Library, Primitive, learn
 from comove.primitives import operations as op
-from comove.scenes import Scene
+from comove.scenes import Scene, demonstration_of, recording_of
 
 PLANAR = {
     "name": "taught",
@@ -42,25 +42,30 @@ def scene(folder, source, data=PLANAR):
 @pytest.mark.parametrize("name", ["Sine", "library/Sine", "mine/inner/wave"])
 def test_a_primitive_comes_as_it_lies_there(folder, name):
     loaded = scene(folder, {"library": name})
-    assert loaded.demonstration is None
-    assert np.array_equal(loaded.taught.weights, SINE.dmp.weights)
-    assert (loaded.taught.duration, loaded.taught.phase) == (SINE.dmp.duration, SINE.dmp.phase)
+    assert recording_of(loaded) is None
+    assert np.array_equal(demonstration_of(loaded).weights, SINE.dmp.weights)
+    assert (demonstration_of(loaded).duration, demonstration_of(loaded).phase) == (
+        SINE.dmp.duration,
+        SINE.dmp.phase,
+    )
 
 
 def test_recordings_are_fitted_as_before(folder):
     loaded = scene(folder, {"lasa": "Sine"})
-    assert loaded.demonstration.name == "Sine 0"
-    assert np.array_equal(loaded.taught.weights, DMP.fit(Demonstration.from_lasa("Sine")).weights)
-    assert scene(folder, None).taught is None
+    assert recording_of(loaded).name == "Sine 0"
+    assert np.array_equal(demonstration_of(loaded).weights, DMP.fit(Demonstration.from_lasa("Sine")).weights)
+    assert demonstration_of(scene(folder, None)) is None
 
 
 def test_plane_and_scale(folder):
     loaded = scene(folder, {"library": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL)
-    played = loaded.taught.rollout().position
+    played = demonstration_of(loaded).rollout().position
     assert np.allclose(played[:, [0, 2]], 0.01 * SINE.dmp.rollout().position, atol=1e-12)
     assert not played[:, 1].any()
     recorded = (
-        scene(folder, {"lasa": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL).taught.rollout().position
+        demonstration_of(scene(folder, {"lasa": "Sine", "plane": "xz", "scale": 0.01}, SPATIAL))
+        .rollout()
+        .position
     )
     assert np.abs(played - recorded).max() < 1e-9
 
@@ -86,10 +91,10 @@ def test_what_is_not_there_or_does_not_fit(folder, source, data, message):
     (folder / "away").symlink_to(folder.parent)
     loaded = scene(folder, source, data)
     if message is None:
-        assert loaded.taught is not None
+        assert demonstration_of(loaded) is not None
         return
     with pytest.raises(SceneError) as caught:
-        loaded.taught  # noqa: B018
+        demonstration_of(loaded)
     assert caught.value.key == "demonstration.library"
     assert message in str(caught.value)
     assert str(folder / "scene.yaml") in str(caught.value)
@@ -99,7 +104,7 @@ def test_a_damaged_primitive_is_named(folder):
     path = folder / "library" / "Sine.dmp.json"
     path.write_text(path.read_text()[:-50])
     with pytest.raises(SceneError, match=r"Sine\.dmp\.json.*breaks off"):
-        scene(folder, {"library": "Sine"}).taught  # noqa: B018
+        demonstration_of(scene(folder, {"library": "Sine"}))
 
 
 def test_a_pose_lends_its_positions(folder):
@@ -109,7 +114,7 @@ def test_a_pose_lends_its_positions(folder):
     position = np.stack([time, np.sin(time), 0 * time], axis=1)
     turn = learn(Demonstration(time, position, orientation=orientation), name="turn", poses=True)
     Library(folder / "library").add(turn)
-    taught = scene(folder, {"library": "turn"}, SPATIAL).taught
+    taught = demonstration_of(scene(folder, {"library": "turn"}, SPATIAL))
     assert np.array_equal(taught.weights, op.settled(turn.dmp.translation).weights)
 
 
@@ -127,13 +132,13 @@ def test_a_recording_of_a_file_that_holds_several(folder):
     }
     write_robomimic(folder / "many.hdf5", [hands, {name: hands["left"] for name in hands}])
     write_rosbag(folder / "hands.mcap", hands)
-    chosen = scene(
-        folder, {"file": "many.hdf5", "episode": 1, "manipulator": "robot1"}, SPATIAL
-    ).demonstration
+    chosen = recording_of(
+        scene(folder, {"file": "many.hdf5", "episode": 1, "manipulator": "robot1"}, SPATIAL)
+    )
     assert np.array_equal(chosen.position, hands["left"].position)
-    chosen = scene(folder, {"file": "hands.mcap", "topic": "/right/point"}, SPATIAL).demonstration
+    chosen = recording_of(scene(folder, {"file": "hands.mcap", "topic": "/right/point"}, SPATIAL))
     assert np.array_equal(chosen.position, hands["right"].position)
     with pytest.raises(SceneError, match="it holds 2 episodes"):
-        scene(folder, {"file": "many.hdf5", "manipulator": "robot1"}, SPATIAL).demonstration  # noqa: B018
+        recording_of(scene(folder, {"file": "many.hdf5", "manipulator": "robot1"}, SPATIAL))
     with pytest.raises(SceneError, match="episode 1 belongs to a file"):
         scene(folder, {"lasa": "Angle", "episode": 1})

@@ -1,23 +1,27 @@
 """Building blocks of the YAML files' models: strict base class, numbers, vectors, quaternions and names.
 
-Lengths are in metres, quaternions in the order w, x, y, z.
+Lengths are in metres, quaternions in the order w, x, y, z. Types are marked by what their values are, so that
+`marked` finds every vector of a file, and every name of a hand, and `scaled` every number that grows with lengths.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from comove.scenes.messages import counted, show
+from comove.io.messages import KeyPath, counted, show
 
 MAX_NAME = 100
 SMALLEST, LARGEST = 1e-9, 1e9
 """What numbers must lie between, in SI units: beyond, rounding or overflow make the results wrong."""
 QUATERNION_TOLERANCE = 1e-3
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
+SCALES, VECTOR, HAND = "grows with lengths", "has the scene's dimension", "names a hand"
+"""Marks of types."""
 
 
 class Wrong(ValueError):
@@ -106,13 +110,33 @@ def at_most(count: int, what: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names, or raise `Wrong` where there are none or one is repeated."""
+    if not names:
+        raise Wrong("no manipulator is named", "name at least one")
+    if len(set(names)) < len(names):
+        raise Wrong(f"{show(names)} names a manipulator twice", "name different manipulators")
+    return names
+
+
+def _pair(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(names) != 2:
+        raise Wrong(f"{show(names)} has {counted(names, 'name')}", "name two manipulators")
+    return distinct(names)
+
+
 Number = Annotated[float, AfterValidator(not_huge)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(measurable)]
 NotNegative = Annotated[float, Field(ge=0), AfterValidator(not_huge)]
-Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple)]
-Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple)]
+PositiveLength = Annotated[Positive, SCALES]
+Length = Annotated[NotNegative, SCALES]
+Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
+Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
 Quaternion = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_unit_quaternion)]
 Name = Annotated[str, AfterValidator(_manipulator_name)]
+Hand = Annotated[str, HAND]
+Hands = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(distinct)]
+Pair = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(_pair)]
 
 
 class Part(BaseModel):
@@ -122,3 +146,48 @@ class Part(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def marked(part: Part, mark: str) -> Iterator[tuple[KeyPath, Any]]:
+    """Yield the values of a part whose type has a mark, with their key paths: names, and vectors as a whole."""
+    for key, field in type(part).model_fields.items():
+        yield from _leaves(
+            (key,), getattr(part, key), mark, mark in _marks(field.annotation, *field.metadata)
+        )
+
+
+def _leaves(path: KeyPath, value: Any, mark: str, has: bool) -> Iterator[tuple[KeyPath, Any]]:
+    if isinstance(value, Part):
+        yield from (((*path, *inner), leaf) for inner, leaf in marked(value, mark))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves((*path, key), item, mark, has)
+    elif isinstance(value, tuple) and value and not isinstance(value[0], float):
+        for i, item in enumerate(value):
+            yield from _leaves((*path, i), item, mark, has)
+    elif has and value is not None:
+        yield path, value
+
+
+def scaled(part: Part, factor: float) -> dict[str, Any]:
+    """Return a part as plain data, with every number that grows with lengths multiplied by a factor."""
+
+    def times(value: Any, grows: bool) -> Any:
+        if isinstance(value, Part):
+            return scaled(value, factor)
+        if isinstance(value, dict):
+            return {key: times(item, grows) for key, item in value.items()}
+        if isinstance(value, tuple):
+            return [times(item, grows) for item in value]
+        return value * factor if grows and isinstance(value, float) else value
+
+    return {
+        key: times(getattr(part, key), SCALES in _marks(field.annotation, *field.metadata))
+        for key, field in type(part).model_fields.items()
+    }
+
+
+def _marks(*annotations: Any) -> set[str]:
+    """Return the marks of types, inside unions, tuples and mappings too, but not inside models."""
+    marks = {mark for mark in annotations if mark in (SCALES, VECTOR, HAND)}
+    return marks.union(*(_marks(*get_args(one)) for one in annotations if get_args(one)))

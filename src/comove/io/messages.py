@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from comove.errors import SceneError, near_name
-from comove.scenes.yaml_reader import Lines
+from comove.io.yaml_reader import Lines
 
 MAX_TOLD = 3
 """How many errors one message tells."""

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.errors import SceneError, readable
-from comove.scenes.yaml_reader import plain_value, read_yaml
+from comove.io.yaml_reader import plain_value, read_yaml
 
 
 @pytest.fixture

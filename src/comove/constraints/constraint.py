@@ -1,0 +1,221 @@
+"""What every kind of constraint says of itself: its keys in a scene file, its error, and a bound of that error.
+
+The keys are a pydantic model, `ConstraintKeys`; its method `resolved` returns the constraint itself, a frozen
+`Constraint` with hands by number and SI units. The error is a function of sampled hands. Its bound over continuous
+time follows from how far hands stray from the chords between their samples, which a `Course` knows.
+
+The vertical is the last coordinate: z in space, y in the plane.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.io.keys import Pair, Part
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""[m] or [rad], allowed where a tolerance of nothing is asked for."""
+N_PIECES = 32
+"""Pieces into which a chord is cut where an error may be larger inside than at its ends."""
+
+
+class Hands(NamedTuple):
+    """The hands of a scene file, as keys are resolved: names in order, who holds the load, and where they start.
+
+    Attributes
+    ----------
+    names : names of the hands
+    holders : numbers of the hands that hold the load
+    start : array, shape (n_hands, 3), [m]
+    """
+
+    names: tuple[str, ...]
+    holders: tuple[int, ...]
+    start: Array
+
+    def numbers(self, names: Sequence[str]) -> tuple[int, ...]:
+        """Return the numbers of hands."""
+        return tuple(self.names.index(name) for name in names)
+
+
+class Course(ABC):
+    """What is known of the hands at every instant: where they are at knots, and how far they stray in between.
+
+    Attributes
+    ----------
+    position : array, shape (n_knots, n_hands, 3), [m]
+    n_dims : 2 in the plane, 3 in space
+    """
+
+    position: Array
+    n_dims: int
+
+    @abstractmethod
+    def stray(self, hands: Sequence[int]) -> Array:
+        """Return the sum of the largest distances of hands from their chords; array, shape (n_intervals,) [m]."""
+
+    @abstractmethod
+    def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
+        """Return some coordinates of one hand relative to another, and how far they stray from their chords.
+
+        Arrays, shapes (n_knots, n_axes) and (n_intervals,) [m].
+        """
+
+    @abstractmethod
+    def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
+        """Return whether two hands are on one rigid body; with `roll`, one that may not roll unseen between them."""
+
+    @abstractmethod
+    def tilting(self, hands: Sequence[int]) -> Array:
+        """Return by how much lines between hands may tilt more between two knots than at the worse of them.
+
+        Array, shape (n_intervals,) [rad]; infinite where nothing is known.
+        """
+
+    def apart(self, first: int, second: int) -> tuple[float, float]:
+        """Return a lower and an upper bound of the distance of two hands at every instant [m]."""
+        if self.rigid(first, second):
+            distance = np.linalg.norm(self.position[:, first] - self.position[:, second], axis=1)
+            return float(distance.min()), float(distance.max())
+        relative, stray = self.relative(first, second, slice(self.n_dims))
+        distance = np.linalg.norm(relative, axis=1)
+        farthest = np.maximum(distance[1:], distance[:-1]) + stray
+        return float((nearest_on_chords(relative) - stray).min()), float(farthest.max())
+
+
+def nearest_on_chords(points: Array) -> Array:
+    """Return the least distances from 0 of the chords between successive points.
+
+    (n_points, n_dims) -> (n_points - 1,).
+    """
+    here, step = points[:-1], np.diff(points, axis=0)
+    along = -(here * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+    return np.linalg.norm(here + np.clip(along, 0.0, 1.0)[:, None] * step, axis=1)
+
+
+class Constraint(ABC):
+    """A demand on the hands at every instant: its error is at most its tolerance.
+
+    A kind that the search knows nothing of is sampled there, and bounded here by what it says of its error.
+
+    Attributes
+    ----------
+    tolerance : the error that is accepted [m] or [rad]
+    kind : the kind's name in scene files
+    report : name of the kind's measure in reports
+    sampled : whether the search has to sample the error; False where coordinates hold it or distances are measured
+    convex : whether the error along a chord is never larger than at its ends
+    slope : upper bound of the change of the error per metre that one hand moves
+    """
+
+    tolerance: float
+    kind: ClassVar[str]
+    report: ClassVar[str] = "constraint_excess_max"
+    sampled: ClassVar[bool] = True
+    convex: ClassVar[bool] = False
+    slope: ClassVar[float] = 1.0
+
+    @property
+    @abstractmethod
+    def hands(self) -> tuple[int, ...]:
+        """Return the numbers of the hands that it concerns."""
+
+    @abstractmethod
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return by how much samples miss the constraint, [m] or [rad]; array, shape (n_samples,).
+
+        Parameters
+        ----------
+        position : array, shape (n_samples, n_hands, 3), samples in order of time [m]
+        n_dims : 2 in the plane, 3 in space
+        """
+
+    @abstractmethod
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words why the constraint does not hold, for hands of these names."""
+
+    @property
+    def allowed(self) -> float:
+        """Return the largest error that passes."""
+        return max(self.tolerance, ROUNDING)
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the error at every instant."""
+        position, stray = course.position, self.slope * course.stray(self.hands)
+        error = self.error(position, course.n_dims)
+        worst = np.maximum(error[1:], error[:-1])
+        if not self.convex:
+            share = np.linspace(0.0, 1.0, N_PIECES, endpoint=False)[:, None, None]
+            steps = np.diff(position, axis=0)
+            inner = (position[:-1, None] + share * steps[:, None]).reshape(-1, *position.shape[1:])
+            inner_error = self.error(np.concatenate([position[:1], inner]), course.n_dims)[1:]
+            way = np.linalg.norm(steps[:, list(self.hands)], axis=2).sum(axis=1)
+            worst = np.maximum(worst, inner_error.reshape(-1, N_PIECES).max(axis=1))
+            stray = stray + self.slope * way / (2 * N_PIECES)
+        return float((worst + stray).max())
+
+    def measure(self, error: float) -> float:
+        """Return the number that reports give for an error: by how much it exceeds the tolerance."""
+        return error - self.tolerance
+
+    def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
+        """Return in words that a scene's start or goal misses the constraint, and what to write instead."""
+        return f"at the {end} {self.reason(error, names)}", "move a hand, or ask for less"
+
+    def level(self, ends: Array) -> tuple[tuple[int, int], ...]:
+        """Return the pairs of hands that share a height, and so a column of the coordinates, whatever moves.
+
+        Parameters
+        ----------
+        ends : array, shape (2, n_hands, n_dims), the hands at start and goal [m]
+        """
+        return ()
+
+    def needs_body(self, ends: Array) -> bool:
+        """Return whether only coordinates of a rigid body hold the constraint; `ends` as for `level`."""
+        return False
+
+
+@dataclass(frozen=True)
+class PairConstraint(Constraint):
+    """A constraint between two hands, given by their numbers."""
+
+    first: int
+    second: int
+
+    @property
+    def hands(self) -> tuple[int, ...]:
+        """Return the numbers of both hands."""
+        return self.first, self.second
+
+    def apart(self, position: Array) -> Array:
+        """Return the distances of both hands; array, shape (n_samples,) [m]."""
+        return np.linalg.norm(position[:, self.first] - position[:, self.second], axis=1)
+
+    def pair(self, names: Sequence[str]) -> str:
+        """Return both names, as messages show them."""
+        return f"'{names[self.first]}' and '{names[self.second]}'"
+
+
+class ConstraintKeys(Part):
+    """The keys of a constraint in a scene file; `type` names its kind."""
+
+    type: str
+
+    def resolved(self, hands: Hands) -> Constraint:
+        """Return the constraint, with hands by number and the tolerance filled in."""
+        raise NotImplementedError(f"{type(self).__name__} has no method `resolved`")
+
+
+class PairKeys(ConstraintKeys):
+    """The keys of a constraint between two hands."""
+
+    between: Pair

@@ -1,0 +1,154 @@
+"""The demonstration that a scene names, in the scene's dimension: a recording, or a primitive of a library."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from comove.demonstrations import Demonstration
+from comove.errors import DemonstrationError, LibraryError, SceneError
+from comove.primitives import DMP, Library, PoseDMP, Variant
+from comove.primitives.operations import PLANES, in_space, scale
+from comove.scenes.model import DemonstrationSource
+from comove.scenes.scene import Scene
+
+LIBRARY = "library"
+"""The folder beside a scene file in which primitives are looked for."""
+
+
+def recording_of(scene: Scene) -> Demonstration | None:
+    """Read the recording that a scene names; return None where it names none, or a primitive of a library.
+
+    Raises
+    ------
+    SceneError
+        If the recording cannot be read or has another dimension.
+    """
+    source = scene.file.demonstration
+    return None if source is None or source.library is not None else _recording(scene, source)
+
+
+def demonstration_of(scene: Scene) -> DMP | PoseDMP | tuple[DMP, ...] | None:
+    """Return the movement that a scene names: a primitive fitted to its recording, or read from a library.
+
+    There is one primitive for each manipulator where the recording holds movements of all of them. Poses are those of
+    the load. None where the scene names no movement.
+
+    Raises
+    ------
+    SceneError
+        If it cannot be read or has another dimension.
+    """
+    source = scene.file.demonstration
+    if source is None:
+        return None
+    if source.library is not None:
+        return _from_library(scene, source, source.library)
+    hands = _recordings_of_hands(scene, source)
+    return fitted(scene, _recording(scene, source)) if hands is None else tuple(map(DMP.fit, hands))
+
+
+def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
+    """Return a primitive fitted to a recording.
+
+    It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
+    """
+    posed = recording.orientation is not None and scene.turns_as_one
+    return PoseDMP.fit(recording) if posed else DMP.fit(recording)
+
+
+def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
+    """Read a recording in the scene's dimension; a planar one is laid into space by `source.plane`."""
+    key = "demonstration.file" if source.file is not None else "demonstration.lasa"
+    try:
+        if source.file is not None:
+            recording = Demonstration.load(
+                scene.folder / source.file, source.manipulator, episode=source.episode, topic=source.topic
+            )
+        else:
+            recording = Demonstration.from_lasa(source.lasa or "", source.demo)
+    except DemonstrationError as error:
+        raise SceneError(str(error), file=scene.path, key=key) from error
+    position = recording.position * (source.scale or 1.0)
+    if scene.n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
+        flat, position = position, np.zeros((len(position), 3))
+        position[:, list(PLANES[source.plane])] = flat
+    if position.shape[1] != scene.n_dims:
+        raise _other_dimension("recording", recording.n_dims, scene, key)
+    axes = recording.axes if position.shape == recording.position.shape else ()
+    return replace(recording, position=position, axes=axes)
+
+
+def _recordings_of_hands(scene: Scene, source: DemonstrationSource) -> tuple[Demonstration, ...] | None:
+    """Read the recordings of all hands, one each; return None where the file does not hold all of them."""
+    if source.file is None or source.manipulator is not None or len(scene.manipulators) < 2:
+        return None
+    file = scene.folder / source.file
+    try:
+        for name in scene.manipulators:
+            Demonstration.load(file, name, episode=source.episode, topic=source.topic)
+    except DemonstrationError:
+        return None  # of one movement, or of others: said by whoever reads one
+    return tuple(
+        _recording(scene, source.model_copy(update={"manipulator": name})) for name in scene.manipulators
+    )
+
+
+def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DMP | PoseDMP:
+    """Read the primitive that a scene names: NAME in the folder `library`, or FOLDER/NAME.
+
+    A primitive of poses is returned as such where a single body turns and it need not be scaled or laid into space;
+    otherwise its positions are returned.
+
+    Raises
+    ------
+    SceneError
+        If the primitive cannot be read, lies outside the scene's folder, has another dimension or never ends.
+    """
+    key, folder, file = "demonstration.library", scene.folder, scene.path
+    place = PurePosixPath(library)
+    inner = str(place.parent) if len(place.parts) > 1 else LIBRARY
+    try:
+        inside = (folder / inner).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links
+        inside = False
+    if not inside or place.is_absolute() or ".." in place.parts:
+        raise SceneError(
+            f"{library!r} lies outside the scene's folder",
+            file=file,
+            key=key,
+            way_out="move the library into it",
+        )
+    try:
+        primitive = Library(folder / inner).get(place.name)
+    except LibraryError as error:
+        raise SceneError(str(error), file=file, key=key) from error
+    as_it_is = scene.turns_as_one and primitive.kind == "pose" and source.scale is None
+    if as_it_is and primitive.dmp.n_dims == scene.n_dims:
+        return primitive.dmp
+    dmp = primitive.positions
+    if dmp.variant is Variant.RHYTHMIC:
+        raise SceneError(
+            f"the primitive {place.name!r} is rhythmic and never ends",
+            file=file,
+            key=key,
+            way_out="name one that ends",
+        )
+    if source.scale is not None:
+        dmp = scale(dmp, source.scale, about=np.zeros(dmp.n_dims))
+    if scene.n_dims == 3 and dmp.n_dims == 2 and source.plane is not None:
+        dmp = in_space(dmp, source.plane)
+    if dmp.n_dims != scene.n_dims:
+        raise _other_dimension("primitive", dmp.n_dims, scene, key)
+    return dmp
+
+
+def _other_dimension(what: str, found: int, scene: Scene, key: str) -> SceneError:
+    return SceneError(
+        f"the {what} has {found} dimensions, the scene {scene.n_dims}",
+        file=scene.path,
+        key=key,
+        way_out="add `plane: xy` to lay it into space" if scene.n_dims == 3 else f"give a planar {what}",
+    )
