@@ -6,6 +6,7 @@ import pytest
 import comove
 from comove.experiments.examples import example
 from comove.planning.solver import COMMON
+from comove.scenes import Scene
 
 SCALES = (1e-3, 10.0, 1e3)
 
@@ -47,6 +48,16 @@ def test_a_scaled_scene_has_all_its_lengths_scaled(scale):
     )
     point = scene.nodes_at("start")
     assert other.clearance_at(scale * point)[0] == pytest.approx(scale * scene.clearance_at(point)[0])
+
+
+def test_the_room_that_an_objective_asks_for_is_scaled_and_its_weights_are_not():
+    data = example("narrow").file.model_dump(mode="json")
+    wish = {"type": "least_jerk", "resemblance": 0.0, "room": 0.02}
+    smooth = Scene.from_dict(data | {"demonstration": None, "objective": wish})
+    assert smooth.scaled(5.0).file.objective.room == pytest.approx(0.1)
+    weights = {"type": "paper", "goal": 2.0, "velocity": 0.02, "obstacle": 3.0}
+    paper = Scene.from_dict(data | {"demonstration": None, "objective": weights})
+    assert paper.scaled(5.0).file.objective == paper.file.objective
 
 
 def test_a_motion_on_a_larger_scene_is_the_motion_made_larger():

@@ -58,5 +58,6 @@ class DistanceKeys(PairKeys):
 
     def resolved(self, hands: Hands) -> DistanceConstraint:
         """Return the constraint, with a thousandth of the distance as its tolerance where none is given."""
+        first, second = hands.numbers(self.between)
         tolerance = distance_tolerance(self.tolerance, self.distance)
-        return DistanceConstraint(*hands.numbers(self.between), self.distance, tolerance)
+        return DistanceConstraint(first, second, self.distance, tolerance)

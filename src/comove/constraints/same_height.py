@@ -61,4 +61,5 @@ class SameHeightKeys(PairKeys):
 
     def resolved(self, hands: Hands) -> SameHeightConstraint:
         """Return the constraint."""
-        return SameHeightConstraint(*hands.numbers(self.between), self.tolerance)
+        first, second = hands.numbers(self.between)
+        return SameHeightConstraint(first, second, self.tolerance)

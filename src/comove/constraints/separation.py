@@ -76,4 +76,5 @@ class SeparationKeys(PairKeys):
 
     def resolved(self, hands: Hands) -> SeparationConstraint:
         """Return the constraint."""
-        return SeparationConstraint(*hands.numbers(self.between), self.distance, self.tolerance)
+        first, second = hands.numbers(self.between)
+        return SeparationConstraint(first, second, self.distance, self.tolerance)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import difflib
 import re
 import reprlib
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from pathlib import Path
 from types import UnionType
 from typing import Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from comove.errors import SceneError, near_name
 from comove.io.yaml_reader import Lines
@@ -38,7 +39,7 @@ class Family(NamedTuple):
     """A place in a file whose model depends on a tag; it holds the tag's key, the models, and the place's depth."""
 
     tag: str
-    models: dict[str, type[BaseModel]]
+    models: Mapping[str, type[BaseModel]]
     depth: int
 
 
@@ -46,7 +47,7 @@ class Contract(NamedTuple):
     """The models of a file: one of the whole, and those of the places whose model depends on a tag."""
 
     root: type[BaseModel]
-    families: dict[str, Family]
+    families: Mapping[str | int, Family]
 
 
 _PLAIN_NUMBER = "write a plain number such as 0.5: no quotes, no unit, a point for decimals"
@@ -123,12 +124,12 @@ def explained(error: ValidationError, data: Any, contract: Contract) -> list[Fla
     ]
     unknown: _Keys = {}
     missing: _Keys = {}
-    flaws = {}
+    flaws: dict[KeyPath, Flaw] = {}
     for path, detail in details:
         if detail["type"] == "missing":
-            missing.setdefault(path, []).append(detail["loc"][-1])
+            missing.setdefault(path, []).append(str(detail["loc"][-1]))
         elif detail["type"] == "extra_forbidden":
-            unknown.setdefault(path[:-1], []).append(path[-1])
+            unknown.setdefault(path[:-1], []).append(str(path[-1]))
         else:
             flaws.setdefault(path, Flaw(path, *_translated(detail, path, contract)))
     return [
@@ -168,7 +169,7 @@ def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
     found: Any = root
     for part in path:
         if isinstance(found, type) and issubclass(found, BaseModel):
-            found = found.model_fields[part].annotation
+            found = found.model_fields[str(part)].annotation
         else:
             found = get_args(found)[-1 if get_origin(found) is dict else 0]
         if get_origin(found) in (UnionType, Union):
@@ -197,7 +198,7 @@ def _missing_keys(missing: _Keys, unknown: _Keys, data: Any, contract: Contract)
             yield Flaw(path, f"{', '.join(map(repr, keys))} {verb} missing", f"required here: {required}")
 
 
-def _translated(detail: dict[str, Any], path: KeyPath, contract: Contract) -> tuple[str, str]:
+def _translated(detail: ErrorDetails, path: KeyPath, contract: Contract) -> tuple[str, str]:
     """Return what is wrong with a value, in plain words, and what to write instead."""
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "value_error":  # raised by a validator of the models, with message and way out

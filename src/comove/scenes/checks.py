@@ -13,7 +13,7 @@ from comove.errors import ComoveWarning, near_name
 from comove.io.keys import HAND, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
-from comove.scenes.model import SceneFile
+from comove.scenes.model import BarLoad, FrameLoad, SceneFile
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
@@ -22,6 +22,13 @@ LARGE_WORKSPACE = 50.0
 
 ROUNDING = 1e-12
 """[m]"""
+_UNFIT = {
+    (2, "obstacle", "cylinder"): ("a cylinder needs a spatial scene", "use circle or box"),
+    (2, "obstacle", "mesh"): ("a mesh needs a spatial scene", "use box, circle or capsule"),
+    (2, "load", "mesh"): ("a mesh needs a spatial scene", "use polygon in the plane"),
+    (3, "load", "polygon"): ("a polygon needs a planar scene", "use a box or a frame in space"),
+}
+"""Shapes that scenes of a dimension cannot hold, with what is wrong and what to write instead."""
 _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
 
 
@@ -56,18 +63,11 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
             commas = ", with decimal points" if len(vector) == 2 * scene.dimension else ""
             message = f"{show(vector)} has {counted(vector, 'number')}"
             yield Flaw(path, message, f"the workspace is {planar_or_spatial}{commas}")
-    planar = scene.dimension == 2
     for i, obstacle in enumerate(scene.obstacles):
-        if planar and obstacle.shape == "cylinder":
-            yield Flaw(("obstacles", i, "shape"), "a cylinder needs a spatial scene", "use circle or box")
-        if planar and obstacle.shape == "mesh":
-            yield Flaw(
-                ("obstacles", i, "shape"), "a mesh needs a spatial scene", "use box, circle or capsule"
-            )
-    if not planar and _shape(scene) == "polygon":
-        yield Flaw(("load", "shape"), "a polygon needs a planar scene", "use a box or a frame in space")
-    if planar and _shape(scene) == "mesh":
-        yield Flaw(("load", "shape"), "a mesh needs a spatial scene", "use polygon in the plane")
+        if told := _UNFIT.get((scene.dimension, "obstacle", obstacle.shape)):
+            yield Flaw(("obstacles", i, "shape"), *told)
+    if scene.load is not None and (told := _UNFIT.get((scene.dimension, "load", scene.load.shape))):
+        yield Flaw(("load", "shape"), *told)
 
 
 def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
@@ -104,11 +104,13 @@ def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 def _rotation_flaws(scene: SceneFile) -> Iterator[Flaw]:
     for i, obstacle in enumerate(scene.obstacles):
-        if scene.dimension == 3 and getattr(obstacle, "rotation_deg", 0.0) != 0.0:
-            message = f"{obstacle.rotation_deg} turns about no axis, because the scene is spatial"
+        angle = getattr(obstacle, "rotation_deg", 0.0)
+        if scene.dimension == 3 and angle != 0.0:
+            message = f"{angle} turns about no axis, because the scene is spatial"
             yield Flaw(("obstacles", i, "rotation_deg"), message, "use quaternion_wxyz")
-        if scene.dimension == 2 and getattr(obstacle, "quaternion_wxyz", UNTURNED) != UNTURNED:
-            message = f"{show(obstacle.quaternion_wxyz)} turns in space, and the scene is planar"
+        quaternion = getattr(obstacle, "quaternion_wxyz", UNTURNED)
+        if scene.dimension == 2 and quaternion != UNTURNED:
+            message = f"{show(quaternion)} turns in space, and the scene is planar"
             yield Flaw(("obstacles", i, "quaternion_wxyz"), message, "use rotation_deg")
     plane = scene.demonstration.plane if scene.demonstration else None
     if scene.dimension == 2 and plane not in (None, "xy"):
@@ -126,12 +128,12 @@ def _motion_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    load, holders, shape = scene.load, scene.holders, _shape(scene)
-    if shape == "bar" and len(holders) != 2:
+    load, holders = scene.load, scene.holders
+    if isinstance(load, BarLoad) and len(holders) != 2:
         message = f"a bar has two holders, and the scene has {counted(holders, 'manipulator')}"
         way_out = "add held_by: [NAME, NAME]" if len(holders) > 2 else "add a second manipulator"
         yield Flaw(("load",), message, way_out)
-    if shape == "frame":
+    if isinstance(load, FrameLoad):
         allowed = set(holders)
         for i, edge in enumerate(load.edges):
             for j, name in enumerate(edge):
@@ -180,15 +182,10 @@ def _distance_flaws(scene: SceneFile, constraint: DistanceKeys, path: KeyPath) -
         yield Flaw(path, message, "make them equal, or leave this one out")
 
 
-def _shape(scene: SceneFile) -> str | None:
-    """Return the load's shape, None without a load."""
-    return None if scene.load is None else scene.load.shape
-
-
 def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
     """Return the distance [m] at which the load keeps two hands; None where only their start positions tell it."""
     grasps = getattr(scene.load, "grasps", None) or {}
-    if _shape(scene) == "bar" and set(pair) == set(scene.holders):
+    if isinstance(scene.load, BarLoad) and set(pair) == set(scene.holders):
         return scene.load.length
     return math.dist(*(grasps[name] for name in pair)) if all(name in grasps for name in pair) else None
 

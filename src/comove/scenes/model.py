@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
+    BaseModel,
     BeforeValidator,
     Discriminator,
     Field,
@@ -205,14 +206,14 @@ class FrameLoad(_Load):
     held_by: Hands | None = None
 
 
-class _Gripped(_Load):
+class Gripped(_Load):
     """A load that has its own frame, in which `grasps` says where each hand holds it [m]."""
 
     grasps: dict[str, Vector] | None = None
     held_by: Hands | None = None
 
 
-class PolygonLoad(_Gripped):
+class PolygonLoad(Gripped):
     """A polygon that has `vertices` in the load's frame and is thickened by `radius` [m]; planar scenes only."""
 
     shape: Literal["polygon"]
@@ -220,7 +221,7 @@ class PolygonLoad(_Gripped):
     radius: Length = 0.0
 
 
-class BoxLoad(_Gripped):
+class BoxLoad(Gripped):
     """A solid box, in the plane a rectangle, that has the edge lengths `size` [m] and is centred on the load's
     frame.
     """
@@ -229,7 +230,7 @@ class BoxLoad(_Gripped):
     size: Sizes
 
 
-class MeshLoad(_Gripped):
+class MeshLoad(Gripped):
     """A triangle mesh in the load's frame that is read from `file` in the scene's folder; spatial scenes only.
 
     Its lengths times `scale` are metres; `resolution` as of a `MeshObstacle`.
@@ -442,7 +443,7 @@ class SceneFile(Part):
         return self.load.held_by or self.names
 
 
-_OBSTACLES = {
+_OBSTACLES: dict[str, type[BaseModel]] = {
     "box": BoxObstacle,
     "circle": SphereObstacle,
     "sphere": SphereObstacle,
@@ -452,8 +453,18 @@ _OBSTACLES = {
     "ellipse": EllipsoidObstacle,
     "mesh": MeshObstacle,
 }
-_LOADS = {"bar": BarLoad, "frame": FrameLoad, "polygon": PolygonLoad, "box": BoxLoad, "mesh": MeshLoad}
-_OBJECTIVES = {"least_jerk": LeastJerkObjective, "least_time": LeastTimeObjective, "paper": PaperObjective}
+_LOADS: dict[str, type[BaseModel]] = {
+    "bar": BarLoad,
+    "frame": FrameLoad,
+    "polygon": PolygonLoad,
+    "box": BoxLoad,
+    "mesh": MeshLoad,
+}
+_OBJECTIVES: dict[str, type[BaseModel]] = {
+    "least_jerk": LeastJerkObjective,
+    "least_time": LeastTimeObjective,
+    "paper": PaperObjective,
+}
 CONTRACT = Contract(
     root=SceneFile,
     families={

@@ -6,10 +6,11 @@ the file: a body is as far from a moving obstacle as the body, moved back by the
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, model_validator
 
 from comove.io.keys import NotNegative, Part, Positive, PositiveLength, Vector, Wrong, as_tuple
@@ -51,8 +52,8 @@ class Motion(Part):
         if (self.waypoints is None) != (self.times is None):
             lone, other = ("waypoints", "times") if self.times is None else ("times", "waypoints")
             raise Wrong(f"{lone} are given without {other}", "give both, or neither")
-        if self.times is not None:
-            self._require_order()
+        if self.waypoints is not None and self.times is not None:
+            _require_order(self.waypoints, self.times)
         if len({len(point) for point in self.waypoints or ()}) <= 1:  # else `checks` reports the error
             self._require_pace()
         return self
@@ -65,24 +66,9 @@ class Motion(Part):
                 f"the obstacle moves at {speed:g} m/s", f"let it take its time: at most {FASTEST:g} m/s"
             )
 
-    def _require_order(self) -> None:
-        if len(self.times) != len(self.waypoints):
-            raise Wrong(
-                f"there are {counted(self.waypoints, 'waypoint')} and {counted(self.times, 'time')}",
-                "give one time to each waypoint",
-            )
-        if not self.times:
-            raise Wrong("there are no waypoints", "give the first at the obstacle's center")
-        for i, (before, after) in enumerate(zip(self.times[:-1], self.times[1:], strict=True)):
-            if not after > before:
-                raise Wrong(
-                    f"times[{i + 1}] = {show(after)} does not come after times[{i}] = {show(before)}",
-                    "sort the waypoints by time",
-                )
-
-    def offsets(self, time: ArrayLike) -> Array:
+    def offsets(self, time: Array) -> Array:
         """Return the offsets of the centre from its position at 0 s; array, shape (n_times, 3) [m]."""
-        time = np.maximum(np.asarray(time, dtype=float), 0.0)
+        time = np.maximum(time, 0.0)
         result = np.zeros((len(time), 3))
         if self.velocity is not None:
             result[:, : len(self.velocity)] = time[:, None] * np.array(self.velocity)
@@ -91,14 +77,12 @@ class Motion(Part):
             result[:, 0] = self.circle.radius * (np.cos(angle) - 1.0)
             result[:, 1] = self.circle.radius * np.sin(angle)
         else:
-            points = np.array(self.waypoints)
-            for axis, column in enumerate(points.T):
-                result[:, axis] = np.interp(time, self.times, column) - column[0]
+            for axis, column in enumerate(np.array(self.waypoints).T):
+                result[:, axis] = np.interp(time, self.kinks, column) - column[0]
         return result
 
-    def velocities(self, time: ArrayLike) -> Array:
+    def velocities(self, time: Array) -> Array:
         """Return the velocities of the centre, at a kink those after it; array, shape (n_times, 3) [m/s]."""
-        time = np.asarray(time, dtype=float)
         result = np.zeros((len(time), 3))
         if self.velocity is not None:
             result[:, : len(self.velocity)] = self.velocity
@@ -106,8 +90,8 @@ class Motion(Part):
             rate = 2 * np.pi / self.circle.period_s
             result[:, 0] = -self.circle.radius * rate * np.sin(rate * time)
             result[:, 1] = self.circle.radius * rate * np.cos(rate * time)
-        elif len(self.times) > 1:
-            points, times = np.array(self.waypoints), np.array(self.times)
+        elif len(self.kinks) > 1:
+            points, times = np.array(self.waypoints), np.array(self.kinks)
             piece = np.searchsorted(times, time, side="right") - 1
             goes = (piece >= 0) & (piece < len(times) - 1)
             slopes = np.diff(points, axis=0) / np.diff(times)[:, None]
@@ -127,13 +111,12 @@ class Motion(Part):
         if self.circle is not None:
             return 2 * np.pi / self.circle.period_s * self.circle.radius
         ways = np.linalg.norm(np.diff(np.array(self.waypoints), axis=0), axis=1)
-        return float((ways / np.diff(self.times)).max(initial=0.0))
+        return float((ways / np.diff(self.kinks)).max(initial=0.0))
 
-    def sags(self, time: ArrayLike) -> Array:
+    def sags(self, time: Array) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
-        time = np.asarray(time, dtype=float)
         steps = np.diff(time)
         if self.circle is not None:  # chord of a curve with a bound second derivative
             rate = 2 * np.pi / self.circle.period_s
@@ -147,3 +130,19 @@ class Motion(Part):
                 chord = ends[piece] + share[:, None] * (ends[piece + 1] - ends[piece])
                 np.maximum.at(sags, piece, np.linalg.norm(self.offsets(kinks) - chord, axis=1))
         return sags
+
+
+def _require_order(waypoints: tuple[tuple[float, ...], ...], times: tuple[float, ...]) -> None:
+    if len(times) != len(waypoints):
+        raise Wrong(
+            f"there are {counted(waypoints, 'waypoint')} and {counted(times, 'time')}",
+            "give one time to each waypoint",
+        )
+    if not times:
+        raise Wrong("there are no waypoints", "give the first at the obstacle's center")
+    for i, (before, after) in enumerate(pairwise(times)):
+        if not after > before:
+            raise Wrong(
+                f"times[{i + 1}] = {show(after)} does not come after times[{i}] = {show(before)}",
+                "sort the waypoints by time",
+            )

@@ -33,7 +33,7 @@ from comove.scenes.groups import (
     standing,
     tilt_between,
 )
-from comove.scenes.model import SceneFile
+from comove.scenes.model import BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
 
 Array = NDArray[np.float64]
 
@@ -149,7 +149,8 @@ class Bodies:
         body.require_no_mirror(grasps, orientation, poses, slack)
         if rolls:
             poses = [GroupPose(pose.center, standing(pose.rotation[:, 0])) for pose in poses]
-        group = RigidGroup(members, grasps, corners, orientation, *poses)
+        start, goal = poses
+        group = RigidGroup(members, grasps, corners, orientation, start, goal)
         if len(members) > 1 and body.has(UprightConstraint, SameHeightConstraint):
             group = body.upright(group)
         elif orientation == "axis" and body.has(RelativePoseConstraint):
@@ -336,7 +337,7 @@ class _Body:
             elif isinstance(c, SameHeightConstraint):
                 along = np.subtract(*(group.grasps[group.members.index(i)] for i in (c.first, c.second)))
                 level.append(group.start.rotation @ along)
-                allowed = max(allowed, asin(min(1.0, 2 * c.tolerance / np.linalg.norm(along))))
+                allowed = max(allowed, asin(min(1.0, 2 * c.tolerance / float(np.linalg.norm(along)))))
         turn, up = group.start.rotation, np.eye(3)[self.n_dims - 1]
         if level:
             turn = levelling(np.array(level), up) @ turn
@@ -395,24 +396,24 @@ def _load_shape(
     The grasps are None where the hands' start determines them.
     """
     load, names = file.load, file.names
-    if load.shape == "bar":
+    if isinstance(load, BarLoad):
         half, first = load.length / 2, names.index((load.held_by or names)[0])
         ends = np.array([[-half if i == first else half, 0.0, 0.0] for i in holders])
         beyond = [half + load.overhang] if load.overhang else []
         return ends, np.array([[side * x, 0.0, 0.0] for x in beyond for side in (-1, 1)]).reshape(-1, 3)
     grasps, corners = None, np.zeros((0, 3))
-    if getattr(load, "grasps", None):
+    if isinstance(load, Gripped) and load.grasps:
         grasps = np.zeros((len(holders), 3))
         grasps[:, : file.dimension] = [load.grasps[names[i]] for i in holders]
-    if load.shape == "polygon":
+    if decomposition is not None:
+        corners = np.concatenate([polytope.vertices for polytope in decomposition.polytopes])
+    elif isinstance(load, PolygonLoad):
         corners = np.zeros((len(load.vertices), 3))
         corners[:, : file.dimension] = load.vertices
-    elif load.shape == "box" and file.dimension == 2:
+    elif isinstance(load, BoxLoad) and file.dimension == 2:
         corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         corners[:, :2] *= 0.5 * np.array(load.size)
-    elif decomposition is not None:
-        corners = np.concatenate([polytope.vertices for polytope in decomposition.polytopes])
-    elif load.shape == "box":
+    elif isinstance(load, BoxLoad):
         sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
         corners = -0.5 * sides * np.array(load.size)
     return grasps, corners

@@ -209,7 +209,7 @@ class Scene:
     @property
     def clearance(self) -> float:
         """Return the distance that the body must keep from everything [m]."""
-        return self.file.limits.clearance
+        return self.file.limits.clearance or 0.0  # filled in when the file is read
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
@@ -468,7 +468,8 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     n_dims, n_hands = file.dimension, len(file.names)
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
     explicit = _resolved(file, spatial(given[0]))
-    bodies = Bodies(file, explicit, *spatial(given), path, held.get(LOAD))
+    start, goal = spatial(given)
+    bodies = Bodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
     bodies, groups, implied = bodies.levelled(rigid), [], []
     for members in rigid:
@@ -491,16 +492,14 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         owners=owners,
         grasp=grasp_of(file, _carried(file, groups)),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
-        surfaces=surfaces_of(
-            [placed(mesh, part, i, owners) for i, (mesh, part) in meshes.items() if i != LOAD]
-        ),
+        surfaces=surfaces_of(placed(meshes, owners)),
         excess={whose: decomposition.excess for whose, decomposition in held.items()},
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
-    moved = {end: scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS}
-    for end, before in zip(ENDS, given, strict=True):
-        _say_shift(end, before, moved[end], scene.manipulators)
-    scene = replace(scene, **moved)
+    moved = [scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS]
+    for end, before, after in zip(ENDS, given, moved, strict=True):
+        _say_shift(end, before, after, scene.manipulators)
+    scene = replace(scene, start=moved[0], goal=moved[1])
     _require_heading(scene, path)
     _require_free_ends(scene, path)
     _require_kept_ends(scene, path)
@@ -554,8 +553,8 @@ def _require_free_ends(scene: Scene, path: object) -> None:
     for end in ENDS:
         # What moves may have left the goal, or not come there yet, when the load does.
         there = [i for i in range(len(scene.file.obstacles)) if end == "start" or not scene.moving[i]]
-        clearance, nearest = scene._nearest(scene.nodes_at(end), 0.0, there)
-        nearest = scene.name_of(nearest)
+        clearance, obstacle = scene._nearest(scene.nodes_at(end), 0.0, there)
+        nearest = scene.name_of(obstacle)
         rounding = PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
         if clearance < scene.clearance + rounding:  # nothing could be proved of a motion that begins there
             need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""

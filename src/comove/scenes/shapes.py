@@ -20,7 +20,17 @@ from comove.geometry.rotations import matrices
 from comove.geometry.solids import N_CORNERS
 from comove.geometry.surfaces import Placed
 from comove.scenes.groups import RigidGroup, rotation_in_plane
-from comove.scenes.model import MeshLoad, MeshObstacle, SceneFile
+from comove.scenes.model import (
+    BarLoad,
+    BoxLoad,
+    FrameLoad,
+    Load,
+    MeshLoad,
+    MeshObstacle,
+    Obstacle,
+    PolygonLoad,
+    SceneFile,
+)
 
 Array = NDArray[np.float64]
 Meshes = dict[int | str, tuple[Mesh, MeshObstacle | MeshLoad]]
@@ -52,15 +62,14 @@ class Body:
     solids: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
 
 
-def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | str, tuple[Mesh, Any]]:
+def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
     """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""
-    parts: list[tuple[int | str, str, Any]] = [
+    parts: list[tuple[int | str, str, Obstacle | Load | None]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
     ]
-    parts += [(LOAD, "load", file.load)]
-    meshes = {}
-    for whose, key, part in parts:
-        if part is not None and part.shape == "mesh":
+    meshes: Meshes = {}
+    for whose, key, part in (*parts, (LOAD, "load", file.load)):
+        if isinstance(part, (MeshObstacle, MeshLoad)):
             mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
             if part.resolution is not None and not part.resolution < mesh.width:
                 raise SceneError(
@@ -73,10 +82,19 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> dict[int | 
     return meshes
 
 
-def placed(mesh: Mesh, obstacle: Any, number: int, owners: NDArray[np.int64]) -> Placed:
-    """Return the mesh of an obstacle at its position at 0 s."""
-    rotation = matrices(np.array(obstacle.quaternion_wxyz))
-    return Placed(mesh.parts, np.array(obstacle.center), rotation, number, int(np.argmax(owners == number)))
+def placed(meshes: Meshes, owners: NDArray[np.int64]) -> list[Placed]:
+    """Return the meshes of obstacles at their positions at 0 s; `owners` are the obstacles of the table's rows."""
+    return [
+        Placed(
+            mesh.parts,
+            np.array(part.center),
+            matrices(np.array(part.quaternion_wxyz)),
+            int(number),
+            int(np.argmax(owners == number)),
+        )
+        for number, (mesh, part) in meshes.items()
+        if isinstance(part, MeshObstacle)
+    ]
 
 
 def body_of(
@@ -86,29 +104,31 @@ def body_of(
 
     A hand that is not the end of an edge is a point of its own.
     """
-    load, names, edges, solids, radius = file.load, file.names, [], [], 0.0
+    load, names, radius = file.load, file.names, 0.0
+    edges: list[tuple[int, int]] = []
+    solids: list[list[int]] = []
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
-    if load is not None:
-        radius = getattr(load, "radius", 0.0)
-        if load.shape == "bar":
-            holders = [names.index(name) for name in (load.held_by or names)]
-            edges = [tuple(corners or holders)]
-        elif load.shape == "frame":
-            edges = [(names.index(a), names.index(b)) for a, b in load.edges]
-        elif load.shape == "box" and file.dimension == 3:
-            solids = [corners]
-        elif decomposition is not None:
-            solids = _hulls(decomposition, len(names))
-        else:
-            edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    if isinstance(load, (BarLoad, FrameLoad, PolygonLoad)):
+        radius = load.radius
+    if isinstance(load, BarLoad):
+        first, second = corners or [names.index(name) for name in (load.held_by or names)]
+        edges = [(first, second)]
+    elif isinstance(load, FrameLoad):
+        edges = [(names.index(a), names.index(b)) for a, b in load.edges]
+    elif isinstance(load, BoxLoad) and file.dimension == 3:
+        solids = [corners]
+    elif decomposition is not None:
+        solids = _hulls(decomposition, len(names))
+    elif load is not None:
+        edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
     touched = {node for edge in edges for node in edge}
     points = [(i, i) for i in range(len(names)) if i not in touched]
     return Body(
         edges=np.array(edges + points, dtype=np.int64).reshape(-1, 2),
         radii=np.array([radius] * len(edges) + [0.0] * len(points)),
         n_nodes=len(names) + n_corners,
-        filled=load is not None and file.dimension == 2 and load.shape in ("polygon", "box"),
+        filled=file.dimension == 2 and isinstance(load, (PolygonLoad, BoxLoad)),
         solids=np.array(solids, dtype=np.int64).reshape(-1, len(solids[0]) if solids else N_CORNERS),
     )
 
@@ -135,7 +155,7 @@ def obstacle_table(
     """Return the table of obstacles, as `comove.geometry.distances` describes it, and the obstacle of each row."""
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):
-        if i in decompositions:
+        if isinstance(obstacle, MeshObstacle):
             turn = matrices(np.array(obstacle.quaternion_wxyz))
             rows.append(rows_of(list(decompositions[i].polytopes), np.array(obstacle.center), turn))
         else:
