@@ -30,7 +30,7 @@ from comove.experiments.modulation.comparison import MODULATED, loose_run
 from comove.experiments.random_scenes import moving_scene
 from comove.planning import load_kernels
 from comove.scenes import Scene
-from comove.verification.record import Record, judge
+from comove.verification.record import Record, verify_execution
 
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)
 LATE = {"seen": 0.0, "clouds": 0.03, "measured": SENSOR.delay}  # s, until there can be news
@@ -53,7 +53,7 @@ def modulated_run(scene: Scene, sharing: Sharing, load: bool) -> dict[str, float
 
 def measures(record: Record) -> dict[str, float]:
     """What the judge says of a record."""
-    scene, report = record.scene, judge(record)
+    scene, report = record.scene, verify_execution(record)
     return {
         "contact": report.clearance_min < 0.0,
         "arrived": report.end_error <= 1e-3,

@@ -10,7 +10,7 @@ from comove.experiments.random_scenes import moving_scene
 from comove.geometry import distances as sd
 from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
 EMPTY = crossing()
@@ -364,7 +364,7 @@ def test_a_load_arrives_by_clouds_alone(seed):
     """Discs, boxes and capsules in the plane; judged by where they really were."""
     scene = moving_scene(seed)
     observer = Scanned(Known(scene), scene, None, np.random.default_rng(seed))
-    report = judge(Executor(scene, observer).run(3 * scene.duration))
+    report = verify_execution(Executor(scene, observer).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.end_error <= 1e-3
     assert report.distance_error_max <= 1e-9

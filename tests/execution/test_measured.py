@@ -7,7 +7,7 @@ from comove.errors import OptionError
 from comove.execution import Executor, Known, Measured, Observed, Sensor
 from comove.execution.measured import SIGMAS
 from comove.experiments.random_scenes import moving_scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
 STEADY = crossing(disc([0.9, 0.9], {"velocity": [-0.2, -0.1]}))
@@ -111,6 +111,6 @@ def test_sensors_that_are_none(wrong):
 def test_a_load_is_carried_by_measurements_alone(seed):
     scene = moving_scene(seed)
     observer = Measured(Known(scene), scene, Sensor(dropout=0.1), np.random.default_rng(seed))
-    report = judge(Executor(scene, observer).run(3 * scene.duration))
+    report = verify_execution(Executor(scene, observer).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.distance_error_max <= 1e-9

@@ -9,7 +9,7 @@ from comove.execution.observers import Known, going_on
 from comove.experiments.modulation.obstacles import level_obstacle
 from comove.reaction.twist_qp import Sighting
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from comove.views.run import draw_run
 
 from ..meshes import l_profile, ring, write_obj
@@ -65,7 +65,7 @@ def observers(scene):
 def test_executions_among_meshes_arrive_and_are_recorded_by_obstacle(scene, observer, tmp_path):
     executor = Executor(scene, observers(scene)[observer])
     record = executor.run(20.0)
-    report = judge(record, executor.blocker)
+    report = verify_execution(record, executor.blocker)
     assert report.reasons == ()
     assert report.clearance_min >= scene.clearance
     assert report.distance_error_max < 1e-9

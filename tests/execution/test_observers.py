@@ -34,7 +34,7 @@ def test_sags_bound_how_far_chords_are_left(velocity, spin):
     motion, time = Turning(velocity, across(velocity, 5 * spin), 0.0), np.linspace(0.0, 3.0, 20)
     ends, middle = motion.offsets(time), motion.offsets(0.5 * (time[1:] + time[:-1]))
     away = np.linalg.norm(middle - 0.5 * (ends[1:] + ends[:-1]), axis=1)
-    assert (away <= motion.sags(time) + 1e-12).all()
+    assert (away <= motion.sagittas(time) + 1e-12).all()
 
 
 @pytest.mark.parametrize("now", [0.3, 2.0])

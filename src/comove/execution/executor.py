@@ -295,7 +295,7 @@ class Executor:
         """Return the true positions of the obstacles, and their distances from their chords between the steps."""
         centers = self.observer.ground_truth(time)
         if self.observer.certain:
-            return centers, self.scene.obstacle_sags(time)
+            return centers, self.scene.obstacle_sagittas(time)
         between = 0.5 * (time[1:] + time[:-1])
         return centers, np.linalg.norm(
             self.observer.ground_truth(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2

@@ -21,13 +21,13 @@ from comove.coordination.coordinates import load_coordinates
 from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
 from comove.results.folder import RUN_ARRAYS, RUN_SUMMARY, checksum
-from comove.verification.record import Record, RecordReport
+from comove.verification.record import ExecutionReport, Record
 
 
 def write_run(
     folder: Path,
     record: Record,
-    report: RecordReport,
+    report: ExecutionReport,
     log: ExecutionLog,
     *,
     seed: int,

@@ -187,7 +187,7 @@ class Turning:
         turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
         return np.cos(rate * time) * self.velocity + turned
 
-    def sags(self, time: ArrayLike) -> Array:
+    def sagittas(self, time: ArrayLike) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """

@@ -17,7 +17,7 @@ from comove.constraints import Constraint, Course
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Block
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
-from comove.verification.bounds import NodeBounds, column_bounds
+from comove.verification.bounds import NodeBounds, derivative_bounds
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class MotionCourse(Course):
         knots = [self.motion.knots[:, :, columns[part.columns][: self.n_dims][axes]] for part, _ in blocks]
         relative = knots[0] - knots[1]
         relative[0] += np.subtract(*(part.points[i, axes] for part, i in blocks))
-        return relative[0], BULGE * column_bounds(relative)[1]
+        return relative[0], BULGE * derivative_bounds(relative)[2]
 
     def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
         """Return whether one block moves both hands, and does not leave their roll open."""
