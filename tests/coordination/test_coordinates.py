@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from comove.coordination import arms_coordinates, load_coordinates, projected_coordinates
 from comove.coordination.blocks import ANGLE, POINT, QUATERNION, place_one, unit_motion
 from comove.errors import OptionError
-from comove.geometry.rotations import quaternion_product
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.scenes import Scene
-from comove.scenes.groups import quaternion_of_rotation
 
 from .examples import (
     LEVEL,

@@ -16,8 +16,9 @@ from comove.constraints import (
     UprightConstraint,
 )
 from comove.errors import ComoveWarning, SceneError
+from comove.geometry.rotations import levelling
 from comove.scenes import Scene
-from comove.scenes.groups import levelling, tilt_between
+from comove.scenes.groups import tilt_between
 from tests import brute_force
 
 from .test_scene import BAR, FRAME, TRIANGLE, apart, quiet, refused, scene_of

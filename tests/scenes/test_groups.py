@@ -6,18 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.geometry.rotations import matrices
-from comove.scenes.groups import (
-    GroupPose,
-    RigidGroup,
+from comove.geometry.rotations import (
     fit_angle,
-    fit_pose,
     fit_quaternion,
-    nearest_distances,
-    orientation_of,
+    matrices,
     quaternion_of_rotation,
     rotation_in_plane,
 )
+from comove.scenes.groups import GroupPose, RigidGroup, fit_pose, nearest_distances, orientation_of
 
 seeds = st.integers(0, 2**32 - 1)
 X = np.array([1.0, 0.0, 0.0])

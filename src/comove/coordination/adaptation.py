@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import OptionError
-from comove.geometry.rotations import conjugate, matrices, quaternion_product, similarity
+from comove.geometry.rotations import (
+    conjugate,
+    matrices,
+    quaternion_of_rotation,
+    quaternion_product,
+    similarity,
+)
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.variants import Variant
-from comove.scenes.groups import RigidGroup, quaternion_of_rotation
+from comove.scenes.groups import RigidGroup
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import quaternion_product
-from comove.scenes.groups import GroupPose, quaternion_of_rotation
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
+from comove.scenes.groups import GroupPose
 
 Array = NDArray[np.float64]
 

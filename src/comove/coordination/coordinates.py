@@ -43,16 +43,14 @@ from comove.coordination.blocks import (
     write_twist,
 )
 from comove.errors import OptionError
-from comove.geometry.rotations import quaternion_product
-from comove.scenes.groups import (
-    GroupPose,
-    RigidGroup,
+from comove.geometry.rotations import (
     fit_angle,
     fit_direction,
     fit_quaternion,
-    orientation_of,
     quaternion_of_rotation,
+    quaternion_product,
 )
+from comove.scenes.groups import GroupPose, RigidGroup, orientation_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -18,12 +18,12 @@ from comove.coordination.coordinates import (
     load_coordinates,
 )
 from comove.errors import OptionError
-from comove.geometry.rotations import quaternion_product, similarity
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product, similarity
 from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.basis import MotionBasis, motion_basis, rollouts
 from comove.primitives.dmp import DMP
 from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.scenes.groups import orientation_of, quaternion_of_rotation
+from comove.scenes.groups import orientation_of
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 

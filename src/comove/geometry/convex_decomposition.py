@@ -25,7 +25,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import ConvexHull, cKDTree
 
 from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
-from comove.geometry.polytopes import Polytope, coarser, hull_of
+from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of
 from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
@@ -90,10 +90,11 @@ def decompose(parts: Parts, resolution: float | None = None, *, few: bool = True
         if _area(corners).max() <= FLAT * size**2:
             continue  # only lines: `left_out` covers them below
         hull = _hull(corners, resolution, thickness)
-        groups = None if hull else _Groups(corners, resolution, thickness)
-        if hull is None and groups.n <= (work if few or not thickness else 0):
-            work -= groups.n
-            hull = groups.decomposed()
+        if hull is None:
+            groups = _Groups(corners, resolution, thickness)
+            if groups.n <= (work if few or not thickness else 0):
+                work -= groups.n
+                hull = groups.decomposed()
         if hull is None:
             rest.append((corners, thickness))
         else:
@@ -144,7 +145,8 @@ def _singles(
         if sum(own.n for own in groups) <= MOST_PIECES:
             break
         resolution, n_planes = COARSER * resolution, 0
-    found, excess = [], 0.0
+    found: list[Polytope] = []
+    excess = 0.0
     for own in groups:
         hulls, beyond = own.singles()
         found, excess = found + hulls, max(excess, beyond)
@@ -172,7 +174,7 @@ def _area(corners: Array) -> Array:
 
 def _thin(points: Array, thickness: float) -> Polytope:
     """Return the hull of points, array of shape (n, 3) [m], each thickened to `thickness` [m] along the axes."""
-    return hull_of(_thickened(points, thickness))
+    return solid_hull_of(_thickened(points, thickness))
 
 
 def _thickened(points: Array, thickness: float) -> Array:
@@ -343,7 +345,7 @@ class _Groups:
             if best is not None:
                 return best
         piece = int(seeds[0])  # a single piece is nearly convex
-        hull = hull_of(self._points_of(piece))
+        hull = solid_hull_of(self._points_of(piece))
         return hull, self._held(hull) | (np.arange(self.n) == piece)
 
     def _is_near(self, hull: Polytope) -> bool:
@@ -364,7 +366,7 @@ class _Groups:
         if self.thickness or not self.distance.is_near(hull, 0.0):
             return False
         volume = ConvexHull(hull.vertices).volume
-        pieces = (hull_of(self._points_of(k)) for k in np.flatnonzero(held))
+        pieces = (hull_of(self._points_of(int(k))) for k in np.flatnonzero(held))
         return volume - sum(ConvexHull(p.vertices).volume for p in pieces if p) <= CONVEX * volume
 
 

@@ -50,6 +50,20 @@ def hull_of(points: Array) -> Polytope | None:
     return Polytope(vertices, _planes(vertices, hull.equations[:, :3]))
 
 
+def solid_hull_of(points: Array) -> Polytope:
+    """Return the convex hull of points, array of shape (n, 3) [m].
+
+    Raises
+    ------
+    ValueError
+        If they all lie in one plane.
+    """
+    hull = hull_of(points)
+    if hull is None:
+        raise ValueError(f"{len(points)} points lie in one plane")
+    return hull
+
+
 def _planes(vertices: Array, normals: Array) -> Array:
     """Return the planes that touch the vertices, one for each different normal; array, shape (n, 4)."""
     kept = np.unique(np.round(normals / ALIKE).astype(np.int64), axis=0, return_index=True)[1]
@@ -83,7 +97,7 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
         if beyond <= tolerance or len(normals) >= MOST_PLANES:
             break
         normals = np.concatenate([normals, [(vertices[worst] - feet[worst]) / beyond]])
-    found = hull_of(vertices)
+    found = solid_hull_of(vertices)
     if len(found.vertices) >= len(hull.vertices):
         return hull, 0.0
     return Polytope(found.vertices, planes), beyond

@@ -153,7 +153,8 @@ def is_closed(faces: Faces) -> bool:
 
 def _turned_alike(faces: Faces) -> Faces | None:
     """Return the faces of one part turned so that neighbours agree; None where this does not close them."""
-    faces, neighbours = faces.copy(), {}
+    faces = faces.copy()
+    neighbours: dict[frozenset[int], list[int]] = {}
     for k, face in enumerate(faces.tolist()):
         for i in range(3):
             neighbours.setdefault(frozenset((face[i], face[i - 1])), []).append(k)

@@ -9,9 +9,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, ClassVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 from comove.io.messages import KeyPath, counted, show
 
@@ -146,6 +154,21 @@ class Part(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Sparse(Part):
+    """A part that leaves out of its plain data those of its keys in `LATER` that are not set.
+
+    Files that do not use a key that came later keep their checksum.
+    """
+
+    LATER: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _sparse(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {
+            key: value for key, value in write(self).items() if value is not None or key not in self.LATER
+        }
 
 
 def marked(part: Part, mark: str) -> Iterator[tuple[KeyPath, Any]]:

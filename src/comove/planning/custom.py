@@ -38,9 +38,10 @@ def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> 
     for _ in range(MOST_RUNS):
         start = _minimised(search, own, start, margin)
         if search.judge(start).verified is None:
-            margin = next(margins, None)
-            if margin is None:
+            wider = next(margins, None)
+            if wider is None:
                 break
+            margin = wider
             continue
         verified, value = True, search.worth(start)
         if search.over() or (np.isfinite(before) and value > before - WORTH_ANOTHER * abs(before)):

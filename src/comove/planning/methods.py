@@ -18,7 +18,7 @@ from comove.planning.configurations import Space, configuration_space, span, way
 from comove.planning.custom import improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
-from comove.planning.objectives import LeastTime, PaperCost
+from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
@@ -112,7 +112,7 @@ class Comove(Method):
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
         if search.own is not None:
-            self._customise(search, planner=planner)
+            self._customise(search, search.own, planner=planner)
             return
         if search.taught is not None and search.objective.weights.resemblance > 0:
             self._grow(search, range(1))  # from the demonstration, to stay near it
@@ -123,14 +123,14 @@ class Comove(Method):
         while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
 
-    def _customise(self, search: Search, *, planner: bool) -> None:
+    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> None:
         """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
         optimise with all of it from the best motions.
         """
         base = replace(
             search,
             own=None,
-            checks=tuple(c for c in search.checks if c != search.own.reasons),
+            checks=tuple(c for c in search.checks if c != own.reasons),
             kept=[],
             objective=replace(search.objective, scene=_unsampled(search.scene)),
             asked=None if search.asked is None else _unsampled(search.asked),
@@ -151,7 +151,7 @@ class Comove(Method):
         search.stage = "minimising the objective given"
         for motion in reversed(kept[-N_STARTS:]):
             search.check_time()
-            improve_own(search, search.own, motion)
+            improve_own(search, own, motion)
 
     def _plan(self, search: Search) -> bool:
         """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.coordination.coordinates import ANGLE, DIRECTION, QUATERNION, Coordinates
 from comove.errors import OptionError
-from comove.geometry.rotations import similarity
+from comove.geometry.rotations import quaternion_of_rotation, similarity
 from comove.primitives.arguments import is_number, numbers
-from comove.scenes.groups import RigidGroup, fit_pose, orientation_of, quaternion_of_rotation
+from comove.scenes.groups import RigidGroup, fit_pose, orientation_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import matrices
-from comove.scenes.groups import rotation_in_plane
+from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.scenes.model import SceneFile
 
 Array = NDArray[np.float64]

@@ -9,12 +9,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import matrices, similarity
-from comove.ties import first_largest
+from comove.geometry.rotations import (
+    fit_angle,
+    fit_direction,
+    fit_quaternion,
+    matrices,
+    rotation_in_plane,
+    similarity,
+)
 
 Array = NDArray[np.float64]
-
-ROUNDING = 1e-12  # of the numbers of a unit quaternion
 
 Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 
@@ -104,36 +108,6 @@ def fit_pose(grasps: Array, hands: Array, orientation: Orientation) -> GroupPose
     return GroupPose(hands.mean(axis=0) - rotation @ grasps.mean(axis=0), rotation)
 
 
-def fit_angle(grasps: Array, hands: Array) -> Array:
-    """Return the angles [rad] that turn `grasps` (n, 3) about z nearest to `hands` (..., n, 3); shape (...)."""
-    held, wanted = _about_middle(grasps), _about_middle(hands)
-    cosine = (held[:, 0] * wanted[..., 0] + held[:, 1] * wanted[..., 1]).sum(axis=-1)
-    sine = (held[:, 0] * wanted[..., 1] - held[:, 1] * wanted[..., 0]).sum(axis=-1)
-    return np.arctan2(sine, cosine)
-
-
-def fit_direction(grasps: Array, hands: Array) -> Array:
-    """Return unit vectors (..., 3) along which `grasps` (n, 3), on the x axis, are nearest to `hands` (..., n, 3)."""
-    direction = (_about_middle(grasps)[:, :1] * _about_middle(hands)).sum(axis=-2)
-    return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-
-
-def fit_quaternion(grasps: Array, hands: Array) -> Array:
-    """Return unit quaternions (..., 4), w x y z, that turn `grasps` (n, 3) nearest to `hands` (..., n, 3).
-
-    The method is Horn's (1987).
-    """
-    s = np.einsum("ni,...nj->...ij", _about_middle(grasps), _about_middle(hands))
-    cross = [s[..., 1, 2] - s[..., 2, 1], s[..., 2, 0] - s[..., 0, 2], s[..., 0, 1] - s[..., 1, 0]]
-    trace = np.trace(s, axis1=-2, axis2=-1)
-    matrix = np.empty((*s.shape[:-2], 4, 4))
-    matrix[..., 0, 0] = trace
-    matrix[..., 1:, 1:] = s + np.swapaxes(s, -1, -2) - trace[..., None, None] * np.eye(3)
-    for i in range(3):
-        matrix[..., 0, i + 1] = matrix[..., i + 1, 0] = cross[i]
-    return np.linalg.eigh(matrix)[1][..., -1]
-
-
 def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
     """Return by how much the tilts of two rotations, arrays of shape (3, 3), differ [rad].
 
@@ -147,62 +121,6 @@ def tilt_between(orientation: Orientation, a: Array, b: Array) -> float:
         first, second = (np.arctan2(r[2, 0], np.hypot(r[0, 0], r[1, 0])) for r in (a, b))
         return float(abs(first - second))
     return float(np.arctan2(np.linalg.norm(np.cross(a[2], b[2])), a[2] @ b[2]))
-
-
-def levelling(along: Array, up: Array) -> Array:
-    """Return the smallest rotation, shape (3, 3), that makes all vectors `along` (n, 3) perpendicular to the unit
-    vector `up`.
-
-    Where they would have to turn so far that `up` lies almost in their span, it is the identity.
-    """
-    _, spread, axes = np.linalg.svd(along, full_matrices=False)
-    axes = axes[spread > 1e-6 * spread[0]]
-    across = up - axes.T @ (axes @ up)
-    size = np.linalg.norm(across)
-    return similarity(across / size, up) if size > 0.1 else np.eye(3)
-
-
-def standing(x: Array) -> Array:
-    """Return the rotation whose x axis is `x` and whose z axis leans least; array, shape (3, 3).
-
-    `x` is a unit vector that is not vertical.
-    """
-    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
-    z /= np.linalg.norm(z)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _about_middle(points: Array) -> Array:
-    return points - points.mean(axis=-2, keepdims=True)
-
-
-def rotation_in_plane(angle: Array | float) -> Array:
-    """Return the rotation about z by `angle` [rad]; array, shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def quaternion_of_rotation(rotation: Array) -> Array:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix (Shepperd, 1978).
-
-    Its sign makes the first number that is not 0 positive.
-    """
-    m = rotation
-    trace = np.trace(m)
-    candidates = np.array([trace, m[0, 0], m[1, 1], m[2, 2]])
-    i = first_largest(candidates)
-    if i == 0:
-        q = np.array([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
-    else:
-        a, b, c = i - 1, i % 3, (i + 1) % 3
-        q = np.empty(4)
-        q[0] = m[c, b] - m[b, c]
-        q[1 + a] = 1 + m[a, a] - m[b, b] - m[c, c]
-        q[1 + b] = m[b, a] + m[a, b]
-        q[1 + c] = m[c, a] + m[a, c]
-    q /= np.linalg.norm(q)
-    first = q[np.argmax(np.abs(q) > ROUNDING)]  # of a half turn w is 0 but for rounding
-    return q if first > 0 else -q
 
 
 def nearest_distances(points: Array, pairs: list[tuple[int, int]], distances: Array) -> Array:

@@ -23,9 +23,7 @@ from pydantic import (
     Discriminator,
     Field,
     GetPydanticSchema,
-    SerializerFunctionWrapHandler,
     Tag,
-    model_serializer,
     model_validator,
 )
 
@@ -43,6 +41,7 @@ from comove.io.keys import (
     PositiveLength,
     Quaternion,
     Sizes,
+    Sparse,
     Vector,
     Wrong,
     as_tuple,
@@ -93,14 +92,11 @@ class Workspace(Part):
     upper: Vector
 
 
-class _Obstacle(Part):
+class _Obstacle(Sparse):
     """An obstacle, which moves if it has a `motion`; obstacles without one keep their checksum."""
 
+    LATER = ("motion",)
     motion: Motion | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_motion(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in write(self).items() if key != "motion" or value is not None}
 
 
 class _Turned(_Obstacle):
@@ -174,14 +170,11 @@ Obstacle = Annotated[
 ]
 
 
-class _Load(Part):
+class _Load(Sparse):
     """A load of `mass` [kg], None where the file does not say; loads without a mass keep their checksum."""
 
+    LATER = ("mass",)
     mass: Positive | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_mass(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in write(self).items() if key != "mass" or value is not None}
 
 
 class BarLoad(_Load):
@@ -253,7 +246,7 @@ class Manipulator(Part):
     goal: Vector
 
 
-class LimitsPart(Part):
+class LimitsPart(Sparse):
     """Limits of each manipulator's motion, and the clearance that the load must keep.
 
     `speed` [m/s], `acceleration` [m/s^2], `jerk` [m/s^3], `clearance` [m].
@@ -262,15 +255,11 @@ class LimitsPart(Part):
     leaves the duration out, `solve` fills limits in.
     """
 
+    LATER = ("jerk",)
     speed: PositiveLength | None = None
     acceleration: PositiveLength | None = None
     jerk: PositiveLength | None = None
     clearance: Length | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_no_jerk(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a limit of jerk that is not set, so that scenes without one keep their checksum."""
-        return {key: value for key, value in write(self).items() if key != "jerk" or value is not None}
 
 
 _AnyConstraint = Annotated[
@@ -343,12 +332,13 @@ Objective = Annotated[
 ]
 
 
-class DemonstrationSource(Part):
+class DemonstrationSource(Sparse):
     """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
     `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
     """
 
+    LATER = CHOICES
     file: str | None = None
     lasa: str | None = None
     demo: Annotated[int, Field(ge=0, le=6)] = 0
@@ -361,11 +351,6 @@ class DemonstrationSource(Part):
     """Name or number of a recording, where `file` holds several."""
     topic: str | None = None
     """Where `file` is a bag."""
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_left_out(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out episode and topic where they are not set, so that scenes without them keep their checksum."""
-        return {key: value for key, value in write(self).items() if key not in CHOICES or value is not None}
 
     @model_validator(mode="after")
     def _one_source(self) -> DemonstrationSource:
@@ -383,9 +368,10 @@ class DemonstrationSource(Part):
         return self
 
 
-class SceneFile(Part):
+class SceneFile(Sparse):
     """A scene as written in its file; :func:`load_scene_file` and :func:`parse_scene` create and cross-check it."""
 
+    LATER = ("objective",)
     version: Annotated[int, AfterValidator(_version)] = 1
     name: Annotated[str, AfterValidator(safe_name)]
     duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)] | None = None
@@ -407,11 +393,6 @@ class SceneFile(Part):
     grasp: GraspPart | None = None
     objective: Objective | None = None
     """What the motion shall be best in, unless the command says something else."""
-
-    @model_serializer(mode="wrap")
-    def _without_no_objective(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an objective that is not set, so that scenes without one keep their checksum."""
-        return {key: value for key, value in write(self).items() if key != "objective" or value is not None}
 
     @model_validator(mode="after")
     def _fill_clearance(self) -> SceneFile:

@@ -19,7 +19,7 @@ from comove.constraints import (
 from comove.constraints.distance import distance_tolerance
 from comove.errors import SceneError
 from comove.geometry.convex_decomposition import ConvexDecomposition
-from comove.geometry.rotations import similarity
+from comove.geometry.rotations import levelling, similarity, standing
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.groups import (
     GroupPose,
@@ -27,10 +27,8 @@ from comove.scenes.groups import (
     RigidGroup,
     connected,
     fit_pose,
-    levelling,
     nearest_distances,
     orientation_of,
-    standing,
     tilt_between,
 )
 from comove.scenes.model import BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile

@@ -16,10 +16,10 @@ from comove.geometry import distances as sd
 from comove.geometry.convex_decomposition import ConvexDecomposition
 from comove.geometry.meshes import Mesh, read_mesh
 from comove.geometry.polytopes import rows_of
-from comove.geometry.rotations import matrices
+from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.geometry.surfaces import Placed
-from comove.scenes.groups import RigidGroup, rotation_in_plane
+from comove.scenes.groups import RigidGroup
 from comove.scenes.model import (
     BarLoad,
     BoxLoad,

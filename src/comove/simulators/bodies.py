@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm
-from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.simulators.engine import engine
 from comove.simulators.loads import Load

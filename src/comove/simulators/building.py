@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import RobotError
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
-from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.simulators.bodies import ROBOT, THE_LOAD, add_load, add_obstacles
 from comove.simulators.engine import engine, hangs_on

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from comove.errors import OptionError, ResultError
-from comove.geometry.rotations import matrices
+from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.io.files import whole_file
-from comove.scenes.groups import quaternion_of_rotation
 from comove.simulators.bodies import lower_floor
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.groups import quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.simulators.bodies import lower_floor
 from comove.simulators.building import TIMESTEP, build_world
