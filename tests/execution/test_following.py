@@ -6,7 +6,7 @@ import pytest
 from comove.execution import Executor
 from comove.planning import carried_demonstration
 from comove.scenes import Scene, demonstration_of
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.solved import EXAMPLES, example
 
 
@@ -25,7 +25,7 @@ def test_the_demonstration_is_followed():
     for name, dmp in (("taught", demonstration_of(scene)), ("free", None)):
         executor = Executor(scene, demonstration=dmp)
         record = executor.run(15.0)
-        report = judge(record, executor.blocker)
+        report = verify_execution(record, executor.blocker)
         assert not report.reasons
         assert report.acceleration_max < 0.5
         found[name] = distance(record, scene, demonstration_of(scene))
@@ -63,6 +63,6 @@ def test_plans_among_what_moves_are_calm():
     """With the paper's cost it was 1.5 m/s^2."""
     scene = Scene.load(str(EXAMPLES.joinpath("..", "..", "..", "examples", "moving", "crossing.yaml")))
     executor = Executor(scene)
-    report = judge(executor.run(10.0), executor.blocker)
+    report = verify_execution(executor.run(10.0), executor.blocker)
     assert not report.reasons
     assert report.acceleration_max < 0.5

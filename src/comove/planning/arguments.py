@@ -8,8 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import carried_to_hands
-from comove.coordination.poses import hands_of_poses
+from comove.coordination.adaptation import carried_to_hands, hands_of_poses
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.method import Method

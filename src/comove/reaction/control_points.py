@@ -114,6 +114,7 @@ def _on_faces(corners: Array, n_points: int) -> Array:
 def _on_hull(corners: Array, n_points: int) -> Array:
     """Return the corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
     hull = hull_of(np.unique(corners, axis=0))
+    assert hull is not None, "solids of a load have a volume"
     if len(hull.vertices) > FEW_CORNERS:
         return hull.vertices
     spacing = hull.size / max(1, (n_points - 1) // 4)
@@ -129,7 +130,7 @@ def _on_hull(corners: Array, n_points: int) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def moved_obstacles(table, velocity, spin, dt, moved):
+def moved_obstacles(table: Array, velocity: Array, spin: Array, dt: float, moved: Array) -> None:
     """Write in `moved` the table after `dt` [s] of constant velocities (n, 3) [m/s] and spins (n, 3) [rad/s]."""
     turn = np.empty((3, 3))
     for j in range(table.shape[0]):

@@ -265,13 +265,13 @@ class Scene:
         time = self.begins + time
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
-    def obstacle_sags(self, time: Array) -> Array:
+    def obstacle_sagittas(self, time: Array) -> Array:
         """Return the largest distances of the obstacles' centres from their chords between the times.
 
         Array, shape (n_times - 1, n_obstacles) [m].
         """
         time = self.begins + time
-        return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
+        return self._of_motions(lambda motion: motion.sagittas(time), (len(time) - 1,))
 
     @cached_property
     def obstacle_kinks(self) -> Array:
