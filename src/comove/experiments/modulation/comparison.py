@@ -214,7 +214,7 @@ def loose_run(
     for k in range(round(budget / period)):
         now, at = k * period, steps[-1]
         wanted = _wanted(motion, now, at)
-        seen = observer.seen(now)
+        seen = observer.observe(now)
         around = [
             replace(o, center=row[CENTER : CENTER + n], velocity=v[:n])
             for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
