@@ -7,7 +7,7 @@ the file: a body is as far from a moving obstacle as the body, moved back by the
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,23 @@ Array = NDArray[np.float64]
 FASTEST = 1000.0
 """Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""
 HOW = ("velocity", "waypoints", "circle")
+
+
+class ObstacleMotion(Protocol):
+    """The motion of an obstacle's centre, whose times are an array of shape (n_times,) [s]."""
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Return the times at which the velocity jumps [s]."""
+
+    def offsets(self, time: Array) -> Array:
+        """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
+
+    def velocities(self, time: Array) -> Array:
+        """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
+
+    def sagittas(self, time: Array) -> Array:
+        """Return bounds of the distance of the way from its chords; array, shape (n_times - 1,) [m]."""
 
 
 class Circle(Part):

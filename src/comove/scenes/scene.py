@@ -29,7 +29,7 @@ from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import SceneFile, canonical
-from comove.scenes.moving import Motion
+from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import ENDS, HEADING, Bodies
 from comove.scenes.shapes import (
@@ -91,7 +91,7 @@ class Scene:
     obstacles: Array
     owners: NDArray[np.int64]
     grasp: Grasp | None = None
-    motions: tuple[Motion | None, ...] = ()
+    motions: tuple[ObstacleMotion | None, ...] = ()
     begins: float = 0.0
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
@@ -282,7 +282,7 @@ class Scene:
         kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
-    def _of_motions(self, of: Callable[[Motion], Array], shape: tuple[int, ...]) -> Array:
+    def _of_motions(self, of: Callable[[ObstacleMotion], Array], shape: tuple[int, ...]) -> Array:
         still = np.zeros(shape)
         of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))

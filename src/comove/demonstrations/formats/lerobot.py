@@ -167,7 +167,7 @@ def write(
     names = _names(path, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
     lengths: list[int] = []
-    with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
+    with whole_folder(Path(path), Contents("recording", error=DemonstrationError)) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
             for number, demos in enumerate(written):
