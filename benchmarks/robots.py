@@ -19,7 +19,7 @@ import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning import load_kernels
-from comove.robots import Carrying, Robot, RobotCheck, VerifiedJointMotion, carry, track
+from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
 from comove.scenes import Scene, demonstration_of
 from comove.simulators import Friction, Perturbation, Weld, simulate
 
@@ -125,7 +125,7 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
                 f"| {sum(len(run.contacts) for run in runs)} | |",
                 flush=True,
             )
-        joints, _ = track(Carrying(motion.robot, motion.scene), CoordinatedMotion.straight(motion.scene))
+        joints, _ = RobotCarrier(motion.robot, motion.scene).track(CoordinatedMotion.straight(motion.scene))
         for grasp in (Weld(), Friction()):
             name = f"{path.stem}, {type(grasp).__name__.lower()}, straight line"
             row(name, simulate(joints, motion.scene, motion.robot, grasp))
@@ -141,7 +141,7 @@ def main() -> None:
     load_kernels(3)
     for path in SCENES:  # compiled kernels and meshes in memory
         scene = Scene.load(path)
-        RobotCheck(Carrying(Robot.load(scene.file.robot), scene)).prepare()
+        RobotCarrier(Robot.load(scene.file.robot), scene).prepare()
     motions = list(table_of_solves(1 if options.only == "simulate" else options.seeds))
     if options.only != "solve":
         table_of_simulations(motions)

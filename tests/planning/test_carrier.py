@@ -46,6 +46,9 @@ class Ceiling:
     def stricter(self):
         return replace(self, caution=self.caution + 1)
 
+    def reasons(self, motion):
+        return [] if highest(motion) <= self.height else ["too high"]
+
 
 def highest(motion):
     return motion.hands(np.linspace(0, 1, 2001))[0][:, :, 1].max()
@@ -57,7 +60,7 @@ def test_a_search_stays_where_its_carrier_can_go():
     for seed in range(4):
         carrier = Ceiling(0.72)
         found = solve(SCENE, seed=seed, budget=10, carrier=carrier)
-        assert found.verified and highest(found.attempt) <= 0.72 + 1e-3
+        assert found.verified and highest(found.attempt) <= 0.72
 
 
 def test_smooth_motions_stay_where_their_carrier_can_go():
@@ -65,14 +68,10 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     free = solve(SCENE, seed=3, budget=3)
     low = highest(free.attempt) - 0.01
     carrier = Ceiling(low)
-    found = solve(
-        SCENE, budget=10, carrier=carrier, checks=[lambda m: [] if highest(m) <= low else ["too high"]]
-    )
-    unchecked = solve(SCENE, budget=10, carrier=carrier)
+    found = solve(SCENE, budget=10, carrier=carrier)
     paper = solve(SCENE, budget=10, carrier=carrier, objective=PaperCost())
-    for motion in (found, unchecked):
-        assert motion.verified and highest(motion.attempt) <= low + 1e-3
-        assert motion.report.acceleration_max < 0.2 * paper.report.acceleration_max
+    assert found.verified and highest(found.attempt) <= low
+    assert found.report.acceleration_max < 0.2 * paper.report.acceleration_max
 
 
 def test_the_papers_method_asks_it_about_the_load_as_it_is():
@@ -90,27 +89,23 @@ def test_the_papers_method_asks_it_about_the_load_as_it_is():
     assert free.verified
     low = highest(free.attempt) - 0.02
     carrier = Watched(low)
-    found = solve(
-        SCENE,
-        method=Paper(),
-        budget=20,
-        carrier=carrier,
-        checks=[lambda m: [] if highest(m) <= low else ["too high"]],
-    )
+    found = solve(SCENE, method=Paper(), budget=20, carrier=carrier)
     assert found.verified and highest(found.attempt) <= low
     assert min(carrier.apart) > 0.05
 
 
 def test_what_a_check_rejects_makes_the_carrier_careful():
-    carrier, judged = Ceiling(0.72), []
+    judged = []
 
-    def check(motion):
-        judged.append(motion)
-        return ["not like this"] if len(judged) == 2 else []  # the first motion stands, polishing it does not
+    class Reluctant(Ceiling):
+        def reasons(self, motion):
+            judged.append(motion)
+            return (
+                ["not like this"] if len(judged) == 2 else []
+            )  # the first motion stands, polishing it does not
 
-    found = solve(
-        SCENE, method=Comove(n_plans=1), budget=20, objective=PaperCost(), carrier=carrier, checks=[check]
-    )
+    carrier = Reluctant(0.72)
+    found = solve(SCENE, method=Comove(n_plans=1), budget=20, objective=PaperCost(), carrier=carrier)
     assert found.verified and len(judged) >= 3
     assert max(carrier.asked) == 1
 
@@ -123,27 +118,28 @@ def test_what_nothing_can_carry_is_handed_out_as_an_attempt():
         def ask(self, nodes):
             return np.ones(len(nodes)), np.zeros(len(nodes), dtype=bool)
 
-    found = solve(SCENE, seed=0, budget=1.5, carrier=Helpless(0.5), checks=[lambda motion: ["never"]])
+        def reasons(self, motion):
+            return ["never"]
+
+    found = solve(SCENE, seed=0, budget=1.5, carrier=Helpless(0.5))
     assert not found.verified and "never" in found.reasons
 
 
 def test_where_a_carrier_only_doubts_its_check_is_asked():
     """Its own picture is rougher than what the check knows; but it is not asked about everything."""
 
+    judged = []
+
     class Doubtful(Ceiling):
         def ask(self, nodes):
             return np.zeros(len(nodes)), np.zeros(len(nodes), dtype=bool)
 
-    judged = []
-
-    def check(motion):
-        judged.append(motion)
-        return [] if len(judged) == 3 else ["not like this"]
+        def reasons(self, motion):
+            judged.append(motion)
+            return [] if len(judged) == 3 else ["not like this"]
 
     method = Comove(n_plans=1, n_unfit=np.inf, n_polishings=1, polishing=UNPOLISHED)
-    found = solve(
-        SCENE, budget=600, method=method, objective=PaperCost(), carrier=Doubtful(0.72), checks=[check]
-    )
+    found = solve(SCENE, budget=600, method=method, objective=PaperCost(), carrier=Doubtful(0.72))
     assert found.verified
     assert len(judged) == 4  # two of the first plan, one of the second, and what comes of polishing
     assert found.evaluations <= 5 * len(profiles(2)) * len(RIDGES)

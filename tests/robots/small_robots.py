@@ -13,7 +13,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.errors import ComoveWarning
 from comove.primitives.basis import motion_basis
 from comove.robots import Arm, Robot
-from comove.robots.search.carrying import Carrying
+from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
 from comove.scenes import Scene
 
@@ -168,14 +168,14 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @lru_cache(maxsize=8)
-def task(name: str) -> Carrying:
+def task(name: str) -> RobotCarrier:
     """A robot with something to carry: "gantry", or the name of an example scene."""
     if name == "gantry":
-        return Carrying(robot("gantry"), gantry_scene())
+        return RobotCarrier(robot("gantry"), gantry_scene())
     with warnings.catch_warnings():  # ends are moved onto the constraints by less than a nanometre
         warnings.simplefilter("ignore", ComoveWarning)
         scene = Scene.load(next(EXAMPLES.glob(f"*/{name}.yaml")))
-    return Carrying(robot(scene.file.robot), scene)
+    return RobotCarrier(robot(scene.file.robot), scene)
 
 
 def movement(scene: Scene, bend: tuple[float, ...] = ()) -> CoordinatedMotion:
@@ -190,13 +190,9 @@ def movement(scene: Scene, bend: tuple[float, ...] = ()) -> CoordinatedMotion:
     return CoordinatedMotion(scene, coordinates, basis, boundary, weights)
 
 
-def wanted_grasps(motion: CoordinatedMotion, time: np.ndarray) -> np.ndarray:
-    """Where the hands are meant to be; array, shape (n_steps, n_hands, 4, 4)."""
-    places = motion.hands(time / motion.scene.duration)[0]
-    frames = np.zeros((*places.shape[:2], 4, 4))
-    frames[..., :3, 3], frames[..., 3, 3] = places, 1.0
-    frames[..., :3, :3] = motion.scene.grasp.hand_rotations(places)
-    return frames
+def columns(arms: tuple[Arm, ...]) -> np.ndarray:
+    """Indices of the joints of some arms in the robot's vector, in the order of the chains."""
+    return np.concatenate([arm.columns for arm in arms])
 
 
 def grasp_errors(robot: Robot, arms: tuple[Arm, ...], position: np.ndarray, wanted: np.ndarray) -> np.ndarray:

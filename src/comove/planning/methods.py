@@ -287,7 +287,7 @@ class Comove(Method):
                     search.check_time()
                 if sound[i] and not possible[i]:
                     doubted += 1
-                    if doubted > MOST_DOUBTED or not search.checks:  # which know exactly
+                    if doubted > MOST_DOUBTED:  # of its own check, which knows exactly
                         break
                 if search.judge(dmp.rollout(weights[i])).verified:
                     return float(value.cost[i]), replace(dmp, weights=weights[i])

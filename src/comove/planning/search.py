@@ -42,14 +42,11 @@ class OutOfTime(Exception):
 
 
 class Carrier(Protocol):
-    """The interface of whatever moves the hands, such as a robot, which tells a search what is possible.
+    """The interface of whatever moves the hands, such as a robot, which tells a search what is possible."""
 
-    Attributes
-    ----------
-    scene : scene on which the hands are moved, with the duration in which motions are searched
-    """
-
-    scene: Scene
+    @property
+    def scene(self) -> Scene:
+        """Return the scene on which the hands are moved, with the duration in which motions are searched."""
 
     def plan(
         self,
@@ -81,6 +78,9 @@ class Carrier(Protocol):
 
     def shortest(self, motion: CoordinatedMotion) -> float:
         """Return the least duration in which a movement can be executed [s], inf if it never can."""
+
+    def reasons(self, motion: CoordinatedMotion) -> Sequence[str]:
+        """Return the reasons why a motion cannot be executed, verified exactly; none if it can."""
 
 
 class Interruption:

@@ -17,7 +17,7 @@ from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
-from comove.planning.search import Carrier, Search
+from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
 from comove.verification.verify import verify
@@ -51,7 +51,7 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     """
     programme, z, reference = _along(search, way, boundary)
     if search.carrier is not None:
-        return _carried(search, search.carrier, programme, z, reference)
+        return _carried(search, programme, z, reference)
     return _verified(search, programme, z, reference)
 
 
@@ -126,9 +126,7 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
     return verified
 
 
-def _carried(
-    search: Search, carrier: Carrier, programme: ConvexProgramme, z: Array, reference: Array
-) -> bool:
+def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Array) -> bool:
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
     The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
@@ -151,10 +149,6 @@ def _carried(
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
-        if not search.checks:  # then only the carrier knows what is possible
-            nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STEPS)))[0]
-            if not carrier.ask(nodes[None])[1].all():
-                continue
         verdict = search.judge(motion)
         if verdict.verified is not None:
             return True

@@ -89,8 +89,8 @@ def solve(
     checks
         Further checks that a motion must pass to be verified.
     carrier
-        Whatever moves the hands and so limits their motions, such as `comove.robots.Carrying`; pass its check in
-        `checks` too.
+        Whatever moves the hands and so limits their motions, such as `comove.robots.RobotCarrier`; motions must also
+        pass its own check.
     progress
         Function that is called once a generation, and for every motion that is the best so far.
 
@@ -130,7 +130,7 @@ def solve(
             aim,
             functions,
             hard,
-            tuple(checks),
+            tuple(checks) if carrier is None else (*checks, carrier.reasons),
             carrier,
             progress,
             smooth,

@@ -1,4 +1,4 @@
-"""`carry`, which finds and judges a joint motion for a scene and a robot."""
+"""`carry`, which finds and verifies a joint motion for a scene and a robot."""
 
 from __future__ import annotations
 
@@ -8,21 +8,19 @@ from typing import Any
 
 from comove.planning.compiling import compiling
 from comove.planning.method import Method
+from comove.planning.methods import Comove
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
+from comove.planning.search import Schedule
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
-from comove.robots.check import RobotCheck
+from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.search.carrying import Carrying, robot_method
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
-
-AT_LEISURE = 30.0  # s, duration in which arms can follow any path, where the duration is open
-TIMED = 0.7  # share of the budget, after which it is seen how long a way takes that arms go at leisure
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +32,7 @@ class RobotSolution:
     robot : the robot that carries
     solution : the motion of the hands; its reasons include those of the robot
     joints : the verified joint motion, or the one that comes nearest to a verified one
-    verdict : verdict of the judge on `joints`
+    verdict : result of the verification of `joints`
     """
 
     robot: Robot
@@ -49,7 +47,7 @@ class RobotSolution:
 
     @property
     def report(self) -> JointReport:
-        """Return the measures of the judge."""
+        """Return the measures of the joint motion."""
         return self.verdict.report
 
     @property
@@ -69,7 +67,7 @@ def carry(
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
 ) -> RobotSolution:
-    """Find a motion for a scene that a robot can carry out, and judge its joints.
+    """Find a motion for a scene that a robot can carry out, and verify its joints.
 
     Parameters
     ----------
@@ -91,6 +89,8 @@ def carry(
     SceneError, RobotError
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
+    at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
+    timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
     begun = time.perf_counter()
     objective = objective or objective_of_scene(scene.file.objective)
     wanted = {
@@ -100,23 +100,23 @@ def carry(
         "progress": progress,
     }
     with compiling() as compiled:
-        task = Carrying(robot, scene.timed(AT_LEISURE))
-        RobotCheck(task).prepare()
+        carrier = RobotCarrier(robot, scene.timed(at_leisure))
+        carrier.prepare()
     spent = time.perf_counter() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
     if method is not None:
-        return _searched(scene, task.on(scene) if scene.is_timed else task, method, budget, wanted)
+        return _searched(scene, carrier.on(scene) if scene.is_timed else carrier, method, budget, wanted)
     if not scene.is_timed or isinstance(objective, LeastTime):
-        return _searched(scene.timed(None), task, robot_method(), budget, wanted)
+        return _searched(scene.timed(None), carrier, robot_method(), budget, wanted)
     timed = least_possible(scene) <= scene.duration
     if timed:
-        found = _searched(scene, task.on(scene), robot_method(), TIMED * budget, wanted)
+        found = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
         if found.verified or found.solution.interrupted:
             return found
-        budget = max(budget - found.solution.solve_time_s, (1.0 - TIMED) * budget)
+        budget = max(budget - found.solution.solve_time_s, (1.0 - timed_share) * budget)
     method = replace(robot_method(), n_ways=1)
     freely = with_limits(scene, NONE).timed(None)
-    slow = _searched(freely, task, method, budget, wanted)
+    slow = _searched(freely, carrier, method, budget, wanted)
     if not slow.verified:
         return found if timed else slow
     needed = slow.solution.scene.duration
@@ -127,20 +127,32 @@ def carry(
     return _on_time(slow, scene)
 
 
+def robot_method() -> Comove:
+    """Return the default method with fewer attempts: with arms to follow, a generation takes forty times as long."""
+    return Comove(
+        n_plans=2,
+        n_failures=30,
+        n_restarts=8,
+        n_unfit=8,
+        n_polishings=4,
+        n_ways=3,
+        n_idle=1,
+        polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01),
+    )
+
+
 def _searched(
-    scene: Scene, task: Carrying, method: Method, budget: float, wanted: dict[str, Any]
+    scene: Scene, carrier: RobotCarrier, method: Method, budget: float, wanted: dict[str, Any]
 ) -> RobotSolution:
-    """Search a motion on `scene`, with the robot's constraints at the duration of the task's scene."""
-    check = RobotCheck(task)
-    solution = solve(scene, method=method, budget=budget, carrier=task, checks=[check], **wanted)
-    done = check.carried_out(solution.attempt)
-    return RobotSolution(task.robot, solution, done.joints, done.verdict)
+    """Search a motion on `scene`, with the robot's constraints at the duration of the carrier's scene."""
+    solution = solve(scene, method=method, budget=budget, carrier=carrier, **wanted)
+    return RobotSolution(carrier.robot, solution, *carrier.carried_out(solution.attempt))
 
 
 def _on_time(found: RobotSolution, scene: Scene) -> RobotSolution:
-    """Return the same motion in the duration of a scene, judged."""
-    check, motion = RobotCheck(Carrying(found.robot, scene)), found.solution.attempt.on(scene)
-    verdict, done = verify(motion, [check]), check.carried_out(motion)
+    """Return the same motion in the duration of a scene, verified."""
+    carrier, motion = RobotCarrier(found.robot, scene), found.solution.attempt.on(scene)
+    verdict = verify(motion, [carrier.reasons])
     solution = replace(
         found.solution,
         scene=scene,
@@ -149,4 +161,4 @@ def _on_time(found: RobotSolution, scene: Scene) -> RobotSolution:
         report=verdict.report,
         reasons=verdict.reasons,
     )
-    return RobotSolution(found.robot, solution, done.joints, done.verdict)
+    return RobotSolution(found.robot, solution, *carrier.carried_out(motion))

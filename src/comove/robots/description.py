@@ -27,6 +27,8 @@ relative to the description, or ``package://NAME/...``.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -137,7 +139,16 @@ class RobotFile(Part):
 
 
 _CONTRACT = Contract(root=RobotFile, families={})
-__all__ = ["RobotFile", "bundled_robots", "find_description", "load_description"]
+
+
+@contextmanager
+def errors_in(file: Path) -> Iterator[None]:
+    """Name `file` in every `RobotError` that names no file yet."""
+    try:
+        yield
+    except RobotError as error:
+        error.file = error.file or file
+        raise
 
 
 def bundled_robots() -> tuple[str, ...]:

@@ -1,4 +1,6 @@
-"""Motor torques of a joint motion: inverse dynamics with the load's mass at the hands, by Pinocchio.
+"""What a joint motion asks of the motors, and the least duration in which they can run it.
+
+Torques are inverse dynamics with the load's mass at the hands, by Pinocchio.
 
 Torques are *sampled*, at 100 Hz or finer and in the middle between two samples; between these instants there is no
 rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
@@ -18,14 +20,16 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.extremes import Extreme, subdivided
 from comove.robots.model import Arm, Robot
-from comove.ties import first_largest
+from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, subdivided
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-DEFAULT_MASS = 0.25  # kg, of a load that states none
-STEP = 0.01  # s, between samples at most
+
+def load_mass(scene: Scene) -> float:
+    """Return the mass of a scene's load, 0.25 kg where the scene does not say."""
+    return 0.25 if scene.load_mass is None else scene.load_mass
 
 
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
@@ -47,28 +51,72 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
     masses : array, shape (n_arms,), mass that each arm carries [kg]
     curve : joint positions by time [s], cubic between samples
     """
-    time = sampling(curve.x)
-    return worst(
-        robot,
-        time,
-        torques(robot, loaded_model(robot, arms, masses), curve(time), curve(time, 1), curve(time, 2)),
-    )
+    time, model = _sampling(curve.x), loaded_model(robot, arms, masses)
+    return _largest_share(robot, time, torques(robot, model, curve(time), curve(time, 1), curve(time, 2)))
 
 
-def sampling(samples: Array) -> Array:
-    """Return the instants at which torques are computed, every second one in the middle of its neighbours [s]."""
-    parts = np.ceil(np.diff(samples) / STEP - 1e-9).astype(int)
-    return subdivided(samples, 2 * parts)[0]
+def shortest_duration(robot: Robot, joints: JointMotion, arms: tuple[Arm, ...], masses: Array) -> float:
+    """Compute the least duration in which a motion, stretched or shortened evenly, keeps its limits [s].
 
+    At r times the pace, velocities are r times and accelerations r^2 times as large, and a torque is s + r^2 d, where
+    s holds the weight and d accelerates the masses: both are computed once.
 
-def worst(robot: Robot, time: Array, torque: Array) -> Extreme:
-    """Find the largest share of an effort limit, given torques of shape (n_steps, n_joints) at the times of
-    `sampling`.
+    Returns
+    -------
+    The duration; 0 if the joints do not move, inf if the motors cannot even hold the robot still along the path.
     """
+    curve = joints.curve
+    speed = largest_velocity(curve, robot.velocity).value
+    if speed < 1e-12:
+        return 0.0
+    pace = min(
+        1.0 / speed,
+        1.0 / np.sqrt(largest_acceleration(curve, robot.acceleration).value),
+        _pace_of_torques(robot, joints, loaded_model(robot, arms, masses)),
+    )
+    if pace == 0.0:
+        return np.inf
+    timed = joints.stretched(joints.duration / pace)
+    for _ in range(100):  # torques are sampled anew at another pace
+        if largest_torque(robot, arms, masses, timed.curve).value <= 1.0:
+            return timed.duration
+        timed = timed.stretched(1.0001 * timed.duration)
+    return np.inf
+
+
+def _pace_of_torques(robot: Robot, joints: JointMotion, model: Any, fastest: float = 1e4) -> float:
+    """Compute the largest factor of the pace that the motors allow, 0 if they cannot hold the robot still."""
+    time = _sampling(joints.time)
+    position, velocity, acceleration = joints.at(time)
+    still = np.zeros_like(position)
+    holding = torques(robot, model, position, still, still)
+    moving = torques(robot, model, position, velocity, acceleration) - holding
+
+    def possible(square: float) -> bool:
+        return _largest_share(robot, time, holding + square * moving).value <= 1.0
+
+    if _largest_share(robot, time, holding).value >= 1.0:
+        return 0.0
+    low, high = 0.0, 1.0  # squares of the factor; all from 0 to the largest one are possible
+    while possible(high) and high < fastest**2:
+        low, high = high, 4 * high
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if possible(middle) else (low, middle)
+    return float(np.sqrt(low))
+
+
+def _sampling(samples: Array, step: float = 0.01) -> Array:
+    """Return the instants at which torques are computed [s], `step` apart or less; every second one is in the middle
+    of its neighbours.
+    """
+    return subdivided(samples, 2 * np.ceil(np.diff(samples) / step - 1e-9).astype(int))[0]
+
+
+def _largest_share(robot: Robot, time: Array, torque: Array) -> Extreme:
+    """Find the largest share of an effort limit, with the margin between samples, given torques at `_sampling`."""
     bulge = np.abs(torque[1::2] - 0.5 * (torque[:-1:2] + torque[2::2])).max(axis=0)
-    share = (np.abs(torque) + bulge) / robot.effort
-    place = np.unravel_index(first_largest(share), share.shape)
-    return Extreme(float(share.max()), int(place[1]), float(time[place[0]]))
+    return Extreme.largest((np.abs(torque) + bulge) / robot.effort, time)
 
 
 def torques(robot: Robot, loaded: Any, position: Array, velocity: Array, acceleration: Array) -> Array:

@@ -36,7 +36,7 @@ from comove.results.solution import (
 from comove.robots.description import Uncertainty, bundled_robots
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.findings import unfit_joints
+from comove.robots.verification.checks import unfit_joints
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene

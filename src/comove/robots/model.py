@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,7 @@ from comove.robots.description import (
     ArmDescription,
     Placement,
     RobotFile,
+    errors_in,
     find_description,
     load_description,
 )
@@ -29,10 +30,7 @@ from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, r
 Array = NDArray[np.float64]
 
 LARGEST_BODY = 50.0  # m, radius of a collision body
-LARGEST_LIMIT = 1e6
-ROUNDING = 1e-9  # rad or m
-MAX_NAMES = 30
-"""How many names a message lists."""
+LARGEST_LIMIT = 1e6  # rad, m, s, N m or N
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,28 +145,28 @@ class Robot:
 def _assemble(description: RobotFile, file: Path) -> Robot:
     digest = hashlib.sha256(description.model_dump_json().encode())
     sources = tuple(read_source(source, description.limits, file, digest) for source in description.models)
-    model, collision = _joined(sources, file)
-    for key in ("posture", "limits", "springs"):
-        _require_known(getattr(description, key), list(model.names)[1:], key, file)
-    chains = _chains(description, model, file)
-    mimics = {name: mimic for source in sources for name, mimic in source.mimics.items()}
-    description = _with_posture(description, model, mimics, chains, file)
-    robot = _reduced(description, model, collision, chains, sources, digest.hexdigest(), file)
-    _warn_of_gaps(robot, file)
+    with errors_in(file):
+        model, collision = _joined(sources)
+        for key in ("posture", "limits", "springs"):
+            _require_known(getattr(description, key), list(model.names)[1:], key)
+        chains = _chains(description, model)
+        mimics = {name: mimic for source in sources for name, mimic in source.mimics.items()}
+        description = _with_posture(description, model, mimics, chains)
+        robot = _reduced(description, model, collision, chains, sources, digest.hexdigest())
+    for gap in _gaps(robot):
+        warnings.warn(f"{file}: {gap}", ComoveWarning, stacklevel=2)
     return robot
 
 
-def _joined(sources: tuple[Source, ...], file: Path) -> tuple[Any, Any]:
+def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
     """Build all models as one, each on its base, and their collision geometry."""
     model, collision = _built(sources[0])
     _move_base(model, collision, _se3(sources[0].base))
     for source in sources[1:]:
         part, geometry = _built(source)
-        twice = _frame_names(model) & _frame_names(part)
-        if twice:
+        if twice := _frame_names(model) & _frame_names(part):
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
-                file=file,
                 key="models",
                 way_out="give one a prefix: prefix: right_",
             )
@@ -182,7 +180,7 @@ def _frame_names(model: Any) -> set[str]:
 
 def _built(source: Source) -> tuple[Any, Any]:
     """Build the model and the collision geometry, with the pairs that can collide."""
-    failure = None
+    failure: Exception | None = None
     with tempfile.TemporaryDirectory() as folder, errors_of_reader() as errors:
         try:
             text = for_pinocchio(source, Path(folder))
@@ -193,12 +191,13 @@ def _built(source: Source) -> tuple[Any, Any]:
                 pin.removeCollisionPairsFromXML(model, geometry, source.srdf, False)
         except (ValueError, RuntimeError, IndexError) as error:
             failure = error
-    if errors or failure is not None:
-        reason = errors[0] if errors else _reason(failure)
-        raise RobotError(
-            f"the model cannot be built: {reason}", file=source.file, way_out="correct the URDF, or its mesh"
-        ) from failure
-    _check_bodies(model, geometry, source.file)
+    with errors_in(source.file):
+        if errors or failure is not None:
+            reason = errors[0] if errors or failure is None else _reason(failure)
+            raise RobotError(
+                f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
+            ) from failure
+        _check_bodies(model, geometry)
     return model, geometry
 
 
@@ -208,7 +207,7 @@ def _reason(error: Exception) -> str:
     return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
 
 
-def _check_bodies(model: Any, geometry: Any, path: Path) -> None:
+def _check_bodies(model: Any, geometry: Any) -> None:
     """Refuse collision bodies and masses of impossible size."""
     for item in geometry.geometryObjects:
         item.geometry.computeLocalAABB()
@@ -216,14 +215,12 @@ def _check_bodies(model: Any, geometry: Any, path: Path) -> None:
         if not 0 < radius < LARGEST_BODY or not np.isfinite(item.geometry.aabb_center).all():
             raise RobotError(
                 f"the collision body '{item.name}' is {2 * radius:.3g} m wide",
-                file=path,
                 way_out='write metres; a mesh in millimetres takes scale="0.001 0.001 0.001"',
             )
     for name, body in zip(model.names, model.inertias, strict=True):
         if body.mass < 0:
             raise RobotError(
                 f"what the joint '{name}' moves has the mass {body.mass:g} kg",
-                file=path,
                 way_out="correct the <inertial> of its link",
             )
 
@@ -261,71 +258,64 @@ def _se3(placement: Placement) -> Any:
     return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
-def _require_known(named: Iterable[str], known: list[str], key: str, file: Path) -> None:
+def _require_known(named: Iterable[str], known: list[str], key: str) -> None:
     for name in named:
         if name not in known:
-            raise RobotError(
-                f"there is no joint '{name}' in the models", file=file, key=key, way_out=_near(name, known)
-            )
+            raise RobotError(f"there is no joint '{name}' in the models", key=key, way_out=_near(name, known))
 
 
-def _near(name: str, names: list[str]) -> str:
-    """Return the most similar names, and all names where there are few."""
+def _near(name: str, names: list[str], most: int = 30) -> str:
+    """Return the most similar names, and all names where there are at most `most`."""
     guess, known, listed = near_name(name, names).partition("known: ")
-    return guess + (known + listed if len(names) <= MAX_NAMES else f"{len(names)} are known")
+    return guess + (known + listed if len(names) <= most else f"{len(names)} are known")
 
 
-def _chains(description: RobotFile, model: Any, file: Path) -> dict[str, list[str]]:
+def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
     """List the joints of each arm from its base to its tip, without those that `posture` holds."""
     chains: dict[str, list[str]] = {}
     for name, arm in description.arms.items():
-        tip = _frame(model, arm.tip, f"arms.{name}.tip", file)
+        tip = _frame(model, arm.tip, f"arms.{name}.tip")
         supports = [model.names[j] for j in model.supports[tip.parentJoint] if j > 0]
         chain = [joint for joint in supports if joint not in description.posture]
         for other, joints in chains.items():
             if shared := [joint for joint in chain if joint in joints]:
                 raise RobotError(
                     f"the arms '{other}' and '{name}' share the joint '{shared[0]}'",
-                    file=file,
                     key="posture",
                     way_out=f"say where it stays: posture: {{{shared[0]}: 0}}",
                 )
         if not chain:
             raise RobotError(
                 f"no joint moves the frame '{arm.tip}'",
-                file=file,
                 key=f"arms.{name}.tip",
                 way_out="name another",
             )
-        _require_known(arm.fingers, list(model.names)[1:], f"arms.{name}.fingers", file)
+        _require_known(arm.fingers, list(model.names)[1:], f"arms.{name}.fingers")
         if own := [finger for finger in arm.fingers if finger in chain]:
             raise RobotError(
                 f"the joint '{own[0]}' is between the base and the tip '{arm.tip}'",
-                file=file,
                 key=f"arms.{name}.fingers",
                 way_out="choose a tip before the fingers, or leave it out of them",
             )
         chains[name] = chain
     if not chains:
-        raise RobotError("no arm is named", file=file, key="arms", way_out="name one: {left: {tip: FRAME}}")
+        raise RobotError("no arm is named", key="arms", way_out="name one: {left: {tip: FRAME}}")
     return chains
 
 
-def _frame(model: Any, name: str, key: str, file: Path) -> Any:
+def _frame(model: Any, name: str, key: str) -> Any:
     """Return the frame called `name`."""
     found = [frame for frame in model.frames if frame.name == name]
     if len(found) == 1:
         return found[0]
     if found:
-        raise RobotError(
-            f"a link and a joint are both called '{name}'", file=file, key=key, way_out="rename one"
-        )
+        raise RobotError(f"a link and a joint are both called '{name}'", key=key, way_out="rename one")
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
-    raise RobotError(f"there is no frame '{name}'", file=file, key=key, way_out=_near(name, links))
+    raise RobotError(f"there is no frame '{name}'", key=key, way_out=_near(name, links))
 
 
 def _with_posture(
-    description: RobotFile, model: Any, mimics: dict[str, Mimic], chains: dict[str, list[str]], file: Path
+    description: RobotFile, model: Any, mimics: dict[str, Mimic], chains: dict[str, list[str]]
 ) -> RobotFile:
     """Complete the posture of the description: joints that it does not name follow their <mimic>, or stay nearest to
     0.
@@ -334,21 +324,20 @@ def _with_posture(
     posture = dict(description.posture)
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if name not in moving and joint.nq == 1:
-            posture.setdefault(name, float(np.clip(0.0, *_range(model, joint))))
+            lower, upper = _range(model, joint)
+            posture.setdefault(name, min(max(0.0, lower), upper))
     for name, mimic in _leaders_first(mimics):
         if name in description.posture:
             continue
         if mimic.joint not in list(model.names):
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which is not there",
-                file=file,
                 key="posture",
                 way_out=f"correct its <mimic>, or say where it stays: posture: {{{name}: 0}}",
             )
         if name in moving or mimic.joint in moving:
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which no arm here can",
-                file=file,
                 key="posture",
                 way_out=f"say where it stays: posture: {{{name}: 0}}",
             )
@@ -368,7 +357,7 @@ def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
     return sorted(mimics.items(), key=lambda item: followed(item[0]))
 
 
-def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
+def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Array:
     """Return the configuration, as Pinocchio writes it, in which the joints that do not move are locked."""
     q = pin.neutral(model)
     for name, value in description.posture.items():
@@ -376,7 +365,6 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
         if joint.nv > 1:
             raise RobotError(
                 f"the joint '{name}' has {joint.nv} degrees of freedom and no single value",
-                file=file,
                 key="posture",
                 way_out="leave it out: it stays where the URDF has it",
             )
@@ -384,10 +372,9 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
             q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
             continue
         lower, upper = _range(model, joint)
-        if not lower - ROUNDING <= value <= upper + ROUNDING:
+        if not lower - rounding <= value <= upper + rounding:
             raise RobotError(
                 f"the joint '{name}' stays at {value:g}, outside its limits",
-                file=file,
                 key="posture",
                 way_out=f"keep it between {lower:g} and {upper:g}",
             )
@@ -395,11 +382,10 @@ def _locked_at(description: RobotFile, model: Any, file: Path) -> Array:
     return q
 
 
-def _range(model: Any, joint: Any) -> list[float]:
-    """Return the limits of a joint that does not move, sorted; nothing else depends on them, so their order does not
-    matter.
-    """
-    return sorted((model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]))
+def _range(model: Any, joint: Any) -> tuple[float, float]:
+    """Return the limits of a joint that does not move, the lower one first: nothing depends on their order."""
+    ends = (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
+    return float(min(ends)), float(max(ends))
 
 
 def _reduced(
@@ -409,19 +395,18 @@ def _reduced(
     chains: dict[str, list[str]],
     sources: tuple[Source, ...],
     sha256: str,
-    file: Path,
 ) -> Robot:
     """Build the robot with every joint locked but those of the arms."""
     moving = {joint for chain in chains.values() for joint in chain}
     for name in moving:
-        _require_limited(model.joints[model.getJointId(name)], name, file)
+        _require_limited(model.joints[model.getJointId(name)], name)
     locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
-    reduced, geometry = pin.buildReducedModel(model, collision, locked, _locked_at(description, model, file))
+    reduced, geometry = pin.buildReducedModel(model, collision, locked, _locked_at(description, model))
     _drop_rigid(geometry)
     names = list(reduced.names)[1:]
-    limits = _limits(description, reduced, names, file)
+    limits = _limits(description, reduced, names)
     arms = tuple(
-        _arm(name, arm, np.array([names.index(j) for j in chains[name]]), limits, file)
+        _arm(name, arm, np.array([names.index(j) for j in chains[name]]), limits)
         for name, arm in description.arms.items()
     )
     relief = np.array([description.springs.get(name, 0.0) for name in names])
@@ -430,25 +415,23 @@ def _reduced(
     )
 
 
-def _require_limited(joint: Any, name: str, file: Path) -> None:
+def _require_limited(joint: Any, name: str) -> None:
     """Refuse joints that an arm cannot have."""
     if joint.nv > 1:
         raise RobotError(
             f"the joint '{name}' has {joint.nv} degrees of freedom, an arm's joint has one",
-            file=file,
             key="arms",
             way_out="write it as several joints, or as a fixed one, in the URDF",
         )
     if joint.nq > 1:
         raise RobotError(
             f"the joint '{name}' turns without end and has no limits",
-            file=file,
             key="limits",
             way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
         )
 
 
-def _limits(description: RobotFile, model: Any, names: list[str], file: Path) -> dict[str, Array]:
+def _limits(description: RobotFile, model: Any, names: list[str]) -> dict[str, Array]:
     """Collect and check the limits of the moving joints; arrays, shape (n_joints,)."""
     limits = {
         "lower": np.array(model.lowerPositionLimit),
@@ -462,7 +445,6 @@ def _limits(description: RobotFile, model: Any, names: list[str], file: Path) ->
         if not -LARGEST_LIMIT < lower < upper < LARGEST_LIMIT:
             raise RobotError(
                 f"the joint '{name}' has the limits {lower:g} to {upper:g}",
-                file=file,
                 key="limits",
                 way_out=f"give others: limits: {{{name}: {{lower: -3, upper: 3}}}}",
             )
@@ -470,22 +452,18 @@ def _limits(description: RobotFile, model: Any, names: list[str], file: Path) ->
             if not 0 < limits[key][i] < LARGEST_LIMIT:
                 raise RobotError(
                     f"the joint '{name}' has the {key} limit {limits[key][i]:g}",
-                    file=file,
                     key="limits",
                     way_out=f"give another: limits: {{{name}: {{{key}: NUMBER}}}}",
                 )
     return limits
 
 
-def _arm(
-    name: str, arm: ArmDescription, columns: NDArray[np.int64], limits: dict[str, Array], file: Path
-) -> Arm:
+def _arm(name: str, arm: ArmDescription, columns: NDArray[np.int64], limits: dict[str, Array]) -> Arm:
     lower, upper = limits["lower"][columns], limits["upper"][columns]
     home = 0.5 * (lower + upper) if arm.home is None else np.array(arm.home)
     if len(home) != len(columns):
         raise RobotError(
             f"home has {len(home)} values, the arm {len(columns)} joints",
-            file=file,
             key=f"arms.{name}.home",
             way_out="give one value a joint, from the base to the tip",
         )
@@ -493,7 +471,6 @@ def _arm(
     if outside.any():
         raise RobotError(
             f"joint {int(outside.argmax()) + 1} is at {home[outside][0]:g} at home, outside its limits",
-            file=file,
             key=f"arms.{name}.home",
             way_out=f"keep it between {lower[outside][0]:g} and {upper[outside][0]:g}",
         )
@@ -505,18 +482,12 @@ def _acceleration(description: RobotFile, name: str) -> float:
     return description.acceleration if given is None or given.acceleration is None else given.acceleration
 
 
-def _warn_of_gaps(robot: Robot, file: Path) -> None:
-    """Warn of arms whose models have no collision bodies or no masses."""
+def _gaps(robot: Robot) -> Iterator[str]:
+    """Yield what is not known of arms whose models have no collision bodies or no masses, in words."""
     bodies = {item.parentJoint for item in robot.collision.geometryObjects}
     for arm in robot.arms:
         joints = [robot.model.getJointId(robot.joint_names[column]) for column in arm.columns]
         if not bodies & set(joints):
-            _warn(f"no link of the arm '{arm.name}' has a collision body: what it touches is not known", file)
+            yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
         if not sum(robot.model.inertias[joint].mass for joint in joints):
-            _warn(
-                f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known", file
-            )
-
-
-def _warn(message: str, file: Path) -> None:
-    warnings.warn(f"{file}: {message}", ComoveWarning, stacklevel=2)
+            yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"

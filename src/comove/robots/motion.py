@@ -1,15 +1,20 @@
-"""Motion of a robot's joints: one C2 curve through exact samples."""
+"""Joint motions: one C2 curve through exact samples, its extremes at every instant, and bounds of it over any time.
+
+Between two samples a joint follows a cubic: its position is extreme at a sample or at a root of a quadratic, its
+velocity at a sample or at the vertex of a parabola, and its acceleration at a sample.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
-from comove.robots.extremes import fastest, places
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -66,7 +71,122 @@ class JointMotion:
         """Compute the largest speed and acceleration of each joint at any instant; arrays, shape (n_joints,)."""
         return fastest(self.curve)[0].max(axis=0), np.abs(self.acceleration).max(axis=0)
 
-    def extremes(self) -> tuple[Array, Array]:
-        """Compute the least and largest position of each joint at any instant; arrays, shape (n_joints,)."""
-        _, position = places(self.curve)
-        return position.min(axis=0), position.max(axis=0)
+
+class Extreme(NamedTuple):
+    """An extreme value, the column of the joint that has it, and its time [s]."""
+
+    value: float
+    joint: int
+    time: float
+
+    @classmethod
+    def largest(cls, values: Array, time: Array) -> Extreme:
+        """Return the largest of `values`, shape (n_places, n_joints); `time` is of that shape, or (n_places,)."""
+        row, column = np.unravel_index(first_largest(values), values.shape)
+        when = time[row] if time.ndim == 1 else time[row, column]
+        return cls(float(values.max()), int(column), float(when))
+
+
+def least_margin(curve: PPoly, lower: Array, upper: Array) -> Extreme:
+    """Compute the least distance of a joint from its limits, negative beyond them [rad, m for prismatic joints].
+
+    Parameters
+    ----------
+    curve : joint positions by time [s], cubic between samples
+    lower, upper : arrays, shape (n_joints,), position limits
+    """
+    time, position = places(curve)
+    margin = np.minimum(position - lower, upper - position)
+    return Extreme.largest(-margin, time)._replace(value=float(margin.min()))
+
+
+def largest_velocity(curve: PPoly, limit: Array) -> Extreme:
+    """Compute the largest share of its velocity limit, array of shape (n_joints,), that a joint uses."""
+    speed, time = fastest(curve)
+    return Extreme.largest(speed / limit, time)
+
+
+def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
+    """Compute the largest share of its acceleration limit, array of shape (n_joints,), that a joint uses."""
+    return Extreme.largest(np.abs(curve(curve.x, 2)) / limit, curve.x)
+
+
+def fastest(curve: PPoly) -> tuple[Array, Array]:
+    """Compute the largest speed of every joint between every two samples, and its time; arrays, shape (n_intervals,
+    n_joints).
+    """
+    cubic, square, slope, _ = curve.c
+    width = np.diff(curve.x)[:, None]
+    vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)
+    s = np.stack([0 * slope, vertex, width + 0 * slope])
+    speed = np.abs((3 * cubic * s + 2 * square) * s + slope)
+    at = speed.argmax(axis=0)[None]
+    when = np.take_along_axis(s, at, axis=0)[0] + curve.x[:-1, None]
+    return np.take_along_axis(speed, at, axis=0)[0], when
+
+
+def places(curve: PPoly) -> tuple[Array, Array]:
+    """Compute times and positions at the samples and wherever a joint stops; arrays, shape (n_places, n_joints)."""
+    cubic, square, slope, start = curve.c
+    width = np.diff(curve.x)[:, None]
+    # Roots of 3 cubic s^2 + 2 square s + slope without cancellation; none is found where there is none.
+    root = np.sqrt(np.maximum(square**2 - 3 * cubic * slope, 0.0))
+    q = -(square + np.copysign(root, square))
+    s = np.clip(np.stack([_over(q, 3 * cubic), _over(slope, q), width + 0 * slope]), 0.0, width)
+    position = ((cubic * s + square) * s + slope) * s + start
+    time = s + curve.x[:-1, None]
+    first = np.full((1, curve.c.shape[2]), curve.x[0])
+    flat = (-1, curve.c.shape[2])
+    return np.concatenate([first, time.reshape(flat)]), np.concatenate([start[:1], position.reshape(flat)])
+
+
+def _over(numerator: Array, denominator: Array) -> Array:
+    """Divide, with 0 where the quotient is not finite."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        quotient = numerator / denominator
+    return np.where(np.isfinite(quotient), quotient, 0.0)
+
+
+def subdivided(samples: Array, parts: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Divide the time between every two samples evenly into `parts`, an array of shape (n_intervals,).
+
+    Returns
+    -------
+    time : array, shape (n_steps,), instants, the samples included [s]
+    interval : array, shape (n_steps - 1,), index of the sample interval in which each piece lies
+    """
+    interval = np.repeat(np.arange(len(parts)), parts)
+    within = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    time = samples[interval] + np.diff(samples)[interval] * within / parts[interval]
+    return np.append(time, samples[-1]), interval
+
+
+class Ranges:
+    """Table that returns the largest values of given bounds over any time interval.
+
+    It stores the maxima over 1, 2, 4, ... neighbouring pieces; two of them cover any interval.
+
+    Parameters
+    ----------
+    time : array, shape (n + 1,), increasing [s]
+    bounds : array, shape (n, width), bounds that hold between two neighbouring instants
+    """
+
+    def __init__(self, time: Array, bounds: Array):
+        self.time, self._tables = time, [bounds]
+        while 2 ** len(self._tables) <= len(bounds):
+            half = 2 ** (len(self._tables) - 1)
+            last = self._tables[-1]
+            self._tables.append(np.maximum(last[:-half], last[half:]))
+
+    def over(self, begin: Array, end: Array) -> Array:
+        """Return the largest values between `begin` and `end`, arrays of shape (k,) [s]; array, shape (k, width)."""
+        last = len(self.time) - 2
+        first = np.clip(np.searchsorted(self.time, begin, side="right") - 1, 0, last)
+        final = np.maximum(np.clip(np.searchsorted(self.time, end, side="left") - 1, 0, last), first)
+        level = np.log2(final - first + 1).astype(int)
+        result = np.empty((len(first), self._tables[0].shape[1]))
+        for k in np.unique(level):
+            rows, table = level == k, self._tables[k]
+            result[rows] = np.maximum(table[first[rows]], table[final[rows] - 2**k + 1])
+        return result

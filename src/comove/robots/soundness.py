@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,53 +12,36 @@ from numpy.typing import NDArray
 from comove.errors import RobotError
 
 LIMITED = ("revolute", "prismatic")
-MOVING = (*LIMITED, "continuous")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
 MAX_NAME = 200  # characters
 MAX_CHAIN = 1000  # joints one after the other: Pinocchio goes down by recursion
 MAX_JOINTS, MAX_BODIES = 1000, 1000  # that move; shapes, every two of which are compared
 FARTHEST = 1000.0  # m, of a frame from its parent frame
 HEAVIEST = 1e6  # kg, and kg m^2
-ROUNDING, LEAST = (
-    1e-6,
-    1e-12,
-)  # share of the largest moment of inertia, and kg m^2, that may be missing from the least
-NOT_NEGATIVE = (
-    -1e-6
-)  # share of the largest moment of inertia, by which rounding may make the least one negative
 TAKEN = "universe"  # Pinocchio's own frame
 
 
-def require_sound(tree: ET.Element, prefix: str, path: Path) -> None:
-    """Refuse a model that is meaningless or too large.
-
-    Parameters
-    ----------
-    prefix : prefix of its names
-    path : path of its file, for messages
+def require_sound(tree: ET.Element, prefix: str) -> None:
+    """Refuse a model that is meaningless or too large; `prefix` is that of its names.
 
     Raises
     ------
     RobotError
         If the model is refused; the message names the link or joint, and the way out.
     """
-    try:
-        joints = tree.findall("./joint")
-        for element in (*tree.findall("./link"), *joints):
-            _require_name(element, prefix)
-        for joint in joints:
-            name = prefix + joint.get("name", "")
-            _check_limits(joint, name)
-            _check_axis(joint, name)
-            _check_place(joint, f"the joint '{name}'")
-        _check_mimics(joints, prefix)
-        for link in tree.findall("./link"):
-            _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
-        _check_sizes(tree)
-        _check_tree(tree)
-    except RobotError as error:
-        error.file = path
-        raise
+    joints = tree.findall("./joint")
+    for element in (*tree.findall("./link"), *joints):
+        _require_name(element, prefix)
+    for joint in joints:
+        name = prefix + joint.get("name", "")
+        _check_limits(joint, name)
+        _check_axis(joint, name)
+        _check_place(joint, f"the joint '{name}'")
+    _check_mimics(joints, prefix)
+    for link in tree.findall("./link"):
+        _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
+    _check_sizes(tree)
+    _check_tree(tree)
 
 
 def _require_name(element: ET.Element, prefix: str) -> None:
@@ -94,7 +76,7 @@ def _check_limits(joint: ET.Element, name: str) -> None:
 
 
 def _check_axis(joint: ET.Element, name: str) -> None:
-    axis = joint.find("axis") if joint.get("type") in MOVING else None
+    axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous") else None
     if axis is None:
         return
     length = math.hypot(*(number(text) or 0.0 for text in axis.get("xyz", "1 0 0").split()))
@@ -129,14 +111,12 @@ def _check_link(link: ET.Element, told: str) -> None:
 def _check_place(element: ET.Element, told: str) -> None:
     """Refuse origins that are too far away, or turned by impossible angles."""
     origin = element.find("origin")
-    for text in "" if origin is None else origin.get("xyz", "").split():
-        if abs(number(text) or 0.0) > FARTHEST:
-            raise RobotError(
-                f"{told} has an origin at {short(origin.get('xyz', ''))}", way_out="write metres"
-            )
-    for text in "" if origin is None else origin.get("rpy", "").split():
-        if abs(number(text) or 0.0) > FARTHEST:
-            raise RobotError(f"{told} is turned by {short(origin.get('rpy', ''))}", way_out="write radians")
+    if origin is None:
+        return
+    for key, how, unit in (("xyz", "has an origin at", "metres"), ("rpy", "is turned by", "radians")):
+        values = origin.get(key, "")
+        if any(abs(number(text) or 0.0) > FARTHEST for text in values.split()):
+            raise RobotError(f"{told} {how} {short(values)}", way_out=f"write {unit}")
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
@@ -173,10 +153,14 @@ def _listed(moments: NDArray[np.float64]) -> str:
 
 def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
     """Yield warnings of values that no real robot has but published models contain."""
+    rounding, least = (
+        1e-6,
+        1e-12,
+    )  # of the largest moment of inertia, and kg m^2, that the least may be below 0
     for link in tree.findall("./link"):
         for inertial in link.findall("inertial"):
             moments = _moments(inertial)
-            if moments is not None and moments[0] < -ROUNDING * moments[2] - LEAST:
+            if moments is not None and moments[0] < -rounding * moments[2] - least:
                 yield (
                     f"the link '{prefix}{link.get('name', '')}' has the moments of inertia {_listed(moments)}, "
                     "and none can be negative: what it asks of its motors may be wrong"

@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from comove.errors import OptionError, RobotError
-from comove.robots.extremes import Ranges
 from comove.robots.free_space import SPARES, Room, way
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import SAMPLE_RATE, JointMotion
-from comove.robots.verification import findings as check
-from comove.robots.verification.bases import Bases
+from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges
+from comove.robots.verification import checks as check
 from comove.robots.verification.bodies import LOAD, Bodies, bodies_of
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.load_shapes import placements
+from comove.robots.verification.carried import Carried, placements
+from comove.robots.verification.reach import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.sealed import Sealed

@@ -23,10 +23,9 @@ from typing import Any
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.triangles import FORMATS, MeshError, as_stl, elements_of, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
-from comove.robots.description import JointLimits, ModelSource, Placement
-from comove.robots.soundness import doubts, number, require_sound, short
+from comove.robots.description import JointLimits, ModelSource, Placement, errors_in
+from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
 
-LIMITS = ("lower", "upper", "velocity", "effort")
 MAX_BYTES = 20_000_000
 
 
@@ -121,20 +120,21 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
         If something is missing or cannot be used.
     """
     path = resolve(source.urdf, file)
-    tree = _tree(path)
-    _require_urdf(tree, path)
-    joints = [joint for joint in tree.findall("./joint") if joint.get("name")]
-    for joint in joints:
-        _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
-    require_sound(tree, source.prefix, path)
+    with errors_in(path):
+        tree = _tree(path, "a URDF")
+        joints = [joint for joint in tree.findall("./joint") if joint.get("name")]
+        for joint in joints:
+            _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
+        require_sound(tree, source.prefix)
     for doubt in doubts(tree, source.prefix):
         warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
     meshes: dict[str, bytes] = {}
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
-        data = _bytes_of(found, MAX_MESH_BYTES)
+        with errors_in(found):
+            data = _bytes_of(found, MAX_MESH_BYTES)
+            meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
-        meshes[_uri(found)] = _stl(data, found)
     srdf = None if source.srdf is None else _srdf(resolve(source.srdf, file))
     _prefix(source.prefix, tree, srdf)
     for part in (tree, srdf):
@@ -143,8 +143,8 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
         with suppress(RobotError):
             mesh.set("filename", _uri(_found(mesh.get("filename", ""), path, file)))
     mimics = {joint.get("name", ""): _mimic(mimic) for joint in joints for mimic in joint.findall("mimic")}
-    texts = [None if part is None else ET.tostring(part, encoding="unicode") for part in (tree, srdf)]
-    return Source(texts[0], source.base, path, texts[1], mimics, meshes)
+    told = None if srdf is None else ET.tostring(srdf, encoding="unicode")
+    return Source(ET.tostring(tree, encoding="unicode"), source.base, path, told, mimics, meshes)
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:
@@ -186,11 +186,17 @@ def errors_of_reader() -> Iterator[list[str]]:
             errors += re.findall(r"^Error:\s*(.+)$", file.read().decode(errors="replace"), re.MULTILINE)
 
 
-def _tree(path: Path) -> ET.Element:
+def _tree(path: Path, what: str) -> ET.Element:
+    """Read the root of an XML file, which must be a <robot>; `what` the file should be, in words."""
     try:
-        return elements_of(_bytes_of(path, MAX_BYTES))
+        tree = elements_of(_bytes_of(path, MAX_BYTES))
     except MeshError as error:
-        raise RobotError(error.message, file=path, way_out=error.way_out) from None
+        raise RobotError(error.message, way_out=error.way_out) from None
+    if what == "a URDF" and any("xacro" in element.tag for element in tree.iter()):
+        raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
+    if tree.tag != "robot":
+        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", way_out=f"name {what}")
+    return tree
 
 
 def _bytes_of(path: Path, limit: int) -> bytes:
@@ -199,22 +205,18 @@ def _bytes_of(path: Path, limit: int) -> bytes:
         with open(path, "rb") as file:
             data = file.read(limit + 1)
     except OSError as error:
-        raise RobotError(
-            f"it cannot be read: {error.strerror}", file=path, way_out="check name and rights"
-        ) from None
+        raise RobotError(f"it cannot be read: {error.strerror}", way_out="check name and rights") from None
     if len(data) > limit:
-        raise RobotError(f"it is larger than {limit // 1_000_000} MB", file=path, way_out="simplify it")
+        raise RobotError(f"it is larger than {limit // 1_000_000} MB", way_out="simplify it")
     return data
 
 
-def _stl(data: bytes, path: Path) -> bytes:
+def _stl(data: bytes, suffix: str) -> bytes:
     """Convert a mesh to binary STL."""
     try:
-        return as_stl(*triangles_of(data, path.suffix.lower()))
+        return as_stl(*triangles_of(data, suffix))
     except MeshError as error:
-        raise RobotError(
-            f"the mesh cannot be read: {error.message}", file=path, way_out=error.way_out
-        ) from None
+        raise RobotError(f"the mesh cannot be read: {error.message}", way_out=error.way_out) from None
 
 
 def _uri(path: Path) -> str:
@@ -222,22 +224,14 @@ def _uri(path: Path) -> str:
 
 
 def _srdf(path: Path) -> ET.Element:
-    tree = _tree(path)
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", file=path, way_out="name an SRDF")
-    for pair in tree.iter("disable_collisions"):
-        if not (pair.get("link1") and pair.get("link2")):
-            raise RobotError(
-                "a <disable_collisions> does not name two links", file=path, way_out='write link1="" link2=""'
-            )
-    return tree
-
-
-def _require_urdf(tree: ET.Element, path: Path) -> None:
-    if any("xacro" in element.tag for element in tree.iter()):
-        raise RobotError("it is a xacro", file=path, way_out="expand it first: xacro FILE > robot.urdf")
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", file=path, way_out="name a URDF")
+    with errors_in(path):
+        tree = _tree(path, "an SRDF")
+        for pair in tree.iter("disable_collisions"):
+            if not (pair.get("link1") and pair.get("link2")):
+                raise RobotError(
+                    "a <disable_collisions> does not name two links", way_out='write link1="" link2=""'
+                )
+        return tree
 
 
 def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
@@ -283,8 +277,9 @@ def _prefix(prefix: str, tree: ET.Element, srdf: ET.Element | None) -> None:
     named = [(element, "name") for tag in ("link", "joint") for element in tree.findall(f"./{tag}")]
     named += [(end, "link") for tag in ("parent", "child") for end in tree.findall(f"./joint/{tag}")]
     named += [(mimic, "joint") for mimic in tree.findall("./joint/mimic")]
-    for key in ("link1", "link2") if srdf is not None else ():
-        named += [(pair, key) for pair in srdf.iter("disable_collisions")]
+    if srdf is not None:
+        pairs = list(srdf.iter("disable_collisions"))
+        named += [(pair, key) for key in ("link1", "link2") for pair in pairs]
     for element, key in named:
         if element.get(key):
             element.set(key, prefix + element.get(key, ""))

@@ -14,6 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.model import BarLoad
@@ -22,7 +23,6 @@ from comove.ties import first_largest, first_least
 
 Array = NDArray[np.float64]
 
-DEFAULT_MASS = 0.25  # kg, of a load that states none
 NEAR = 0.01  # m, that a motion may begin from the scene's start
 THINNEST = 0.004  # m, radius of rods that state none
 LUG = 0.012  # m, radius of a bar as thick as a box's lugs
@@ -105,7 +105,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
     pose[:3, :3] = _frame(points)
     pose[:3, 3] = points.mean(axis=0)
     nodes = (scene.nodes_at("start") - pose[:3, 3]) @ pose[:3, :3]
-    mass = DEFAULT_MASS if scene.load_mass is None else scene.load_mass
+    mass = load_mass(scene)
     grasps = (points - pose[:3, 3]) @ pose[:3, :3]
     return Load(holders, grasps, pose, tuple(_parts(scene, nodes, section)), mass)
 

@@ -8,18 +8,23 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from comove.robots.effort import loaded_model
-from comove.robots.search.chains import TURN, chains_of, jacobian, place_arm, pose_error, reach_pose, torques
-from tests.robots.small_robots import BUNDLED, RANDOM, robot
+from comove.robots.search.chains import (
+    TURN,
+    Iteration,
+    chains_of,
+    jacobian,
+    place_arm,
+    pose_error,
+    reach_pose,
+    torques,
+)
+from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot
 
+EXACT = Iteration(gain=0.0, keep=0.0, tolerance=1e-9, steady=1e-6, most=100)
 ALL = (*BUNDLED, *RANDOM, "gantry")
 SHARES = arrays(float, 16 + 8, elements=st.floats(0, 1))  # of joints' ranges; no robot has more joints
 SIGNED = arrays(float, 16 + 8, elements=st.floats(-1, 1))
 UNIT = st.floats(-1, 1)
-
-
-def columns(robot):
-    """The chains' joints in the robot's vector."""
-    return np.concatenate([arm.columns for arm in robot.arms])
 
 
 def within(chains, share):
@@ -51,7 +56,7 @@ def with_tools(robot):
 def grasp(robot, arm, q):
     """The grasp frame by Pinocchio, q in the order of the chains."""
     whole = np.zeros(len(robot.lower))
-    whole[columns(robot)] = q
+    whole[columns(robot.arms)] = q
     return robot.tool_pose(whole, robot.arms[arm])
 
 
@@ -71,7 +76,7 @@ def test_frames_and_jacobians_are_those_of_pinocchio(name):
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
         for i, arm in enumerate(machine.arms):
-            rotations, points = placed(chains, i, q[columns(machine)])
+            rotations, points = placed(chains, i, q[columns(machine.arms)])
             pose = data.oMf[frames[i]]
             np.testing.assert_allclose(rotations[-1], pose.rotation, atol=1e-14)
             np.testing.assert_allclose(points[-1], pose.translation, atol=1e-14)
@@ -92,7 +97,7 @@ def test_torques_are_those_of_pinocchio_less_what_springs_hold_of_the_own_weight
     machine, rng = robot(name), np.random.default_rng(2)
     chains, (model, frames) = chains_of(machine, machine.arms), with_tools(machine)
     loaded = loaded_model(machine, machine.arms, np.full(len(machine.arms), load))
-    data, own, order = model.createData(), machine.model.createData(), columns(machine)
+    data, own, order = model.createData(), machine.model.createData(), columns(machine.arms)
     for _ in range(20):
         q = rng.uniform(machine.lower, machine.upper)
         v, a = rng.normal(size=(2, len(q)))
@@ -152,9 +157,7 @@ def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     goal = within(chains, goal)
     q = np.clip(goal + 0.05 * away[: len(goal)], chains.lower, chains.upper)
     pose = grasp(machine, arm, goal)
-    left = reach_pose(
-        chains, arm, pose[:3, :3].copy(), pose[:3, 3].copy(), q.copy(), 0.0, 0.0, 1e-9, 1e-6, 100, q
-    )
+    left = reach_pose(chains, arm, pose[:3, :3].copy(), pose[:3, 3].copy(), q.copy(), EXACT, q)
     assert left < 1e-9
     assert distance(grasp(machine, arm, q), pose[:3, :3], pose[:3, 3]) < 1e-7  # of the logarithm near 0
 
@@ -168,7 +171,7 @@ def test_a_pose_with_all_joints_at_their_limits_is_reached():
     q[8:13] = goal[8:13]
     pose = grasp(machine, 1, goal)
     target = pose[:3, :3].copy(), pose[:3, 3].copy()
-    assert reach_pose(chains, 1, *target, q.copy(), 0.0, 0.0, 1e-9, 1e-6, 100, q) < 1e-9
+    assert reach_pose(chains, 1, *target, q.copy(), EXACT, q) < 1e-9
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -189,7 +192,7 @@ def test_limits_are_never_left_and_the_residual_is_true_whatever_is_asked_for(
     q, pull = within(chains, seed), within(chains, pull)
     before, width = q.copy(), chains.upper - chains.lower
     rotation, point = pin.exp3(3.0 * np.array(rotation)), 3.0 * np.array(point)
-    left = reach_pose(chains, 1, rotation, point, pull, 0.5, keep, 1e-9, 1e-6, most, q)
+    left = reach_pose(chains, 1, rotation, point, pull, EXACT._replace(gain=0.5, keep=keep, most=most), q)
     mine = slice(chains.first[1], chains.first[2])
     assert (q >= chains.lower).all()
     assert (q <= chains.upper).all()
@@ -210,7 +213,7 @@ def test_what_is_left_of_a_pose_out_of_reach_is_the_distance_missing(point, yaw)
     point = 0.5 * (low + high) + 1.5 * np.array(point)
     target = pin.exp3(np.array([0.0, 0.0, yaw])) @ np.diag([-1.0, 1.0, -1.0])
     q = 0.5 * (chains.lower + chains.upper)
-    left = reach_pose(chains, 0, target, point, q.copy(), 0.0, 0.0, 1e-9, 1e-6, 100, q)
+    left = reach_pose(chains, 0, target, point, q.copy(), EXACT, q)
     assert left == pytest.approx(np.linalg.norm(point - np.clip(point, low, high)), abs=1e-6)
 
 
@@ -221,7 +224,7 @@ def test_redundancy_is_drawn_where_it_is_pulled_without_moving_the_hand():
     pose = grasp(machine, 0, q)
     pull, moved = q.copy(), q.copy()
     pull[0] += 0.5
-    args = pose[:3, :3].copy(), pose[:3, 3].copy(), pull, 0.5, 0.0, 1e-9, 1e-6, 300
+    args = pose[:3, :3].copy(), pose[:3, 3].copy(), pull, EXACT._replace(gain=0.5, most=300)
     assert reach_pose(chains, 0, *args, moved) < 1e-9
     assert moved[0] - q[0] > 0.05
     assert distance(grasp(machine, 0, moved), pose[:3, :3], pose[:3, 3]) < 1e-7

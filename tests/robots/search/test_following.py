@@ -1,23 +1,23 @@
-"""What a search learns of movements: arms follow them, and strain, rates and nearness are the judge's."""
+"""What a search learns of movements: arms follow them, and strain, rates and nearness are what is verified."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from comove.robots import verify_joints
-from comove.robots.search.carrying import Carrying
+from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
 from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_rotation, solutions
-from comove.robots.search.tracking import _nodes, track
+from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
-from tests.robots.known_carry import TABLE, known_carry, scene_data
-from tests.robots.small_robots import gantry_scene, grasp_errors, movement, robot, task, wanted_grasps
+from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
+from tests.robots.small_robots import columns, gantry_scene, grasp_errors, movement, robot, task
 
 
 def whole(carrying, q):
     """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
     position = np.tile(carrying.robot.home, (len(q), 1))
-    position[:, carrying.columns] = q
+    position[:, columns(carrying.holders)] = q
     return position
 
 
@@ -55,25 +55,25 @@ def test_solutions_hold_the_hand_and_keep_the_limits(name):
 def test_arms_follow_a_movement_within_what_a_search_allows(name):
     carrying = task(name)
     motion = movement(carrying.scene)
-    nodes = _nodes(motion, 101)
-    q, missing, penalty = np.empty((101, len(carrying.columns))), np.zeros(2), np.zeros(2)
+    nodes = sampled_nodes(motion, 101)
+    q, missing, penalty = np.empty((101, len(columns(carrying.holders)))), np.zeros(2), np.zeros(2)
     follow_one(carrying.arms, nodes, carrying.best_start(nodes), q, missing, penalty)
     time = np.linspace(0.0, carrying.scene.duration, 101)
-    errors = grasp_errors(carrying.robot, carrying.holders, whole(carrying, q), wanted_grasps(motion, time))
+    errors = grasp_errors(carrying.robot, carrying.holders, whole(carrying, q), grasp_frames(motion, time))
     np.testing.assert_allclose(errors.max(axis=0), missing, atol=1e-7)
     assert missing.max() <= MET
     assert (penalty == 0).all()
     assert np.abs(np.diff(q, axis=0)).max() < 0.1
 
 
-def test_rates_and_margins_are_those_that_the_judge_finds():
+def test_rates_and_margins_are_those_that_the_verification_finds():
     motion, _ = known_carry()
-    carrying = Carrying(robot("baxter"), motion.scene)
-    joints, miss = track(carrying, motion)
+    carrying = RobotCarrier(robot("baxter"), motion.scene)
+    joints, miss = carrying.track(motion)
     assert miss is None
     report = verify_joints(carrying.robot, motion, joints).report
-    nodes = _nodes(motion, 101)[None]
-    strain = carrying.strain(nodes, joints.position[0, carrying.columns])
+    nodes = sampled_nodes(motion, 101)[None]
+    strain = carrying.strain(nodes, joints.position[0, columns(carrying.holders)])
     speed, acceleration, torque = strain.rates[0].max(axis=0)
     assert speed == pytest.approx(report.velocity_ratio_max, rel=0.1)
     assert acceleration == pytest.approx(report.acceleration_ratio_max, rel=0.2)
@@ -87,7 +87,7 @@ def test_rates_and_margins_are_those_that_the_judge_finds():
 def test_a_faster_movement_strains_in_proportion():
     """Speeds grow with the pace, accelerations with its square, still torques do not."""
     carrying = task("gantry")
-    nodes = _nodes(movement(carrying.scene), 101)[None]
+    nodes = sampled_nodes(movement(carrying.scene), 101)[None]
     start = carrying.best_start(nodes[0])
     slow, fast = (follow(carrying.arms, nodes, start, duration) for duration in (100.0, 50.0))
     np.testing.assert_allclose(fast[2][..., 0], 2 * slow[2][..., 0], rtol=1e-12)
@@ -103,8 +103,8 @@ def test_what_links_pass_between_two_samples_is_noticed():
     free = {**rod, "center": [-0.15, 0.4, 0.8]}
     found = []
     for obstacle in (rod, free):
-        carrying = Carrying(robot("gantry"), gantry_scene((obstacle,)))
-        nodes = _nodes(movement(carrying.scene), 3)[None]
+        carrying = RobotCarrier(robot("gantry"), gantry_scene((obstacle,)))
+        nodes = sampled_nodes(movement(carrying.scene), 3)[None]
         strain = carrying.strain(nodes, carrying.best_start(nodes[0]))
         found.append((strain.clearance[0], strain.contact[0]))
     assert found[0][0] < 0.0 < found[0][1]
@@ -116,16 +116,16 @@ def test_links_that_come_too_near_the_load_cost_something():
     workspace = {"lower": [0.0, -1.4, -0.5], "upper": [1.4, 1.4, 1.0]}
     scene = Scene.from_dict(scene_data(load=high, workspace=workspace, obstacles=()))
     motion = movement(scene)
-    thick = Carrying(robot("baxter"), scene)
-    thin = Carrying(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE,))))
-    nodes = _nodes(motion, 101)[None]
+    thick = RobotCarrier(robot("baxter"), scene)
+    thin = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE,))))
+    nodes = sampled_nodes(motion, 101)[None]
     contacts = [c.strain(nodes, thin.best_start(nodes[0])).contact[0] for c in (thick, thin)]
     assert contacts[0] > contacts[1] == 0.0
 
 
 def test_a_movement_out_of_reach_costs_more_the_further_it_is():
     carrying = task("gantry")
-    nodes = [_nodes(movement(carrying.scene, (0.0, shift)), 101) for shift in (0.0, 0.8, 1.0)]
+    nodes = [sampled_nodes(movement(carrying.scene, (0.0, shift)), 101) for shift in (0.0, 0.8, 1.0)]
     strain = carrying.strain(np.array(nodes), carrying.best_start(nodes[0]))
     near, far, further = strain.missing.max(axis=1)
     assert near < MET

@@ -17,6 +17,7 @@ from comove.robots.search.links import (
     FINE,
     MOST_PARTS,
     ROUGH,
+    Surroundings,
     _capsules,
     links_clearance,
     links_of,
@@ -116,6 +117,28 @@ def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_tria
     assert max(radius for *_, radius in balls) < 0.5 * np.sqrt(3) * CELL + spread
 
 
+def around(obstacles, edges, radii):
+    """Surroundings in which nothing is held."""
+    none = np.zeros(0)
+    return Surroundings(
+        at_rest=np.zeros((0, 3, 3)),
+        turning=none.astype(bool),
+        first=0,
+        second=0,
+        obstacles=obstacles,
+        edges=edges,
+        radii=radii,
+        carried=none,
+        clearance=0.0,
+        spare=0.0,
+        share=1.0,
+        posture=none,
+    )
+
+
+NOTHING = around(np.zeros((0, 16)), np.zeros((0, 2), dtype=np.int64), np.zeros(0))
+
+
 def start_and_end(links):
     return links.start.copy(), links.end.copy()
 
@@ -165,13 +188,7 @@ def test_a_robot_without_collision_bodies_has_no_links(tmp_path):
     with pytest.warns(ComoveWarning):  # of what the model leaves out
         machine = Robot.load(written(tmp_path, {"r.urdf": text}, description))
     links = links_of(machine, machine.arms)
-    none = np.zeros((0, 2), dtype=np.int64)
-    assert (
-        links_clearance(
-            links, *start_and_end(links), np.zeros((0, 16)), np.zeros((2, 3)), none, np.zeros(0), 0.3
-        )
-        == 0.3
-    )
+    assert links_clearance(links, NOTHING, *start_and_end(links), np.zeros((2, 3)), 0.3) == 0.3
 
 
 @given(POINT, POINT, POINT, POINT)
@@ -239,7 +256,8 @@ def test_clearances_are_those_of_the_capsules_in_coal():
         wanted = [between(capsules[i], thing) for i in links.moving for thing in things]
         wanted += [between(capsules[i], rod) for i in np.flatnonzero(~links.holds) for rod in load]
         wanted += [between(capsules[i], capsules[j]) for i, j in links.pairs]
-        found = links_clearance(links, start, end, scene.obstacles, nodes, body.edges, body.radii, cap)
+        scenery = around(scene.obstacles, body.edges, body.radii)
+        found = links_clearance(links, scenery, start, end, nodes, cap)
         told.append(found)
         if min(wanted) > -0.01:
             assert found == pytest.approx(min(cap, *wanted), abs=2 * ROUGH)
@@ -267,7 +285,8 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_their_c
             for pose in [data.oMi[item.parentJoint] * item.placement]
             for thing in things
         )
-        found = links_clearance(pairs, start, end, scene.obstacles, far, body.edges, body.radii, 0.1)
+        scenery = around(scene.obstacles, body.edges, body.radii)
+        found = links_clearance(pairs, scenery, start, end, far, 0.1)
         assert found <= max(exact, 0.0) + corner + ROUGH
 
 
@@ -281,10 +300,6 @@ def test_pairs_that_never_meet_are_forgotten_and_others_are_not():
     home = np.concatenate([arm.home for arm in machine.arms])
     assert len(links.near(chains, home[None]).pairs) < len(links.pairs)
     a, b = start_and_end(links)
-    none, edges = np.zeros((0, 16)), np.zeros((0, 2), dtype=np.int64)
     place_links(chains, links, home, a, b)
-    alone = links_clearance(links, a, b, none, np.zeros((2, 3)), edges, np.zeros(0), ENOUGH)
-    near = links_clearance(
-        links.near(chains, home[None]), a, b, none, np.zeros((2, 3)), edges, np.zeros(0), ENOUGH
-    )
-    assert alone == near
+    alone = links_clearance(links, NOTHING, a, b, np.zeros((2, 3)), ENOUGH)
+    assert alone == links_clearance(links.near(chains, home[None]), NOTHING, a, b, np.zeros((2, 3)), ENOUGH)

@@ -10,11 +10,11 @@ import pytest
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
-from comove.robots.search.carrying import Carrying
+from comove.robots.carrying import RobotCarrier
 from comove.robots.search.links import FAT
-from comove.robots.search.planner import JUMP, REACHED, SPACING, _dense, _followed, follow_edge
+from comove.robots.search.planner import JUMP, LEADING, SPACING, _dense, _followed, follow_edge
 from tests.robots.search.test_links import CORNERS, between, obstacle, solid
-from tests.robots.small_robots import POST, gantry_scene, grasp_errors, robot, task
+from tests.robots.small_robots import POST, columns, gantry_scene, grasp_errors, robot, task
 
 MARGIN = 0.01  # m
 EXAMPLES = [
@@ -104,8 +104,8 @@ def test_arms_follow_with_links_that_keep_clear(found):
     wanted[..., :3, 3], wanted[..., 3, 3] = hands, 1.0
     wanted[..., :3, :3] = scene.grasp.hand_rotations(hands)
     position = np.tile(machine.home, (len(fine), 1))
-    position[:, carrying.columns] = joints
-    assert grasp_errors(machine, carrying.holders, position, wanted)[1:].max() < REACHED + 1e-6
+    position[:, columns(carrying.holders)] = joints
+    assert grasp_errors(machine, carrying.holders, position, wanted)[1:].max() < LEADING.tolerance + 1e-6
     assert (position >= machine.lower).all()
     assert (position <= machine.upper).all()
     assert np.abs(np.diff(joints, axis=0)).max() < 2 * JUMP  # two sub-steps an edge
@@ -130,20 +130,20 @@ def test_the_same_seed_gives_the_same_path():
 
 
 def test_the_straight_way_is_taken_where_it_is_free():
-    path = planned(Carrying(robot("gantry"), gantry_scene(())), 0)
+    path = planned(RobotCarrier(robot("gantry"), gantry_scene(())), 0)
     np.testing.assert_allclose(path[:, 1:], np.tile(path[0, 1:], (len(path), 1)), atol=1e-12)
     assert (np.diff(path[:, 0]) > 0).all()
 
 
 def test_no_path_leads_through_a_wall():
-    carrying = Carrying(robot("gantry"), gantry_scene((WALL,)))
+    carrying = RobotCarrier(robot("gantry"), gantry_scene((WALL,)))
     assert planned(carrying, 0, max_nodes=300, tries=2) is None
 
 
 def test_no_path_leads_where_an_arm_cannot_follow_though_the_load_could():
     """The load would pass beneath a beam, but the columns that hold it would not."""
     beam = {"shape": "box", "center": [0.0, 0.0, 0.75], "size": [0.1, 2.6, 0.3]}
-    carrying = Carrying(robot("gantry"), gantry_scene((beam,)))
+    carrying = RobotCarrier(robot("gantry"), gantry_scene((beam,)))
     boundary = load_coordinates(carrying.scene).boundary()
     rng = np.random.default_rng(0)
     assert plan(space_of(carrying.scene), boundary[0], boundary[2], MARGIN, rng) is not None
@@ -152,7 +152,7 @@ def test_no_path_leads_where_an_arm_cannot_follow_though_the_load_could():
 
 def test_an_edge_is_refused_when_an_arm_is_left_behind_or_links_touch():
     scene = gantry_scene((POST,), workspace={"lower": [-2, -2, 0], "upper": [2, 2, 1]})
-    carrying = Carrying(robot("gantry"), scene)
+    carrying = RobotCarrier(robot("gantry"), scene)
     boundary, joints = load_coordinates(scene).boundary(), np.concatenate([s[0] for s in carrying.starts])
     space, arms = space_of(scene), carrying.arms
     for shift, free in (((0.0, 0.1, 0.0), True), ((0.0, 1.0, 0.0), False), ((0.6, 0.5, 0.0), False)):

@@ -1,4 +1,4 @@
-"""The judge of joint motions lets good ones pass and says clearly why others do not."""
+"""The verification of joint motions lets good ones pass and says clearly why others do not."""
 
 import copy
 import pickle
@@ -11,7 +11,7 @@ from comove.errors import OptionError
 from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
-from comove.robots.verification.findings import unfit_scene
+from comove.robots.verification.checks import unfit_scene
 from comove.robots.verification.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
 from comove.verification.verify import verify
@@ -28,7 +28,7 @@ from tests.robots.known_carry import (
 from tests.robots.known_path import DURATION
 
 
-def judged(joints=None, **scene):
+def verified_on(joints=None, **scene):
     """The verdict on the known movement, or on other joints, on the benchmark's scene, or on another one."""
     motion, known = known_carry()
     if scene:
@@ -42,7 +42,7 @@ def moved(joints, change):
 
 
 def test_the_known_path_passes_the_benchmark_with_the_measures_of_its_notes():
-    verdict = judged()
+    verdict = verified_on()
     assert verdict.reasons == ()
     report = verdict.verified.report
     assert report.joint_margin_min == pytest.approx(0.325, abs=0.005)
@@ -63,8 +63,8 @@ def test_a_verified_motion_of_the_hands_is_not_verified_again():
     assert verify_joints(baxter(), verified, joints).verified.motion is verified
 
 
-def test_only_the_judge_makes_verified_joint_motions():
-    verified = judged().verified
+def test_only_the_verification_makes_verified_joint_motions():
+    verified = verified_on().verified
     with pytest.raises(TypeError, match="verify_joints"):
         VerifiedJointMotion(verified.robot, verified.motion, verified.joints, verified.report)
     with pytest.raises(AttributeError):
@@ -89,7 +89,7 @@ def test_what_was_verified_cannot_be_changed_from_outside():
 
 def test_a_post_in_the_way_of_a_link_is_named_with_the_link_and_the_time():
     post = {"shape": "cylinder", "center": [0.75, 0.35, 0.5], "radius": 0.03, "height": 0.4}
-    verdict = judged(obstacles=(TABLE, post))
+    verdict = verified_on(obstacles=(TABLE, post))
     assert verdict.verified is None
     assert len(verdict.reasons) == 1
     assert "obstacles[1] (cylinder)" in verdict.reasons[0]
@@ -98,25 +98,25 @@ def test_a_post_in_the_way_of_a_link_is_named_with_the_link_and_the_time():
 
 
 def test_hands_that_carry_the_load_through_a_post_are_refused_before_the_joints():
-    verdict = judged(obstacles=(TABLE, *posts(0.10)))
+    verdict = verified_on(obstacles=(TABLE, *posts(0.10)))
     assert verdict.verified is None
     assert all("the motion of the hands is not verified" in reason for reason in verdict.reasons)
 
 
 def test_limits_clearance_replaces_what_links_keep():
     ball = {"shape": "sphere", "center": [0.75, 0.35, 0.6], "radius": 0.05}  # 41 mm above a forearm
-    assert judged(obstacles=(TABLE, ball)).verified is not None
-    assert judged(obstacles=(TABLE, ball), limits={"clearance": 0.04}).verified is not None
-    (reason,) = judged(obstacles=(TABLE, ball), limits={"clearance": 0.045}).reasons
+    assert verified_on(obstacles=(TABLE, ball)).verified is not None
+    assert verified_on(obstacles=(TABLE, ball), limits={"clearance": 0.04}).verified is not None
+    (reason,) = verified_on(obstacles=(TABLE, ball), limits={"clearance": 0.045}).reasons
     assert "obstacles[1] (sphere)" in reason
     assert "0.045 m is to be kept" in reason
 
 
 def test_on_a_robot_the_load_keeps_5_mm_where_the_scene_does_not_say():
     narrower = (TABLE, *posts(0.215))  # the stick passes these posts with 4 mm
-    (reason,) = judged(obstacles=narrower).reasons
+    (reason,) = verified_on(obstacles=narrower).reasons
     assert "clearance 0.005 m asked for" in reason
-    assert judged(obstacles=narrower, limits={"clearance": 0.003}).verified is not None
+    assert verified_on(obstacles=narrower, limits={"clearance": 0.003}).verified is not None
 
 
 @pytest.mark.parametrize("duration", [3.0])
@@ -157,7 +157,7 @@ def test_hands_that_drift_by_two_micrometres_are_refused():
     robot, (motion, joints) = baxter(), known_carry()
     frames = grasp_frames(motion, joints.time)
     frames[:, 0, 2, 3] += 2e-6 * np.sin(np.pi * joints.time / DURATION)
-    verdict = judged(
+    verdict = verified_on(
         JointMotion(joints.time, joints.joint_names, followed(robot, frames, joints.position[0]))
     )
     assert len(verdict.reasons) == 1
@@ -170,7 +170,7 @@ def test_hands_that_turn_by_two_microradians_are_refused():
     for k, angle in enumerate(2e-6 * np.sin(np.pi * joints.time / DURATION)):
         turn = np.eye(3) + angle * np.array([[0, 0, 0], [0, 0, -1], [0, 1, 0]])
         frames[k, 1, :3, :3] = turn @ frames[k, 1, :3, :3]
-    verdict = judged(
+    verdict = verified_on(
         JointMotion(joints.time, joints.joint_names, followed(robot, frames, joints.position[0]))
     )
     assert len(verdict.reasons) == 1
@@ -181,7 +181,7 @@ def test_an_edited_sample_is_refused_and_found():
     _, joints = known_carry()
     change = np.zeros_like(joints.position)
     change[321, 9] = 1e-4
-    verdict = judged(moved(joints, change))
+    verdict = verified_on(moved(joints, change))
     assert any(
         "the hand 'right' is off the load" in reason and "3.21 s" in reason for reason in verdict.reasons
     )
@@ -189,7 +189,7 @@ def test_an_edited_sample_is_refused_and_found():
 
 def test_samples_that_are_exact_but_too_few_are_refused_for_what_may_be_between():
     _, joints = known_carry(rate=5.0)
-    verdict = judged(joints)
+    verdict = verified_on(joints)
     assert verdict.report.hand_error_sampled < 1e-11
     assert any("between two samples" in reason and "more finely" in reason for reason in verdict.reasons)
 
@@ -213,7 +213,7 @@ def test_samples_that_are_exact_but_too_few_are_refused_for_what_may_be_between(
     ],
 )
 def test_samples_that_are_no_motion_of_the_robot_are_refused_in_words(edit, told):
-    verdict = judged(edit(known_carry()[1]))
+    verdict = verified_on(edit(known_carry()[1]))
     assert verdict.verified is None
     assert verdict.report.asdict().keys() == JointReport().asdict().keys()
     with pytest.raises(AssertionError, match=told):
@@ -250,7 +250,7 @@ def test_something_else_than_a_motion_of_hands_is_an_error():
 
 def test_a_table_through_the_robots_base_is_no_fault_of_the_motion():
     table = {"shape": "box", "center": [0.55, 0, -0.175], "size": [1.1, 1.6, 0.05]}
-    verdict = judged(obstacles=(table, *posts(0.30)))
+    verdict = verified_on(obstacles=(table, *posts(0.30)))
     (reason,) = verdict.reasons
     assert "pedestal" in reason or "torso" in reason
     assert "which no motion changes" in reason
@@ -260,7 +260,7 @@ def test_a_table_through_the_robots_base_is_no_fault_of_the_motion():
 def test_a_load_that_touches_the_robot_is_refused():
     load = scene_data()["load"] | {"radius": 0.13}
     workspace = {"lower": [0.0, -1.4, -0.3], "upper": [1.4, 1.4, 1.0]}
-    (reason,) = judged(obstacles=(), load=load, workspace=workspace, limits={"clearance": 0.06}).reasons
+    (reason,) = verified_on(obstacles=(), load=load, workspace=workspace, limits={"clearance": 0.06}).reasons
     assert reason.startswith("torso and the load come within")
     assert "another grasp" in reason
 
@@ -269,7 +269,7 @@ def test_arms_that_meet_are_refused():
     _, joints = known_carry()
     crossed = joints.position.copy()
     crossed[:, [0, 7]] += np.array([-0.9, 0.9]) * np.sin(np.pi * joints.time / DURATION)[:, None] ** 2
-    verdict = judged(JointMotion(joints.time, joints.joint_names, crossed))
+    verdict = verified_on(JointMotion(joints.time, joints.joint_names, crossed))
     reason = next(reason for reason in verdict.reasons if "SRDF" in reason)
     assert "left_" in reason or "l_gripper" in reason
     assert "right_" in reason or "r_gripper" in reason

@@ -11,10 +11,9 @@ from comove.coordination.coordinates import load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.robots import JointMotion, Robot, verify_joints
 from comove.robots.description import Uncertainty
-from comove.robots.verification.bases import Bases
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.load_shapes import placements
+from comove.robots.verification.carried import Carried, placements
+from comove.robots.verification.reach import Bases
 from comove.scenes import Scene
 from tests.robots.known_carry import followed, grasp_frames
 
@@ -58,7 +57,7 @@ def put_together(uncertainty):
     return bodies_of(Bases(robot, uncertainty), robot.arms, carried, hands, 0.0)
 
 
-def test_robots_of_meshes_on_several_bases_are_judged():
+def test_robots_of_meshes_on_several_bases_are_verified():
     robot, motion, joints = two_pandas()
     verdict = verify_joints(robot, motion, joints)
     assert verdict.reasons == ()

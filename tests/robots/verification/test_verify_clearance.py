@@ -12,24 +12,25 @@ from hypothesis import strategies as st
 from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies
-from comove.robots.verification.bases import Bases
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import TIGHT, certify
-from comove.robots.verification.reach import Reaches
+from comove.robots.verification.reach import Bases, Reaches
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
-TAKEN = 1.2e-4  # m, that the judge takes from distances: coal's accuracy, and hands that are a little off
+TAKEN = (
+    1.2e-4  # m, that the verification takes from distances: coal's accuracy, and hands that are a little off
+)
 
 
 def certified(motion, joints):
     """Clearances by kind, and what is to be kept."""
     carried, robot = Carried(motion), baxter()
-    judged = bodies_of(
+    world = bodies_of(
         Bases(robot, Uncertainty()), robot.arms, carried, motion.hands(np.linspace(0, 1, 50))[0], 1e-5
     )
-    return certify(judged, carried, joints.curve), judged.required
+    return certify(world, carried, joints.curve), world.required
 
 
 class Sampled:

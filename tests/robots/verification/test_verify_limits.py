@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from comove.robots import verify_joints
 from comove.robots.effort import largest_torque, loaded_model, torques
-from comove.robots.extremes import (
+from comove.robots.motion import (
     Ranges,
     fastest,
     largest_acceleration,

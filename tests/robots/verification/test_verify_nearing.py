@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
-from comove.robots.verification.bases import Bases
 from comove.robots.verification.bodies import COAL_ERROR, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.nearing import Nearing, support_function
+from comove.robots.verification.certificate import Nearing, support_function
+from comove.robots.verification.reach import Bases
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 

@@ -1,7 +1,7 @@
 """Kinematics, inverse kinematics and dynamics of serial chains, as arrays and kernels.
 
 A search evaluates thousands of candidate motions a second, too many for one call to Pinocchio per configuration. The
-judge uses Pinocchio; the tests compare the two.
+verification uses Pinocchio; the tests compare the two.
 
 Notation: q joint positions, J the geometric Jacobian (linear above angular, in the scene's frame), R and p
 orientation and position in the scene's frame.
@@ -10,7 +10,7 @@ orientation and position in the scene's frame.
 from __future__ import annotations
 
 from math import acos, cos, sin, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -21,9 +21,6 @@ from comove.robots.model import Arm, Robot
 Array = NDArray[np.float64]
 
 TURN = 0.2  # m, that one radian of a hand counts for in a residual
-DAMPING = 1e-4  # of the damped least squares, relative to the largest diagonal of J J^T
-LARGEST_STEP = 0.3  # rad, of a joint in one iteration
-AT_LIMIT = 1e-12  # rad, from a limit, where a joint is held; far below all residuals that are asked for
 GRAVITY = 9.81  # m/s^2
 
 
@@ -62,6 +59,25 @@ class Chains(NamedTuple):
     inertia: Array
 
 
+class Iteration(NamedTuple):
+    """Settings of the iteration that solves joints for a pose.
+
+    Attributes
+    ----------
+    gain : share of the way to the wished posture that redundant joints go in a step
+    keep : least distance of the joints from their limits [rad, m for prismatic joints]
+    tolerance : largest residual accepted [m]
+    steady : largest last step accepted [rad]
+    most : largest number of steps
+    """
+
+    gain: float
+    keep: float
+    tolerance: float
+    steady: float
+    most: int
+
+
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     """Build the arrays of some of a robot's arms, in the order given."""
     model = robot.model
@@ -70,10 +86,7 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     placements = [model.jointPlacements[j] for j in joints]
     axes, slides = zip(*(_axis(model.joints[j]) for j in joints), strict=True)
     bodies = [model.inertias[j] for j in joints]
-    tools = []
-    for arm in arms:
-        tip = model.frames[model.getFrameId(arm.tip)].placement.homogeneous @ arm.tool
-        tools.append(tip)
+    tools = [model.frames[model.getFrameId(arm.tip)].placement.homogeneous @ arm.tool for arm in arms]
     return Chains(
         first=np.cumsum([0] + [len(arm.columns) for arm in arms]),
         rotation=np.array([m.rotation for m in placements]),
@@ -94,7 +107,7 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     )
 
 
-def _axis(joint: object) -> tuple[Array, bool]:
+def _axis(joint: Any) -> tuple[Array, bool]:
     """Return the axis of a joint of one degree of freedom, and whether it is prismatic, from its motion subspace."""
     data = joint.createData()
     joint.calc(data, np.zeros(1))
@@ -104,7 +117,7 @@ def _axis(joint: object) -> tuple[Array, bool]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def place_arm(chains, arm, q, rotations, points):
+def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Array) -> None:
     """Compute the frames of an arm's joints, and at last that of its grasp.
 
     Parameters
@@ -141,23 +154,17 @@ def place_arm(chains, arm, q, rotations, points):
                 for b in range(3):
                     points[k, a] += rotations[k, a, b] * axis[b] * q[j]
             continue
-        s, c = sin(q[j]), cos(q[j])
         x, y, z = axis[0], axis[1], axis[2]
-        turned[0, 0], turned[0, 1], turned[0, 2] = (
-            c + x * x * (1 - c),
-            x * y * (1 - c) - z * s,
-            x * z * (1 - c) + y * s,
+        sine, cosine = sin(q[j]), cos(q[j])
+        rest = 1 - cosine
+        turned[0, 0], turned[1, 1], turned[2, 2] = (
+            cosine + x * x * rest,
+            cosine + y * y * rest,
+            cosine + z * z * rest,
         )
-        turned[1, 0], turned[1, 1], turned[1, 2] = (
-            y * x * (1 - c) + z * s,
-            c + y * y * (1 - c),
-            y * z * (1 - c) - x * s,
-        )
-        turned[2, 0], turned[2, 1], turned[2, 2] = (
-            z * x * (1 - c) - y * s,
-            z * y * (1 - c) + x * s,
-            c + z * z * (1 - c),
-        )
+        turned[0, 1], turned[1, 0] = x * y * rest - z * sine, y * x * rest + z * sine
+        turned[0, 2], turned[2, 0] = x * z * rest + y * sine, z * x * rest - y * sine
+        turned[1, 2], turned[2, 1] = y * z * rest - x * sine, z * y * rest + x * sine
         for a in range(3):
             x, y, z = rotations[k, a, 0], rotations[k, a, 1], rotations[k, a, 2]
             for b in range(3):
@@ -165,7 +172,7 @@ def place_arm(chains, arm, q, rotations, points):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def jacobian(chains, arm, rotations, points, out):
+def jacobian(chains: Chains, arm: int, rotations: Array, points: Array, out: Array) -> None:
     """Compute the geometric Jacobian of the grasp; result, array of shape (6, n_joints of the arm)."""
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     for k in range(n):
@@ -182,7 +189,7 @@ def jacobian(chains, arm, rotations, points, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pose_error(rotation, point, target_rotation, target, out):
+def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Array, out: Array) -> float:
     """Compute the twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
 
     Returns the residual [m], in which one radian counts `TURN`.
@@ -214,7 +221,7 @@ def pose_error(rotation, point, target_rotation, target, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def solve_damped(jac, free, damping, error, out):
+def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Array, out: Array) -> None:
     """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape
     (6,).
     """
@@ -250,13 +257,13 @@ def solve_damped(jac, free, damping, error, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def spare(chains, j, keep):
+def spare(chains: Chains, j: int, keep: float) -> float:
     """Return the distance that joint j can keep from its limits, at most `keep` [rad or m]."""
     return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def inside(chains, j, value, keep):
+def inside(chains: Chains, j: int, value: float, keep: float) -> float:
     """Return the value of joint j that is nearest to `value` and at least `keep` inside its limits, or else their
     middle.
     """
@@ -265,36 +272,33 @@ def inside(chains, j, value, keep):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance, steady, most, q):
+def reach_pose(
+    chains: Chains, arm: int, target_rotation: Array, target: Array, pull: Array, how: Iteration, q: Array
+) -> float:
     """Solve one arm's joints for a pose, in place, by Newton's method with damped least squares.
 
-    Redundant joints are drawn towards `pull`. Joints stay `keep` inside their limits; those that would leave them are
-    held, and the others compensate.
-
-    Parameters
-    ----------
-    pull : array, shape (n_joints,), target of the motion in the null space, approached by the share `gain` an
-        iteration
-    tolerance : largest residual accepted [m]
-    steady : largest last step accepted [rad]
-    most : largest number of iterations
+    Redundant joints are drawn towards `pull`, array of shape (n_joints,). Joints that would come too near to their
+    limits are held, and the others compensate.
 
     Returns
     -------
     The residual [m] that is left.
     """
+    largest_step = 0.3  # rad, of a joint in one iteration
+    at_limit = 1e-12  # rad, from a limit, where a joint is held; far below all residuals that are asked for
+    gain = how.gain
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
     rotations, points = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     jac, error, rest, dual = np.empty((6, n)), np.empty(6), np.empty(6), np.empty(6)
     step, free = np.empty(n), np.ones(n, dtype=np.bool_)
     residual, moved = np.inf, np.inf
-    for iteration in range(most + 1):
+    for iteration in range(how.most + 1):
         place_arm(chains, arm, q, rotations, points)
         residual = pose_error(rotations[n], points[n], target_rotation, target, error)
-        if (residual < tolerance and moved < steady) or iteration == most:
+        if (residual < how.tolerance and moved < how.steady) or iteration == how.most:
             break
         jacobian(chains, arm, rotations, points, jac)
-        damping = DAMPING * min(1.0, 100.0 * residual * residual) + 1e-12
+        damping = 1e-4 * min(1.0, 100.0 * residual * residual) + 1e-12
         for k in range(n):
             free[k] = True
         for _ in range(3):
@@ -314,7 +318,7 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
                     step[k] += jac[i, k] * dual[i]
                 largest = max(largest, abs(step[k]))
                 j = first + k
-                margin = spare(chains, j, keep) + AT_LIMIT
+                margin = spare(chains, j, how.keep) + at_limit
                 out_low = q[j] <= chains.lower[j] + margin and step[k] < 0.0
                 out_high = q[j] >= chains.upper[j] - margin and step[k] > 0.0
                 if out_low or out_high:
@@ -322,15 +326,24 @@ def reach_pose(chains, arm, target_rotation, target, pull, gain, keep, tolerance
                     settled = False
             if settled:
                 break
-        scale, moved = min(1.0, LARGEST_STEP / max(largest, 1e-12)), largest
+        scale, moved = min(1.0, largest_step / max(largest, 1e-12)), largest
         for k in range(n):
             j = first + k
-            q[j] = inside(chains, j, q[j] + scale * step[k], keep)
+            q[j] = inside(chains, j, q[j] + scale * step[k], how.keep)
     return residual
 
 
 @numba.njit(cache=True, error_model="numpy")
-def torques(chains, arm, q, velocity, acceleration, load, load_acceleration, out):
+def torques(
+    chains: Chains,
+    arm: int,
+    q: Array,
+    velocity: Array,
+    acceleration: Array,
+    load: float,
+    load_acceleration: Array,
+    out: Array,
+) -> None:
     """Compute the torques of one arm by recursive Newton-Euler (Luh, Walker and Paul, 1980), less what springs hold.
 
     Parameters
@@ -386,23 +399,26 @@ def torques(chains, arm, q, velocity, acceleration, load, load_acceleration, out
         out[j] = needed - chains.relief[j] * GRAVITY * own
 
 
+Triple = tuple[float, float, float]
+
+
 @numba.njit(cache=True, error_model="numpy")
-def _cross(a, b):
+def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _dot(a, b):
+def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _plus(a, b, factor=1.0):
+def _plus(a: Triple, b: Triple, factor: float = 1.0) -> Triple:
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _turned(r, v):
+def _turned(r: Array, v: Triple | Array) -> Triple:
     return (
         r[0, 0] * v[0] + r[0, 1] * v[1] + r[0, 2] * v[2],
         r[1, 0] * v[0] + r[1, 1] * v[1] + r[1, 2] * v[2],
@@ -411,13 +427,13 @@ def _turned(r, v):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _carried_along(w, dw, arm):
+def _carried_along(w: Triple, dw: Triple, arm: Triple) -> Triple:
     """Compute the acceleration of the end of `arm` relative to its beginning, on a body that turns at w."""
     return _plus(_cross(dw, arm), _cross(w, _cross(w, arm)))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _inertia_times(r, inertia, v):
+def _inertia_times(r: Array, inertia: Array, v: Triple) -> Triple:
     """Return the product R I R^T v."""
     back = (
         r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2],

@@ -14,50 +14,23 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.robots.search.chains import Chains, inside, reach_pose, torques
-from comove.robots.search.links import Links, clearance_around, clearance_between, place_links
+from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
+from comove.robots.search.links import (
+    Links,
+    Surroundings,
+    clearance_around,
+    clearance_between,
+    place_links,
+)
 
 Array = NDArray[np.float64]
 
 KEEP = 0.02  # rad, that a search stays inside the joints' limits
-WISHED = 0.15  # rad, of margin to the limits, below which it costs something
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
-PULL = 0.2  # share of the way home that redundancy goes an iteration
-LOOSE = 0.05  # rad, of a step: redundancy need not have come to rest in a search
-FOLLOWING = 6  # iterations a sample
-STRIDE = 2  # samples between those at which links are placed
-SUB_STEP, MAX_SUB_STEPS = 0.02, 10  # m, and parts of an interval, at which near links are looked at
-SETTLING = 200  # iterations from a random seed
-
-
-class ArmSurroundings(NamedTuple):
-    """The surroundings of the arms, as arrays for kernels.
-
-    Attributes
-    ----------
-    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
-    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
-    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
-    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
-    carried : array, shape (n_arms,), mass at each hand [kg]
-    clearance : required clearance of the links [m]
-    spare : additional clearance that a search keeps [m]
-    share : share of the limits of rates and torques that a search uses
-    posture : array, shape (n_joints,), posture to which redundant joints are drawn: home
-    """
-
-    at_rest: Array
-    turning: NDArray[np.bool_]
-    first: int
-    second: int
-    obstacles: Array
-    edges: NDArray[np.int64]
-    radii: Array
-    carried: Array
-    clearance: float
-    spare: float
-    share: float
-    posture: Array
+SEARCHING = Iteration(gain=0.2, keep=KEEP, tolerance=MET, steady=0.05, most=6)
+"""Iteration for a sample of a movement: redundancy need not have come to rest."""
+SETTLING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-9, steady=1e-4, most=200)
+"""Iteration from random joints."""
 
 
 class Arms(NamedTuple):
@@ -65,7 +38,7 @@ class Arms(NamedTuple):
 
     chains: Chains
     links: Links
-    around: ArmSurroundings
+    around: Surroundings
 
 
 class Strain(NamedTuple):
@@ -92,18 +65,18 @@ class Strain(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def solutions(chains, arm, rotation, point, posture, seeds):
+def solutions(
+    chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
+) -> tuple[Array, Array]:
     """Solve one arm's joints for a pose from several seeds; returns them and their residuals."""
     missing = np.empty(seeds.shape[0])
     for k in range(seeds.shape[0]):
-        missing[k] = reach_pose(
-            chains, arm, rotation, point, posture, PULL, KEEP, 1e-9, 1e-4, SETTLING, seeds[k]
-        )
+        missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
     return seeds, missing
 
 
 @numba.njit(cache=True, error_model="numpy")
-def hand_rotation(around, hands, i, out):
+def hand_rotation(around: Surroundings, hands: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i (see `Grasp.hand_rotations`); hands, array of shape (n_arms, 3)."""
     c, s = 1.0, 0.0
     if around.turning[i] and around.first != around.second:
@@ -119,7 +92,7 @@ def hand_rotation(around, hands, i, out):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def follow(arms, nodes, start, duration):
+def follow(arms: Arms, nodes: Array, start: Array, duration: float) -> tuple[Array, ...]:
     """Follow motions of the load and its hands; returns the fields of `Strain`.
 
     Parameters
@@ -127,6 +100,7 @@ def follow(arms, nodes, start, duration):
     nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
     start : array, shape (n_joints,), joints from which the first pose is solved
     """
+    wished = 0.15  # rad, of margin to the limits, below which it costs something
     chains, around = arms.chains, arms.around
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
     missing, margin = np.zeros((n_rollouts, n_arms)), np.full((n_rollouts, n_arms), np.inf)
@@ -143,7 +117,7 @@ def follow(arms, nodes, start, duration):
                 for j in range(chains.first[i], chains.first[i + 1]):
                     least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
                 margin[k, i] = min(margin[k, i], least)
-                penalty[k, i] += 2.0 * max(0.0, WISHED - least) / n_steps
+                penalty[k, i] += 2.0 * max(0.0, wished - least) / n_steps
         _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k], jolt[k])
         for i in range(n_arms):
             for ratio in rates[k, i]:
@@ -153,7 +127,7 @@ def follow(arms, nodes, start, duration):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_one(arms, nodes, start, q, missing, penalty):
+def follow_one(arms: Arms, nodes: Array, start: Array, q: Array, missing: Array, penalty: Array) -> None:
     """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty`
     by arm.
     """
@@ -168,78 +142,76 @@ def follow_one(arms, nodes, start, q, missing, penalty):
             q[t, j] = inside(chains, j, on, KEEP)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes[t], i, rotation)
-            left = reach_pose(
-                chains, i, rotation, nodes[t, i], around.posture, PULL, KEEP, MET, LOOSE, FOLLOWING, q[t]
-            )
+            left = reach_pose(chains, i, rotation, nodes[t, i], around.posture, SEARCHING, q[t])
             missing[i] = max(missing[i], left)
             if left > MET:
                 penalty[i] += (1.0 + 50.0 * left) / n_steps
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _contact(arms, q, nodes):
+def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the least clearance of the links [m], at most the wished one, and the penalty of what is less.
 
-    Between two samples the ends of the links' axes are assumed to move on straight lines; where an obstacle or the
-    load is near, distances are computed at every `SUB_STEP`.
+    Links are placed at every second sample. In between the ends of their axes are assumed to move on straight lines;
+    where an obstacle or the load is near, distances are computed at every 2 cm, at most ten times.
     """
+    stride, sub_step, most = 2, 0.02, 10
     chains, links, around = arms.chains, arms.links, arms.around
-    n_steps, n_links = q.shape[0], links.joint.shape[0]
-    ends, between, load = np.empty((2, 2, n_links, 3)), np.empty((2, n_links, 3)), np.empty_like(nodes[0])
+    n_steps = q.shape[0]
+    ends, load = np.empty((3, 2, links.joint.shape[0], 3)), np.empty_like(nodes[0])  # here, there, in between
+    ends[:, 0] = links.start
+    ends[:, 1] = links.end
     wished = around.clearance + around.spare
     least, penalty = wished, 0.0
-    for i in range(n_links):
-        for axis in range(3):
-            ends[0, 0, i, axis] = ends[1, 0, i, axis] = between[0, i, axis] = links.start[i, axis]
-            ends[0, 1, i, axis] = ends[1, 1, i, axis] = between[1, i, axis] = links.end[i, axis]
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
-    for t in range(0, n_steps, STRIDE):
-        turn, after = (t // STRIDE) % 2, min(t + STRIDE, n_steps - 1)
-        here, there = ends[turn], ends[1 - turn]
+    for t in range(0, n_steps, stride):
+        turn, after = (t // stride) % 2, min(t + stride, n_steps - 1)
+        here, there, between = ends[turn], ends[1 - turn], ends[2]
         place_links(chains, links, q[after], there[0], there[1])
-        moved = 0.0
-        for end in range(2):
-            for i in links.moving:
-                square = 0.0
-                for axis in range(3):
-                    square += (there[end, i, axis] - here[end, i, axis]) ** 2
-                moved = max(moved, square)
-        moved = sqrt(moved)
-        far = wished + moved
+        moved = _longest_step(links, here, there)
         apart = clearance_between(links, here[0], here[1], wished)
         if apart < wished:
             least = min(least, apart)
-            penalty += STRIDE * _cost_of_contact(around, wished - apart) / n_steps
-        apart = clearance_around(
-            links, here[0], here[1], around.obstacles, nodes[t], around.edges, around.radii, far
-        )
+            penalty += stride * _cost_of_contact(around, wished - apart) / n_steps
+        far = wished + moved
+        apart = clearance_around(links, around, here[0], here[1], nodes[t], far)
         if apart >= far:
             continue
-        parts = min(1 + int(moved / SUB_STEP), MAX_SUB_STEPS)
+        parts = min(1 + int(moved / sub_step), most)
         for part in range(parts):
             if part > 0:
-                share = part / parts
-                for end in range(2):
-                    for i in links.moving:
-                        for axis in range(3):
-                            x, y = here[end, i, axis], there[end, i, axis]
-                            between[end, i, axis] = x + share * (y - x)
-                for n in range(load.shape[0]):
-                    for axis in range(3):
-                        load[n, axis] = nodes[t, n, axis] + share * (
-                            nodes[after, n, axis] - nodes[t, n, axis]
-                        )
-                apart = clearance_around(
-                    links, between[0], between[1], around.obstacles, load, around.edges, around.radii, wished
-                )
+                _blend(here, there, part / parts, between)
+                _blend(nodes[t], nodes[after], part / parts, load)
+                apart = clearance_around(links, around, between[0], between[1], load, wished)
             if apart < wished:
                 least = min(least, apart)
-                penalty += STRIDE * _cost_of_contact(around, wished - apart) / (n_steps * parts)
+                penalty += stride * _cost_of_contact(around, wished - apart) / (n_steps * parts)
     return least, penalty
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _cost_of_contact(around, lacking):
+def _longest_step(links: Links, here: Array, there: Array) -> float:
+    """Return how far an end of a link moves, at most [m]; arrays, shape (2, n_links, 3)."""
+    longest = 0.0
+    for end in range(2):
+        for i in links.moving:
+            square = 0.0
+            for axis in range(3):
+                square += (there[end, i, axis] - here[end, i, axis]) ** 2
+            longest = max(longest, square)
+    return sqrt(longest)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _blend(a: Array, b: Array, share: float, out: Array) -> None:
+    """Write a + share (b - a) into `out`; contiguous arrays of equal shape."""
+    x, y, z = a.ravel(), b.ravel(), out.ravel()
+    for i in range(z.shape[0]):
+        z[i] = x[i] + share * (y[i] - x[i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cost_of_contact(around: Surroundings, lacking: float) -> float:
     """Return the cost of links that miss the wished clearance by `lacking` [m]; it jumps where they miss the required
     one.
     """
@@ -247,7 +219,7 @@ def _cost_of_contact(around, lacking):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _rates(arms, q, nodes, dt, rates, jolt):
+def _rates(arms: Arms, q: Array, nodes: Array, dt: float, rates: Array, jolt: Array) -> None:
     """Compute the largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts
     (n_arms,).
     """

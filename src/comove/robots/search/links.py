@@ -2,7 +2,7 @@
 
 Capsules are fast and slightly inexact: bodies stick out of them at the ends of cylinders, by less than a twentieth of
 the radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do
-not move are inside their balls. The judge works on the exact geometry.
+not move are inside their balls. The verification works on the exact geometry.
 """
 
 from __future__ import annotations
@@ -24,11 +24,39 @@ CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
 FINE, MOST_PARTS = 0.01, 100  # m, between points of meshes that do not move, and parts of an edge at most
 CAPPED = 0.3  # share of a cylinder's radius by which its capsule's axis is shorter at either end
 STATIC = -1
-MEETING = 0.02  # m, between capsules that are as good as one
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
-N_SAMPLES = 400  # random configurations that tell which links can meet
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
+
+
+class Surroundings(NamedTuple):
+    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it.
+
+    Attributes
+    ----------
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
+    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
+    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
+    carried : array, shape (n_arms,), mass at each hand [kg]
+    clearance : required clearance of the links [m]
+    spare : additional clearance that a search keeps [m]
+    share : share of the limits of rates and torques that a search uses
+    posture : array, shape (n_joints,), posture to which redundant joints are drawn: home
+    """
+
+    at_rest: Array
+    turning: NDArray[np.bool_]
+    first: int
+    second: int
+    obstacles: Array
+    edges: NDArray[np.int64]
+    radii: Array
+    carried: Array
+    clearance: float
+    spare: float
+    share: float
+    posture: Array
 
 
 class Links(NamedTuple):
@@ -69,21 +97,21 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     lasts = {int(arm.columns[-1]) for arm in arms}
     data = model.createData()
     pin.forwardKinematics(model, data, robot.home)
-    rows: list[tuple[int, int, Array, Array, float, bool]] = []
-    of_geometry: list[list[int]] = []
+    joints, holds, ends, radii = list[int](), list[bool](), list[list[Array]](), list[float]()
+    of_geometry: list[range] = []
     for item in collision.geometryObjects:
         column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
         at = np.flatnonzero(columns == column)
-        moves = len(at) > 0
-        placement = item.placement if moves else data.oMi[item.parentJoint] * item.placement
-        mine = []
-        for a, b, radius in _capsules(item.geometry, moves):
-            mine.append(len(rows))
-            ends = (placement.rotation @ p + placement.translation for p in (a, b))
-            joint, arm = (int(at[0]), int(of_arm[at[0]])) if moves else (STATIC, -1)
-            rows.append((joint, arm, *ends, radius, int(column) in lasts))
-        of_geometry.append(mine)
-    joint, arm, start, end, radius, holds = zip(*rows, strict=True) if rows else ((),) * 6
+        placement = item.placement if len(at) else data.oMi[item.parentJoint] * item.placement
+        capsules = _capsules(item.geometry, len(at) > 0)
+        of_geometry.append(range(len(radii), len(radii) + len(capsules)))
+        joints += [int(at[0]) if len(at) else STATIC] * len(capsules)
+        holds += [int(column) in lasts] * len(capsules)
+        for start, end, radius in capsules:
+            ends.append([placement.rotation @ p + placement.translation for p in (start, end)])
+            radii.append(radius)
+    joint, placed = np.array(joints, dtype=np.int64), np.array(ends, dtype=float).reshape(-1, 2, 3)
+    arm_of = np.where(joint == STATIC, -1, of_arm[joint])
     pairs = [
         (i, j)
         for pair in collision.collisionPairs
@@ -91,30 +119,33 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
         for j in of_geometry[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
-    arm = np.array(arm, dtype=np.int64)
     links = Links(
-        joint=np.array(joint, dtype=np.int64),
-        arm=arm,
-        start=np.array(start, dtype=float).reshape(-1, 3),
-        end=np.array(end, dtype=float).reshape(-1, 3),
-        radius=np.array(radius, dtype=float),
+        joint=joint,
+        arm=arm_of,
+        start=placed[:, 0].copy(),
+        end=placed[:, 1].copy(),
+        radius=np.array(radii, dtype=float),
         pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
         holds=np.array(holds, dtype=bool),
-        moving=np.concatenate([np.flatnonzero(arm == k) for k in range(len(arms))]),
+        moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
     )
     return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
 
 
-def _worth_looking_at(links: Links, chains: Chains, home: Array) -> Links:
-    """Drop pairs that hardly ever come near, and pairs whose capsules, unlike the bodies, meet at home."""
+def _worth_looking_at(
+    links: Links, chains: Chains, home: Array, n_samples: int = 400, meeting: float = 0.02
+) -> Links:
+    """Drop pairs that come near in none of `n_samples` random configurations, and pairs whose capsules, unlike the
+    bodies, are within `meeting` [m] at home.
+    """
     rng = np.random.default_rng(0)
-    samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
+    samples = rng.uniform(chains.lower, chains.upper, (n_samples, len(chains.lower)))
     at_home = _pair_distances(chains, links, home[None])
-    return links._replace(pairs=links.pairs[at_home > MEETING]).near(chains, samples)
+    return links._replace(pairs=links.pairs[at_home > meeting]).near(chains, samples)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pair_distances(chains, links, samples):
+def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
     """Compute the least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
     start, end = links.start.copy(), links.end.copy()
     least = np.full(links.pairs.shape[0], np.inf)
@@ -198,7 +229,7 @@ def _ball(points: Array, spread: float) -> tuple[Array, Array, float]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def place_links(chains, links, q, start, end):
+def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array) -> None:
     """Compute the axes of the links that move, in the scene; results, arrays of shape (n_links, 3) [m].
 
     Rows of static links are not changed: pass arrays that begin as copies of `links.start` and `links.end`.
@@ -222,7 +253,7 @@ def place_links(chains, links, q, start, end):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def segments_apart(a, b, c, d):
+def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
     """Compute the distance [m] of the segments a-b and c-d (Ericson, 2005, 5.1.9)."""
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):
@@ -254,7 +285,7 @@ def segments_apart(a, b, c, d):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def near_enough(a, b, c, d, far):
+def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
     """Return whether the bounding balls of two segments are within `far` [m] of each other."""
     square, one, two = 0.0, 0.0, 0.0
     for x in range(3):
@@ -266,22 +297,25 @@ def near_enough(a, b, c, d, far):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def links_clearance(links, start, end, obstacles, nodes, edges, radii, cap):
+def links_clearance(
+    links: Links, around: Surroundings, start: Array, end: Array, nodes: Array, cap: float
+) -> float:
     """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
 
     Parameters
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
-    nodes, edges, radii : the load and its hands, as the scene's `Body` describes them
+    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
-    around = clearance_around(links, start, end, obstacles, nodes, edges, radii, cap)
-    return clearance_between(links, start, end, around)
+    return clearance_between(links, start, end, clearance_around(links, around, start, end, nodes, cap))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def clearance_around(links, start, end, obstacles, nodes, edges, radii, cap):
+def clearance_around(
+    links: Links, around: Surroundings, start: Array, end: Array, nodes: Array, cap: float
+) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
-    least = cap
+    obstacles, edges, radii, least = around.obstacles, around.edges, around.radii, cap
     for i in links.moving:
         a, b, r = start[i], end[i], links.radius[i]
         if obstacles.shape[0] > 0:
@@ -315,7 +349,7 @@ def clearance_around(links, start, end, obstacles, nodes, edges, radii, cap):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ball_of_load(nodes, radii):
+def _ball_of_load(nodes: Array, radii: Array) -> tuple[float, float, float, float]:
     """Compute centre and radius of a ball around the load and its hands [m]."""
     x, y, z, square = 0.0, 0.0, 0.0, 0.0
     for n in range(nodes.shape[0]):
@@ -331,7 +365,7 @@ def _ball_of_load(nodes, radii):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def clearance_between(links, start, end, cap):
+def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
     """Compute the least distance [m] of the links from each other alone, at most `cap`."""
     least = cap
     middle, reach = _balls(links, start, end)
@@ -346,7 +380,7 @@ def clearance_between(links, start, end, cap):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _balls(links, start, end):
+def _balls(links: Links, start: Array, end: Array) -> tuple[Array, Array]:
     """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]."""
     middle, reach = np.empty_like(start), np.empty(start.shape[0])
     for i in range(start.shape[0]):

@@ -29,8 +29,8 @@ from comove.planning.configurations import (
 )
 from comove.planning.planner import continuous
 from comove.planning.trees import copy_to, rrt_connect, shortened
-from comove.robots.search.chains import reach_pose
-from comove.robots.search.following import KEEP, LOOSE, PULL, Arms, hand_rotation
+from comove.robots.search.chains import Iteration, reach_pose
+from comove.robots.search.following import KEEP, Arms, hand_rotation
 from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
 
 Array = NDArray[np.float64]
@@ -38,8 +38,7 @@ Array = NDArray[np.float64]
 SUB_STEP = 0.03  # m of span, between the poses that the arms are followed through
 JUMP = 0.4  # rad, of a joint within a sub-step: another branch
 N_SHORTCUTS = 80
-REACHED = 1e-3  # m, residual at which an arm follows
-MOST = 12  # iterations a pose
+LEADING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-3, steady=0.05, most=12)  # of a pose
 FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as long as
 SPACING = 0.05  # m, between the vertices of a path that is to be shortened
 SHORTER = 0.02  # m, by which a straight piece is shorter, to be worth following it
@@ -113,7 +112,7 @@ def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
     place_one(space.blocks, q, 1.0, nodes)
     a, b = links.start.copy(), links.end.copy()
     place_links(arms.chains, links, joints, a, b)
-    return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
+    return links_clearance(links, around, a, b, nodes, ENOUGH)
 
 
 def _dense(space: Space, path: Array) -> Array:
@@ -159,22 +158,15 @@ def follow_edge(space, arms, p, target, joints):
         copy_to(joints, before)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes, i, rotation)
-            left = reach_pose(
-                chains, i, rotation, nodes[i], around.posture, PULL, KEEP, REACHED, LOOSE, MOST, joints
-            )
-            if left > REACHED:
+            left = reach_pose(chains, i, rotation, nodes[i], around.posture, LEADING, joints)
+            if left > LEADING.tolerance:
                 return False
         for j in range(joints.shape[0]):
             if abs(joints[j] - before[j]) > JUMP:
                 return False
         place_links(chains, links, joints, start, end)
         need = around.clearance
-        if (
-            links_clearance(
-                links, start, end, around.obstacles, nodes, around.edges, around.radii, need + 0.01
-            )
-            < need
-        ):
+        if links_clearance(links, around, start, end, nodes, need + 0.01) < need:
             return False
     return True
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numba
 import numpy as np
@@ -13,17 +12,13 @@ from scipy.interpolate import make_lsq_spline
 from comove.coordination.motion import CoordinatedMotion
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
-from comove.robots.search.chains import inside, reach_pose
+from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, follow_one, hand_rotation
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
-COARSE = 201  # samples at which the arms are led through the movement once
-PIECES = 24  # polynomial pieces of the smooth posture that redundancy follows
-EXACT, STEADY = 1e-10, 1e-9  # residual [m] and last step [rad] at the samples
-MOST = 60  # iterations a sample
-DRAWN = 1.0  # share of the way to the smooth posture that redundancy goes an iteration
+EXACT = Iteration(gain=1.0, keep=0.0, tolerance=1e-10, steady=1e-9, most=60)
 
 
 @dataclass(frozen=True)
@@ -34,60 +29,50 @@ class Miss:
     time: float
     distance: float
 
-
-class TrackingTask(Protocol):
-    """A robot whose arms hold a load, as tracking needs it (see `carrying.Carrying`)."""
-
-    robot: Robot
-
-    @property
-    def holders(self) -> tuple[Arm, ...]:
-        """Return the arms in the order of the scene's manipulators."""
-
-    @property
-    def columns(self) -> NDArray[np.int64]:
-        """Return the indices of the arms' joints in the robot's joint vector."""
-
-    @property
-    def arms(self) -> Arms:
-        """Return the arms as arrays, for kernels."""
-
-    def best_start(self, nodes: Array) -> Array:
-        """Return the joints from which the arms follow a motion best."""
+    def __str__(self) -> str:
+        where = f"the arm '{self.arm}' does not reach its hand's pose at {self.time:.2f} s"
+        return f"{where}: {self.distance:.3g} m are missing"
 
 
-def track(task: TrackingTask, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
+def track(
+    robot: Robot, holders: tuple[Arm, ...], arms: Arms, motion: CoordinatedMotion, start: Array
+) -> tuple[JointMotion, Miss | None]:
     """Compute the joints along a motion of the hands, and where they miss it most, if they do.
 
     The arms first follow the motion coarsely, as in a search. These joints, smoothed, are the posture to which
-    redundant joints are drawn when every sample is solved to `EXACT`. So the joints are as smooth as the hands are.
+    redundant joints are drawn when every sample is solved exactly. So the joints are as smooth as the hands are.
+
+    Parameters
+    ----------
+    holders, arms : the arms in the order of the hands, and as arrays
+    start : array, shape (n_joints,), joints of these arms from which the first pose is solved
     """
-    duration = motion.scene.duration
-    coarse = _nodes(motion, COARSE)
-    led, missing = np.empty((COARSE, len(task.columns))), np.zeros((2, len(task.holders)))
-    follow_one(task.arms, coarse, task.best_start(coarse), led, *missing)
+    duration, columns = motion.scene.duration, np.concatenate([arm.columns for arm in holders])
+    coarse = sampled_nodes(motion)
+    led, missing = np.empty((len(coarse), len(columns))), np.zeros((2, len(holders)))
+    follow_one(arms, coarse, start, led, missing[0], missing[1])
     n_steps = int(np.ceil(SAMPLE_RATE * duration - 1e-9)) + 1
     time = np.linspace(0.0, duration, n_steps)
-    posture = _smooth(np.linspace(0.0, duration, COARSE), led, time)
-    joints, residual = _tracked(task.arms, _nodes(motion, n_steps), posture)
-    position = np.repeat(task.robot.home[None], n_steps, axis=0)
-    position[:, task.columns] = joints
+    posture = _smooth(np.linspace(0.0, duration, len(coarse)), led, time)
+    joints, residual = _tracked(arms, sampled_nodes(motion, n_steps), posture)
+    position = np.repeat(robot.home[None], n_steps, axis=0)
+    position[:, columns] = joints
     worst, arm = np.unravel_index(first_largest(residual), residual.shape)
     miss = None
-    if residual.max() > EXACT:
-        miss = Miss(task.holders[arm].name, float(time[worst]), float(residual[worst, arm]))
-    return JointMotion(time, task.robot.joint_names, position), miss
+    if residual.max() > EXACT.tolerance:
+        miss = Miss(holders[arm].name, float(time[worst]), float(residual[worst, arm]))
+    return JointMotion(time, robot.joint_names, position), miss
 
 
-def _nodes(motion: CoordinatedMotion, n_steps: int) -> Array:
+def sampled_nodes(motion: CoordinatedMotion, n_steps: int = 201) -> Array:
     """Compute hands and corners of the load at even times; array, shape (n_steps, n_nodes, 3) [m]."""
     q = motion.at(np.linspace(0.0, 1.0, n_steps))[0]
     return np.ascontiguousarray(motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0])
 
 
-def _smooth(time: Array, joints: Array, at: Array) -> Array:
+def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
     """Fit a least-squares spline of degree 5 to `joints` at `time`, at rest at both ends, and evaluate it at the
-    times `at`.
+    times `at`; `pieces` is the number of its polynomials.
 
     The data are mirrored in time at both ends, as a motion from rest to rest continues smoothly that way.
 
@@ -98,13 +83,13 @@ def _smooth(time: Array, joints: Array, at: Array) -> Array:
     end = time[-1]
     times = np.concatenate([-time[:0:-1], time, 2 * end - time[-2::-1]])
     mirrored = np.concatenate([joints[:0:-1], joints, joints[-2::-1]])
-    inner = np.linspace(-end, 2 * end, 3 * PIECES + 1)
+    inner = np.linspace(-end, 2 * end, 3 * pieces + 1)
     knots = np.concatenate([[inner[0]] * 5, inner, [inner[-1]] * 5])
     return make_lsq_spline(times, mirrored, knots, k=5)(at)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tracked(arms, nodes, posture):
+def _tracked(arms: Arms, nodes: Array, posture: Array) -> tuple[Array, Array]:
     """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms)
     [m].
     """
@@ -116,7 +101,5 @@ def _tracked(arms, nodes, posture):
             joints[t, j] = inside(chains, j, joints[t, j], 0.0)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(arms.around, nodes[t], i, rotation)
-            residual[t, i] = reach_pose(
-                chains, i, rotation, nodes[t, i], posture[t], DRAWN, 0.0, EXACT, STEADY, MOST, joints[t]
-            )
+            residual[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture[t], EXACT, joints[t])
     return joints, residual

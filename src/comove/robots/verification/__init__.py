@@ -1,3 +1,3 @@
-"""Judge of joint motions, by Pinocchio's kinematics and coal's distances; it shares no code with
+"""Verification of joint motions, by Pinocchio's kinematics and coal's distances; it shares no code with
 `comove.robots.search`.
 """

@@ -26,16 +26,14 @@ from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices
 from comove.robots.model import Arm, Robot
-from comove.robots.verification.bases import Bases
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.load_shapes import leverage, load_shapes
+from comove.robots.verification.carried import Carried, leverage, load_shapes
+from comove.robots.verification.reach import Bases
 from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
-CONVEX = 1e-3  # of the volume, within which a mesh is as large as its hull
 SCENE, LOAD, SELF = range(3)
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
 
@@ -55,7 +53,7 @@ class Bodies:
     Attributes
     ----------
     robot : robot whose model moves the bodies
-    geometry : pinocchio.GeometryModel, whose collision pairs are those that are judged
+    geometry : pinocchio.GeometryModel, whose collision pairs are those that are checked
     names : names of the bodies, for messages
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
     required : array, shape (3,), required clearance of each kind [m]
@@ -139,7 +137,7 @@ def _add_load(
     robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
 ) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
     """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
-    held, rods, pairs = _beyond_wrists(robot, holders), [], []
+    held, rods, pairs = _beyond_wrists(robot, holders), list[tuple[int, ...]](), []
     links = [link for link in range(robot.collision.ngeoms) if _parent(geometry, link) not in held]
     for shape in load_shapes(carried):
         name = f"load {len(rods)}"
@@ -189,7 +187,7 @@ def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
 
 def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
     """Add the convex hulls of all meshes; returns the hulls by mesh, those of convex meshes and those of others."""
-    convex, others = {}, {}
+    convex, others = dict[int, int](), dict[int, int]()
     for number in range(geometry.ngeoms):
         item = geometry.geometryObjects[number]
         if not isinstance(item.geometry, coal.BVHModelBase):
@@ -204,12 +202,12 @@ def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, i
     return convex, others
 
 
-def _is_convex(mesh: Any) -> bool:
-    """Return whether a mesh may be replaced by its hull, which is nearer to everything if they differ slightly."""
-    volume = mesh.convex.computeVolume()
-    return (
-        mesh.num_vertices == mesh.convex.num_points and abs(mesh.computeVolume() - volume) < CONVEX * volume
-    )
+def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
+    """Return whether a mesh may be replaced by its hull, which is nearer to everything if they differ slightly: by no
+    vertex, and by less than the share `missing` of its volume.
+    """
+    hull, volume = mesh.convex, mesh.convex.computeVolume()
+    return mesh.num_vertices == hull.num_points and abs(mesh.computeVolume() - volume) < missing * volume
 
 
 def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -245,9 +243,14 @@ def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]
     -------
     array, shape (n_pairs, n_joints + 1)
     """
-    moved = np.zeros((geometry.ngeoms, robot.model.nv), dtype=bool)
-    for body, item in enumerate(geometry.geometryObjects):
-        moved[body, [robot.model.idx_vs[j] for j in robot.model.supports[item.parentJoint] if j > 0]] = True
-    first, second, kind = pairs.T
+    moved, (first, second, kind) = moved_by(robot, geometry), pairs.T
     change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
     return np.column_stack([change, kind == LOAD])
+
+
+def moved_by(robot: Robot, geometry: Any) -> NDArray[np.bool_]:
+    """Return which joints move which bodies; array, shape (n_bodies, n_joints)."""
+    model, moved = robot.model, np.zeros((geometry.ngeoms, robot.model.nv), dtype=bool)
+    for body, item in enumerate(geometry.geometryObjects):
+        moved[body, [model.idx_vs[joint] for joint in model.supports[item.parentJoint] if joint > 0]] = True
+    return moved

@@ -6,24 +6,40 @@ Two bodies whose distance at an instant is d are, at all times at most w before 
 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
 only the joints between the two count; the load adds its own largest speed. Where this bound is too small, a
-second-order bound is used for convex bodies (see `nearing`), and where that is too small as well, the time interval
-is halved, for those pairs only. Distances are coal's, placements Pinocchio's.
+second-order bound is used for convex bodies, and where that is too small as well, the time interval is halved, for
+those pairs only. Distances are coal's, placements Pinocchio's.
+
+The second-order bound looks along the line between the nearest points. Let n be the unit vector along that line at an
+instant. Two convex bodies are separated by a slab perpendicular to n,
+whose width follows from their support functions, and their distance is at least the distance of their points along n.
+At a time w before or after, a point p of a body is where its velocity takes it, to within w^2/2 max|p''|; so the
+distance then is at least
+
+    slab - w max |n (v_a - v_b)| - w^2/2 max|p''|,
+
+where the first maximum is over all points a and b of the bodies, here of balls about them. Joints that move both
+bodies count for neither. With r_j as above the second derivative is at most
+
+    sum r_j |q_j''| + 2 sum |q_j'| sum r_j |q_j'|,
+
+as the second derivative of a position by two joints is no longer than the reach r_j of the one nearer to the body. So
+a hand that glides over a table comes no nearer to first order, however fast it is.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.extremes import Ranges, fastest
-from comove.robots.verification.bodies import Bodies
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.load_shapes import placements
-from comove.robots.verification.nearing import Nearing
+from comove.robots.motion import Ranges, fastest
+from comove.robots.verification.bodies import Bodies, moved_by
+from comove.robots.verification.carried import LoadMotion, placements
 from comove.ties import first_least
 
 Array = NDArray[np.float64]
@@ -64,7 +80,7 @@ class _Cells(NamedTuple):
         return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
 
 
-def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[LinkClearance]:
+def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
     Where a pair violates its required clearance, the bound of its kind is only as tight as `LOOSE`.
@@ -74,7 +90,7 @@ def certify(bodies: Bodies, carried: Carried, curve: PPoly) -> list[LinkClearanc
     curve : joint positions by time [s], cubic between samples
     """
     distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
-    cells, width, computed = _first(bodies), curve.x[-1] / FIRST, 0
+    cells, width, computed = _first(bodies), float(curve.x[-1]) / FIRST, 0
     lower, met = np.full(3, np.inf), [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
     for depth in range(DEEPEST):
         distance, change = distances(cells, width)
@@ -127,7 +143,7 @@ def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -
 class _Distances:
     """Computes distances of pairs at the middle of time intervals, and how much they can change within these."""
 
-    def __init__(self, bodies: Bodies, carried: Carried, curve: PPoly):
+    def __init__(self, bodies: Bodies, carried: LoadMotion, curve: PPoly):
         self.bodies, self.carried, self.curve = bodies, carried, curve
         self.model, self.data = bodies.robot.model, bodies.robot.model.createData()
         self.placed = bodies.geometry.createData()
@@ -143,7 +159,7 @@ class _Distances:
         stretches, first, counts = np.unique(cells.stretch, return_index=True, return_counts=True)
         time = (stretches + 0.5) * width
         configurations, nodes = self.curve(time), self.carried.nodes(time)
-        rods = [(rod, *placements(nodes, spanned)) for rod, *spanned in self.bodies.rods]
+        rods = [(rod, *placements(nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
         distances: list[float] = []
         for k, q in enumerate(configurations):
@@ -160,3 +176,119 @@ class _Distances:
         """Return the largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
         load = self.carried.speed.over(begin, end).max(axis=1, keepdims=True)
         return np.concatenate([self.rates.over(begin, end), load], axis=1)
+
+
+class Nearing:
+    """Computes bounds of how much nearer the bodies of pairs come.
+
+    Attributes
+    ----------
+    applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or in the scene
+    """
+
+    def __init__(self, bodies: Bodies, curve: PPoly):
+        self.bodies, self.curve, self.model = bodies, curve, bodies.robot.model
+        self.data, self.placed = self.model.createData(), bodies.geometry.createData()
+        items, pairs = bodies.geometry.geometryObjects, bodies.geometry.collisionPairs
+        self._pairs = np.array([(p.first, p.second) for p in pairs]).reshape(-1, 2)
+        first, second = moved_by(bodies.robot, bodies.geometry)[self._pairs].swapaxes(0, 1)
+        self._sides = np.stack([first & ~second, second & ~first])
+        self._centers = [np.array(item.geometry.aabb_center) for item in items]
+        self._radii = np.array([item.geometry.aabb_radius for item in items])
+        loads = {rod for rod, *_ in bodies.rods}
+        known = {k: support_function(item.geometry) for k, item in enumerate(items) if k not in loads}
+        self._supports = {k: function for k, function in known.items() if function is not None}
+        plain = np.array([k in self._supports for k in range(len(items))])
+        self.applies = plain[self._pairs].all(axis=1)
+        bend = np.abs(curve(curve.x, 2))
+        self._rates = Ranges(curve.x, np.hstack([fastest(curve)[0], np.maximum(bend[1:], bend[:-1])]))
+
+    def improved(
+        self, change: Array, spare: Array, pair: NDArray[np.int64], time: Array, half: float
+    ) -> Array:
+        """Return smaller bounds of how much a distance changes, where these may help; arrays, shape (n,) [m].
+
+        Parameters
+        ----------
+        change : known bounds of the change
+        spare : change of the distances that is allowed; not positive where bodies touch or no bound can help
+        time : middle of the time intervals, in ascending order [s]
+        half : half of the intervals' length [s]
+        """
+        todo = np.flatnonzero((spare > 0) & (change > spare) & self.applies[pair])
+        bulge = 0.5 * half**2 * self.second_order(pair[todo], time[todo] - half, time[todo] + half)
+        todo, bulge = todo[bulge < spare[todo]], bulge[bulge < spare[todo]]
+        better = change.copy()
+        if len(todo):
+            lost, speed = self.first_order(pair[todo], time[todo])
+            better[todo] = np.fmin(change[todo], lost + half * speed + bulge)
+        return better
+
+    def second_order(self, pair: NDArray[np.int64], begin: Array, end: Array) -> Array:
+        """Bound |p''| during time intervals; all arrays of shape (n,), [s] -> [m/s^2]."""
+        rates, bends = np.split(self._rates.over(begin, end), 2, axis=1)
+        reach = self.bodies.reach[pair, :-1]
+        between = self._sides[:, pair].any(axis=0)
+        return (bends * reach).sum(axis=1) + 2 * (rates * between).sum(axis=1) * (rates * reach).sum(axis=1)
+
+    def first_order(self, pair: NDArray[np.int64], time: Array) -> tuple[Array, Array]:
+        """Compute distance minus slab width, and how fast points of both bodies come nearer along n.
+
+        Parameters
+        ----------
+        time : array, shape (n,), in ascending order [s]
+
+        Returns
+        -------
+        arrays, shape (n,), [m] and [m/s]
+        """
+        instants, of_instant = np.unique(time, return_inverse=True)
+        columns, lost = np.empty((len(instants), 6, self.model.nv)), np.empty(len(pair))
+        normals, centers, placed_for = np.empty((len(pair), 3)), np.empty((len(pair), 2, 3)), -1
+        positions, rates = self.curve(instants), self.curve(instants, 1)
+        for i, (number, k) in enumerate(zip(pair.tolist(), of_instant.tolist(), strict=True)):
+            if k != placed_for:
+                pin.computeJointJacobians(self.model, self.data, positions[k])
+                pin.updateGeometryPlacements(self.model, self.data, self.bodies.geometry, self.placed)
+                columns[k], placed_for = self.data.J * rates[k], k
+            lost[i], normals[i] = self._slab(number)
+            centers[i] = [
+                self.placed.oMg[body].act(self._centers[body]) for body in self._pairs[number].tolist()
+            ]
+        speed, turning = np.zeros(len(pair)), np.zeros(len(pair))
+        for side, sign in enumerate((1.0, -1.0)):
+            twist = np.einsum("nij,nj->ni", columns[of_instant], self._sides[side, pair])
+            velocity = twist[:, :3] + np.cross(twist[:, 3:], centers[:, side])
+            speed = speed + sign * (normals * velocity).sum(axis=1)
+            across = np.linalg.norm(np.cross(normals, twist[:, 3:]), axis=1)
+            turning = turning + across * self._radii[self._pairs[pair, side]]
+        return lost, np.abs(speed) + turning
+
+    def _slab(self, pair: int) -> tuple[float, Array]:
+        """Compute the distance of two bodies minus the width of the slab between them [m], and the slab's normal."""
+        found = pin.computeDistance(self.bodies.geometry, self.placed, pair)
+        n = np.array(found.normal) / np.linalg.norm(found.normal)  # from the first to the second
+        (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
+        ends = self._supports[a](first.rotation.T @ n), self._supports[b](-second.rotation.T @ n)
+        slab = (second.translation - first.translation) @ n - ends[0] - ends[1]
+        return found.min_distance - slab, n
+
+
+def support_function(shape: Any) -> Callable[[Array], float] | None:
+    """Return the function that tells how far a convex shape reaches along a unit vector in its own frame [m]; None
+    for other shapes.
+    """
+    if isinstance(shape, coal.Sphere):
+        return lambda n: shape.radius
+    if isinstance(shape, coal.Box):
+        return lambda n: float(np.abs(n) @ shape.halfSide)
+    if isinstance(shape, coal.Capsule):
+        return lambda n: shape.radius + shape.halfLength * abs(n[2])
+    if isinstance(shape, coal.Cylinder):
+        return lambda n: shape.radius * float(np.hypot(n[0], n[1])) + shape.halfLength * abs(n[2])
+    if isinstance(shape, coal.Ellipsoid):
+        return lambda n: float(np.linalg.norm(n * shape.radii))
+    if isinstance(shape, coal.ConvexBase):
+        points = np.array([shape.point(k) for k in range(shape.num_points)])
+        return lambda n: float((points @ n).max())
+    return None

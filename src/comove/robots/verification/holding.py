@@ -18,6 +18,7 @@ The grid is that of the samples, made finer where this is not tight enough. Kine
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +26,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.robots.extremes import fastest, subdivided
 from comove.robots.model import Arm, Robot
+from comove.robots.motion import fastest, subdivided
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.reach import Reaches
 
@@ -79,15 +80,14 @@ def holding_errors(robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve:
     else:
         turn_jerk = np.zeros_like(turn_jerk)
     half = 0.5 * np.diff(time)
-    pairs = [(i, j) for i in range(len(arms)) for j in range(i)]
     apart = [
         _between(
             _sizes(error[:, i] - error[:, j]),
             _sizes(drift[:, i] - drift[:, j]),
             jerk[:, i] + jerk[:, j],
             half,
-        )
-        for i, j in pairs
+        ).max()
+        for i, j in combinations(range(len(arms)), 2)
     ]
     return Errors(
         time,
@@ -96,7 +96,7 @@ def holding_errors(robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve:
         turn,
         _between(_sizes(error), _sizes(drift), jerk, half[:, None]),
         _between(turn, _sizes(turning), turn_jerk, half[:, None]),
-        max((float(bound.max()) for bound in apart), default=0.0),
+        float(max(apart, default=0.0)),
         places,
     )
 
@@ -117,26 +117,18 @@ def _third_derivatives(
     bend = np.abs(curve(curve.x, 2))
     bend, jerk = np.maximum(bend[1:], bend[:-1]), 6 * np.abs(curve.c[0])
     reaches = Reaches(robot)
-    turns = ~reaches.slides
-    sums = [
-        (x[:, arm.columns].sum(axis=1), x[:, arm.columns[turns[arm.columns]]].sum(axis=1))
-        for arm in arms
-        for x in (rate, bend, jerk)
-    ]
-    of_all, of_turning = (
-        np.stack([s3 + 3 * s1 * s2 + s1**3 for s1, s2, s3 in _triples([pair[k] for pair in sums])], axis=1)
-        for k in (0, 1)
-    )
+    of_all, of_turning = np.empty((2, len(rate), len(arms)))
+    for i, arm in enumerate(arms):
+        turning = arm.columns[~reaches.slides[arm.columns]]
+        for bound, columns in ((of_all, arm.columns), (of_turning, turning)):
+            s1, s2, s3 = (x[:, columns].sum(axis=1) for x in (rate, bend, jerk))
+            bound[:, i] = s3 + 3 * s1 * s2 + s1**3
     lengths = np.array([reaches.of_hand(arm)[0].max() for arm in arms])  # 1 at least where a joint slides
     begin, end = curve.x[:-1], curve.x[1:]
     swing = np.zeros((len(begin), len(arms)))
     if (grasp := carried.motion.scene.grasp) is not None:
         swing[:, grasp.turning] = carried.swing.over(begin, end)
     return lengths * of_all + carried.jerk.over(begin, end), of_turning + swing
-
-
-def _triples(items: list[Array]) -> list[tuple[Array, Array, Array]]:
-    return list(zip(items[::3], items[1::3], items[2::3], strict=True))
 
 
 def _grid(samples: Array, jerk: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -152,7 +144,7 @@ def _grasp_frames(
     """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
     frame.
     """
-    model, frames = with_tools(robot, arms)
+    model, frames = _with_tools(robot, arms)
     data, shape = model.createData(), (len(positions), len(arms))
     places, rotations = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     motions = np.empty((*shape, 6))
@@ -165,7 +157,7 @@ def _grasp_frames(
     return places, rotations, motions[..., :3], motions[..., 3:]
 
 
-def with_tools(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Any, list[int]]:
+def _with_tools(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Any, list[int]]:
     """Return a model that has the arms' grasp frames as frames, and their numbers."""
     model, frames = robot.model.copy(), []
     for arm in arms:

@@ -1,17 +1,21 @@
-"""Bounds of the distance of a robot's parts from the axes that move them, which turn rates of joints into speeds.
+"""Bounds of how far joints, and tolerances of the places of the bases, move the parts of a robot.
 
-The bounds add up lengths along the chain, so they hold for all joint positions within the limits. Axes and placements
-are Pinocchio's.
+The distance of a part from an axis turns rates of joints into speeds. Its bounds add up lengths along the chain, so
+they hold for all joint positions within the limits. Axes and placements are Pinocchio's.
 """
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.robots.description import Uncertainty
 from comove.robots.model import Arm, Robot
 
 Array = NDArray[np.float64]
@@ -66,7 +70,7 @@ class Reaches:
                 away += self._furthest[column]
             else:
                 along = float(self.axes[column] @ point)
-                reach[column] = np.sqrt(max(point @ point - along**2, 0.0)) + length
+                reach[column] = np.sqrt(max(float(point @ point) - along**2, 0.0)) + length
             length += away
             point, joint = model.jointPlacements[joint].translation, model.parents[joint]
         return reach, point, length
@@ -75,3 +79,55 @@ class Reaches:
         """Bound the distances of an arm's grasp from the axes, as `of_ball` does."""
         tip = self.robot.model.frames[self.robot.model.getFrameId(arm.tip)]
         return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Bases:
+    """The bases of a robot, with the tolerances of their places."""
+
+    robot: Robot
+    uncertainty: Uncertainty
+
+    @cached_property
+    def reaches(self) -> Reaches:
+        """Return the reaches of the robot's joints."""
+        return Reaches(self.robot)
+
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """Return, by name of link or joint, the number of the model whose base it is on; empty where there is one
+        base only.
+        """
+        if len(self.robot.sources) == 1:
+            return {}
+        return {
+            part.get("name", ""): number
+            for number, source in enumerate(self.robot.sources)
+            for part in ET.fromstring(source.urdf)
+            if part.tag in ("link", "joint")
+        }
+
+    def pull(self, base: int, root: Array, length: float) -> float:
+        """Bound the displacement, by the tolerance of a base, of points at most `length` from a point `root` [m].
+
+        Turning about its origin by an angle a moves a point at the distance r by at most a r.
+
+        Parameters
+        ----------
+        root : array, shape (..., 3); the furthest of several points counts
+        """
+        origin = np.array(self.robot.description.models[base].base.position)
+        turn = np.deg2rad(self.uncertainty.rotation_deg)
+        away = np.linalg.norm(root - origin, axis=-1)
+        return float(self.uncertainty.position + turn * (away.max() + length))
+
+    def of_hand(self, arm: Arm, places: Array) -> tuple[int, float]:
+        """Return the base of an arm, and the largest error of its hand due to that base [m].
+
+        Parameters
+        ----------
+        places : array, shape (n_steps, 3), positions of the hand [m]
+        """
+        model = self.robot.model
+        base = self.numbers.get(model.names[model.frames[model.getFrameId(arm.tip)].parentJoint], 0)
+        return base, self.pull(base, places, 0.0)

@@ -1,4 +1,4 @@
-"""Judge of joint motions, the only maker of `VerifiedJointMotion`.
+"""The verification of joint motions, the only maker of `VerifiedJointMotion`.
 
 It shares no code with the search: kinematics and dynamics are Pinocchio's, distances coal's.
 
@@ -8,7 +8,7 @@ what                   how it is known
 limits of joints       exact at every instant: extremes of the cubics between samples
 torques                sampled at 200 Hz, with a margin for between (see `effort`)
 hands hold the load    bound at every instant (see `holding`)
-clearance              bound at every instant (see `certificate`, `bodies`)
+clearance              bound at every instant (see `certificate`)
 hands, load and scene  bound at every instant by `comove.verification`
 ====================== =================================================================================
 """
@@ -26,11 +26,11 @@ from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification import findings as check
-from comove.robots.verification.bases import Bases
+from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.holding import holding_errors
+from comove.robots.verification.reach import Bases
 from comove.scenes.scene import Scene
 from comove.verification.sealed import Sealed
 from comove.verification.verify import VerifiedMotion, verify
@@ -87,7 +87,7 @@ class JointReport:
 
 
 class VerifiedJointMotion(Sealed):
-    """A robot's motion that passed every check. Only `verify_joints` makes it.
+    """A robot's motion that passed every check; only `verify_joints` makes it.
 
     Attributes
     ----------
@@ -100,6 +100,11 @@ class VerifiedJointMotion(Sealed):
     __slots__ = ("joints", "motion", "report", "robot")
     MAKER = "comove.robots.verify_joints"
     INSTEAD = "send its `joints` and verify them anew"
+
+    robot: Robot
+    motion: VerifiedMotion
+    joints: JointMotion
+    report: JointReport
 
     def __init__(
         self,
@@ -120,7 +125,7 @@ class VerifiedJointMotion(Sealed):
 
 @dataclass(frozen=True)
 class JointVerdict:
-    """Result of judging a joint motion: the verified motion or the reasons against it, and the measures.
+    """The result of `verify_joints`: the verified motion or the reasons against it, and the measures.
 
     Attributes
     ----------
@@ -142,7 +147,7 @@ def verify_joints(
     uncertainty: Uncertainty | None = None,
     mass_shares: Sequence[float] | None = None,
 ) -> JointVerdict:
-    """Judge a robot's motion: limits, torques, hands on the load and clearance.
+    """Verify a robot's motion: limits, torques, hands on the load and clearance.
 
     Parameters
     ----------
@@ -168,7 +173,7 @@ def verify_joints(
             way_out="give the VerifiedMotion of a solution, or a CoordinatedMotion",
         )
     scene = motion.motion.scene
-    unfit = [*check.unfit_scene(robot, scene), *check.unfit_joints(robot, scene, joints)]
+    unfit = [*checks.unfit_scene(robot, scene), *checks.unfit_joints(robot, scene, joints)]
     if unfit:
         return _refused(unfit)
     joints = _own_copy(joints)
@@ -176,14 +181,14 @@ def verify_joints(
     bases = Bases(robot, robot.description.uncertainty if uncertainty is None else uncertainty)
     carried, curve = Carried(motion.motion), joints.curve
     errors = holding_errors(robot, arms, carried, curve)
-    bodies = bodies_of(bases, arms, carried, errors.hands, check.HAND_ERROR)
+    bodies = bodies_of(bases, arms, carried, errors.hands, checks.HAND_ERROR)
     findings = [
-        check.rest(robot, curve),
-        check.limits(robot, curve),
-        check.torques(robot, curve, arms, check.masses(scene, mass_shares)),
-        check.hands(errors, motion),
-        check.calibration(bases, arms, errors, motion),
-        check.clearances(bodies, carried, curve),
+        checks.rest(robot, curve),
+        checks.limits(robot, curve),
+        checks.torques(robot, curve, arms, checks.masses(scene, mass_shares)),
+        checks.hands(errors, motion),
+        checks.calibration(bases, arms, errors, motion),
+        checks.clearances(bodies, carried, curve),
     ]
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
@@ -199,7 +204,7 @@ def _refused(reasons: Iterable[str]) -> JointVerdict:
 
 
 def _own_copy(joints: JointMotion) -> JointMotion:
-    """Copy the motion into read-only arrays, so that nobody can change what was judged."""
+    """Copy the motion into read-only arrays, so that nobody can change what was verified."""
     arrays = [np.array(x, dtype=float) for x in (joints.time, joints.position)]
     for array in arrays:
         array.setflags(write=False)

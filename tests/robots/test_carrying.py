@@ -1,5 +1,6 @@
-"""A robot as a search sees it: joints at both ends, what is possible, and scenes that it cannot carry out."""
+"""A robot as a search meets it: joints at both ends, what is possible, what is verified, what it cannot carry out."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,15 +12,16 @@ import yaml
 from comove.errors import RobotError, SceneError
 from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
-from comove.robots.check import RobotCheck
-from comove.robots.search.carrying import BRANCHES, SAME_BRANCH, Carrying, robot_method
+from comove.robots import VerifiedJointMotion, robot_method
+from comove.robots.carrying import SETTINGS, RobotCarrier
 from comove.robots.search.following import MET
-from comove.robots.search.tracking import _nodes
+from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
-from tests.robots.known_carry import TABLE, known_carry, posts, scene_data
+from comove.verification import verify
+from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, gantry_scene, movement, robot, task
 
-EXAMPLES_DIR = Path(__file__).parents[3] / "examples" / "robots"
+EXAMPLES_DIR = Path(__file__).parents[2] / "examples" / "robots"
 NAMES = ("gantry", "gap_30", "two_pandas", "ur5_and_panda")
 
 
@@ -30,7 +32,7 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
     nodes = carrying.scene.nodes_at(end)
     rotations = carrying.scene.grasp.hand_rotations(nodes[: len(carrying.holders)])
     for i, (arm, branches) in enumerate(zip(carrying.holders, getattr(carrying, f"{end}s"), strict=True)):
-        assert 1 <= len(branches) <= BRANCHES
+        assert 1 <= len(branches) <= SETTINGS.n_branches
         for joints in branches:
             q = carrying.robot.home.copy()
             q[arm.columns] = joints
@@ -40,18 +42,18 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
             assert (q >= carrying.robot.lower).all()
             assert (q <= carrying.robot.upper).all()
         for k, joints in enumerate(branches):
-            assert all(np.abs(joints - other).max() > SAME_BRANCH for other in branches[:k])
+            assert all(np.abs(joints - other).max() > SETTINGS.same_branch for other in branches[:k])
         away = np.abs(branches - arm.home).max(axis=1)
         assert (np.diff(away) >= -1e-6).all()  # what mirrors each other is equally far
 
 
 def test_the_known_path_is_possible_and_faster_or_blocked_ones_are_not():
     motion, _ = known_carry()
-    nodes = _nodes(motion, 201)[None]
-    right = Carrying(robot("baxter"), motion.scene)
-    fast = Carrying(robot("baxter"), Scene.from_dict(scene_data(duration=3.0)))
+    nodes = sampled_nodes(motion, 201)[None]
+    right = RobotCarrier(robot("baxter"), motion.scene)
+    fast = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(duration=3.0)))
     above = {"shape": "cylinder", "center": [0.75, 0.35, 0.5], "radius": 0.03, "height": 0.4}
-    blocked = Carrying(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE, above))))
+    blocked = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE, above))))
     asked = [carrying.ask(nodes) for carrying in (right, fast, blocked)]
     assert [bool(possible[0]) for _, possible in asked] == [True, False, False]
     assert asked[0][0][0] < min(asked[1][0][0], asked[2][0][0])
@@ -59,7 +61,9 @@ def test_the_known_path_is_possible_and_faster_or_blocked_ones_are_not():
 
 def test_a_population_is_asked_as_each_of_it_alone():
     carrying = task("gantry")
-    nodes = np.array([_nodes(movement(carrying.scene, (0.0, y)), 201) for y in (0.0, 0.45, 0.9, 0.1, -0.5)])
+    nodes = np.array(
+        [sampled_nodes(movement(carrying.scene, (0.0, y)), 201) for y in (0.0, 0.45, 0.9, 0.1, -0.5)]
+    )
     penalty, possible = carrying.ask(nodes)
     for k in range(len(nodes)):
         one, may = carrying.ask(nodes[k : k + 1])
@@ -82,9 +86,10 @@ def test_the_load_is_carried_by_its_holders_and_links_keep_the_scenes_clearance(
     around = task("gantry").arms.around
     np.testing.assert_array_equal(around.carried, [0.5, 0.5])
     assert around.clearance == 0.005
-    wide = Carrying(robot("gantry"), gantry_scene(limits={"clearance": 0.02}))
+    wide = RobotCarrier(robot("gantry"), gantry_scene(limits={"clearance": 0.02}))
     assert wide.arms.around.clearance == 0.02
-    assert Carrying(robot("baxter"), known_carry()[0].scene).mass == 0.25
+    light = RobotCarrier(robot("baxter"), known_carry()[0].scene)
+    assert light.arms.around.carried.sum() == 0.25
 
 
 def test_an_arm_that_holds_nothing_keeps_out_of_the_loads_mass():
@@ -92,7 +97,7 @@ def test_an_arm_that_holds_nothing_keeps_out_of_the_loads_mass():
     third = {"name": "third", "start": [0.0, 0.0, 0.2], "goal": [0.0, 0.1, 0.2]}
     scene = gantry_scene((), load=held, manipulators=[*_manipulators(), third])
     with pytest.raises(RobotError, match=r"has no arm 'third'; known: left, right"):
-        Carrying(robot("gantry"), scene)
+        RobotCarrier(robot("gantry"), scene)
 
 
 def _manipulators():
@@ -161,8 +166,8 @@ def test_a_scene_that_a_robot_cannot_carry_out_is_told_in_one_sentence(data, tol
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
     with pytest.raises((SceneError, RobotError)) as caught:
-        _ = Carrying(robot("baxter"), Scene.load(path)).starts
-        _ = Carrying(robot("baxter"), Scene.load(path)).goals
+        _ = RobotCarrier(robot("baxter"), Scene.load(path)).starts
+        _ = RobotCarrier(robot("baxter"), Scene.load(path)).goals
     message = str(caught.value)
     assert "\n" not in message
     assert all(part in message for part in told), message
@@ -177,7 +182,7 @@ def test_the_distance_told_is_what_is_missing():
     for hand in file["manipulators"]:
         hand["start"][0] = 0.75
     with pytest.raises(SceneError, match=r"at 0\.75, 0\.25, 0\.3: 0\.17 m and \S+ degrees are missing"):
-        _ = Carrying(robot("gantry"), Scene.from_dict(file)).starts
+        _ = RobotCarrier(robot("gantry"), Scene.from_dict(file)).starts
 
 
 @pytest.mark.parametrize(
@@ -195,8 +200,8 @@ def test_ends_of_the_examples_are_reached_without_contact(path):
 def test_nothing_depends_on_how_many_threads_there_are():
     """Parts of a population are followed apart, in any order."""
     motion, _ = known_carry()
-    carrying = Carrying(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.25)))))
-    nodes = np.repeat(_nodes(motion, 201)[None], 7, axis=0)
+    carrying = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.25)))))
+    nodes = np.repeat(sampled_nodes(motion, 201)[None], 7, axis=0)
     penalty, _ = carrying.ask(nodes)
     assert len(set(penalty.tolist())) == 1
 
@@ -214,16 +219,75 @@ def test_two_pandas_find_a_way_within_few_plans_wherever_the_load_lies(shift):
             hand[key][0] += x
             hand[key][1] += y
     scene, plans = Scene.from_dict(data), []
-    carrying = Carrying(robot("two_pandas"), scene)
+    carrying = RobotCarrier(robot("two_pandas"), scene)
 
     class Counted:
-        ask, stricter = carrying.ask, carrying.stricter
+        ask, stricter, reasons = carrying.ask, carrying.stricter, carrying.reasons
 
         def plan(self, *args, **options):
             plans.append(options["max_nodes"])
             return carrying.plan(*args, **options)
 
     method = replace(robot_method(), n_plans=1, n_polishings=1, polishing=UNPOLISHED)
-    found = solve(scene, method=method, budget=600, carrier=Counted(), checks=[RobotCheck(carrying)])
+    found = solve(scene, method=method, budget=600, carrier=Counted())
     assert found.verified
     assert sum(plans) <= 30_000
+
+
+def test_a_motion_that_the_robot_can_carry_out_has_no_reasons_against_it():
+    motion, _ = known_carry()
+    carrier = RobotCarrier(robot("baxter"), motion.scene)
+    assert carrier.reasons(motion) == ()
+    _, verdict = done = carrier.carried_out(motion)
+    assert isinstance(verdict.verified, VerifiedJointMotion)
+    assert carrier.carried_out(motion) is done  # asked again, it is not verified again
+    assert verify(motion, [carrier.reasons]).verified is not None
+    assert carrier.carried_out(motion) is done
+    other = movement(motion.scene)
+    assert carrier.carried_out(other) is not done
+
+
+def test_a_motion_out_of_reach_is_refused_with_arm_instant_and_distance():
+    carrier = RobotCarrier(robot("gantry"), gantry_scene(()))
+    motion = movement(carrier.scene, (0.0, 0.8))
+    (reason,) = carrier.reasons(motion)
+    told = re.fullmatch(
+        r"the arm 'right' does not reach its hand's pose at (\S+) s: (\S+) m are missing", reason
+    )
+    assert float(told[1]) == pytest.approx(3.0, abs=0.3)
+    assert float(told[2]) == pytest.approx(0.15, abs=0.01)
+    joints, verdict = carrier.carried_out(motion)
+    assert verdict.verified is None
+    assert joints.duration == 6.0
+
+
+def test_what_the_verification_of_joints_has_against_a_motion_are_the_reasons():
+    motion, _ = known_carry()
+    post = {"shape": "cylinder", "center": [0.75, 0.35, 0.5], "radius": 0.03, "height": 0.4}
+    scene = Scene.from_dict(scene_data(obstacles=(TABLE, post)))
+    carrier = RobotCarrier(robot("baxter"), scene)
+    reasons = carrier.reasons(on_scene(motion, scene))
+    assert any("obstacles[1] (cylinder)" in reason for reason in reasons)
+    verdict = verify(on_scene(motion, scene), [carrier.reasons])
+    assert verdict.verified is None
+    assert set(reasons) <= set(verdict.reasons)
+
+
+def test_ends_out_of_reach_are_told_before_a_search_begins():
+    file = gantry_scene(()).file.model_dump(mode="json", exclude_none=True)
+    file["workspace"] = {"lower": [-2, -2, 0], "upper": [2, 2, 1]}
+    for hand in file["manipulators"]:
+        hand["goal"][0] = 1.5
+    with pytest.raises(SceneError, match="'left' cannot reach its goal"):
+        RobotCarrier(robot("gantry"), Scene.from_dict(file)).prepare()
+
+
+def test_a_search_with_the_gantry_ends_with_verified_joints():
+    """From a scene whose straight way is blocked to verified joints."""
+    carrier = task("gantry")
+    carrier.prepare()
+    solution = solve(carrier.scene, method=robot_method(), carrier=carrier, budget=20.0, seed=1)
+    assert solution.verified
+    _, verdict = carrier.carried_out(solution.attempt)
+    assert verdict.reasons == ()
+    assert verdict.report.clearance_scene >= 0.005

@@ -1,4 +1,4 @@
-"""Checks of the judge of joint motions, one function each, and their messages."""
+"""The checks of a joint motion, one function each, and their messages."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import OptionError, RobotError
-from comove.robots.effort import DEFAULT_MASS, largest_torque
-from comove.robots.extremes import Extreme, largest_acceleration, largest_velocity, least_margin
+from comove.robots.effort import largest_torque, load_mass
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import JointMotion
-from comove.robots.verification.bases import Bases
+from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, least_margin
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies
-from comove.robots.verification.carried import Carried
+from comove.robots.verification.carried import LoadMotion
 from comove.robots.verification.certificate import certify
 from comove.robots.verification.holding import Errors
-from comove.robots.verification.reach import joint_axes
+from comove.robots.verification.reach import Bases, joint_axes
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
@@ -32,7 +30,6 @@ END_TIME = 1e-9  # s
 END_SPEED = 1e-9  # rad/s
 ROUNDING = 1e-9  # by which a share of a limit may exceed 1: a motion may be as fast as its limits
 LARGEST = 1e6  # s, rad, m
-CLEARANCES = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
 
 
 class JointFinding(NamedTuple):
@@ -49,7 +46,7 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
         return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
     reasons = []
     if scene.moving.any():
-        reasons.append("obstacles of the scene move, and links are judged among obstacles that stand only")
+        reasons.append("obstacles of the scene move, and links are checked among obstacles that stand only")
     for name in scene.manipulators:
         try:
             robot.arm(name)
@@ -78,14 +75,13 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
         ]
     for name, values in (("time", time), ("position", position)):
         if not (np.abs(values) < LARGEST).all():
-            at = ", ".join(map(str, np.argwhere(~(np.abs(values) < LARGEST))[0]))
-            return [
-                f"{name}[{at}] is {values[~(np.abs(values) < LARGEST)][0]:g}; give finite seconds and radians"
-            ]
+            at = tuple(np.argwhere(~(np.abs(values) < LARGEST))[0].tolist())
+            place = ", ".join(map(str, at))
+            return [f"{name}[{place}] is {values[at]:g}; give finite seconds and radians"]
     if not (np.diff(time) > 0).all():
-        at = int(np.argmin(np.diff(time) > 0)) + 1
+        k = int(np.argmin(np.diff(time) > 0)) + 1
         return [
-            f"time[{at}] = {time[at]:g} s does not come after time[{at - 1}] = {time[at - 1]:g} s; sort the samples"
+            f"time[{k}] = {time[k]:g} s does not come after time[{k - 1}] = {time[k - 1]:g} s; sort the samples"
         ]
     if abs(time[0]) > END_TIME or abs(time[-1] - scene.duration) > END_TIME:
         return [
@@ -168,59 +164,34 @@ def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
             key="mass_shares",
             way_out=f"give {len(holders)} parts of 1",
         )
-    masses[holders] = parts * (DEFAULT_MASS if scene.load_mass is None else scene.load_mass)
+    masses[holders] = parts * load_mass(scene)
     return masses
 
 
 def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
     """Check that the hands are where they hold the load."""
-    names = motion.motion.scene.manipulators
-    finding = JointFinding({}, {}, [])
-    _hold(
-        finding,
-        "hand_error",
-        "off the load by {:.3g} m",
-        errors,
-        errors.position,
-        errors.position_bound,
-        names,
-    )
-    _hold(finding, "hand_turn", "turned by {:.3g} rad", errors, errors.turn, errors.turn_bound, names)
+    names, finding = motion.motion.scene.manipulators, JointFinding({}, {}, [])
+    for name, how, grid, bound in (
+        ("hand_error", "off the load by {:.3g} m", errors.position, errors.position_bound),
+        ("hand_turn", "turned by {:.3g} rad", errors.turn, errors.turn_bound),
+    ):
+        sampled = Extreme.largest(grid[errors.is_sample], errors.time[errors.is_sample])
+        between = Extreme.largest(bound, errors.time)
+        for kind, worst in (("sampled", sampled), ("max", between)):
+            finding.measures[f"{name}_{kind}"] = worst.value
+            finding.where[f"{name}_{kind}"] = names[worst.joint], worst.time
+        if not sampled.value <= SAMPLE_ERROR:
+            finding.reasons.append(
+                f"the hand '{names[sampled.joint]}' is {how.format(sampled.value)} at {sampled.time:.2f} s (at most "
+                f"{SAMPLE_ERROR:g} at samples); solve its joints more exactly"
+            )
+        elif not between.value <= HAND_ERROR:
+            finding.reasons.append(
+                f"between two samples the hand '{names[between.joint]}' may be {how.format(between.value)} about "
+                f"{between.time:.2f} s (at most {HAND_ERROR:g}); sample the joints more finely"
+            )
     finding.measures["distance_error_max"] = motion.report.distance_error_max + errors.apart_bound
     return finding
-
-
-def _hold(
-    finding: JointFinding,
-    name: str,
-    how: str,
-    errors: Errors,
-    grid: Array,
-    bound: Array,
-    hands: Sequence[str],
-) -> None:
-    """Add the errors of the hands in position or orientation to a finding; `grid` and `bound` as in `Errors`."""
-    sampled = _largest(grid[errors.is_sample], errors.time[errors.is_sample])
-    between = _largest(bound, errors.time)
-    for kind, worst in (("sampled", sampled), ("max", between)):
-        finding.measures[f"{name}_{kind}"] = worst.value
-        finding.where[f"{name}_{kind}"] = hands[worst.joint], worst.time
-    if not sampled.value <= SAMPLE_ERROR:
-        finding.reasons.append(
-            f"the hand '{hands[sampled.joint]}' is {how.format(sampled.value)} at {sampled.time:.2f} s (at most "
-            f"{SAMPLE_ERROR:g} at samples); solve its joints more exactly"
-        )
-    elif not between.value <= HAND_ERROR:
-        finding.reasons.append(
-            f"between two samples the hand '{hands[between.joint]}' may be {how.format(between.value)} about "
-            f"{between.time:.2f} s (at most {HAND_ERROR:g}); sample the joints more finely"
-        )
-
-
-def _largest(values: Array, time: Array) -> Extreme:
-    """Return the largest value, its column and its time; `values` of shape (n, n_hands)."""
-    step, column = np.unravel_index(first_largest(values), values.shape)
-    return Extreme(float(values.max()), int(column), float(time[step]))
 
 
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
@@ -235,11 +206,12 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
     return JointFinding({"hand_uncertainty": off}, {}, reasons)
 
 
-def clearances(bodies: Bodies, carried: Carried, curve: PPoly) -> JointFinding:
+def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> JointFinding:
     """Check that links, load and obstacles keep clear of each other."""
     finding = JointFinding({}, {}, [])
+    names = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
     for kind, found in enumerate(certify(bodies, carried, curve)):
-        name = CLEARANCES[kind]
+        name = names[kind]
         finding.measures[name] = found.lower
         if found.pair >= 0:
             finding.where[name] = bodies.name(found.pair), found.time

@@ -1,4 +1,4 @@
-"""The robot as a constraint of a search: checks and costs of what its arms do during a motion of the hands."""
+"""The robot as a search meets it: the one object that plans for arms, says what they can do, and verifies it."""
 
 from __future__ import annotations
 
@@ -12,54 +12,89 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import RobotError, SceneError
-from comove.planning.configurations import Space
-from comove.planning.methods import Comove
-from comove.planning.search import Schedule
-from comove.robots.effort import DEFAULT_MASS
+from comove.errors import SceneError
+from comove.planning.configurations import Space, configuration_space
+from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
-from comove.robots.search.chains import chains_of, place_arm, pose_error
-from comove.robots.search.following import MET, Arms, ArmSurroundings, Strain, follow, solutions
-from comove.robots.search.links import ENOUGH, FAT, Links, links_clearance, links_of, place_links
+from comove.robots.motion import JointMotion
+from comove.robots.search.chains import chains_of
+from comove.robots.search.following import MET, Arms, Strain, follow, solutions
+from comove.robots.search.links import (
+    ENOUGH,
+    FAT,
+    Links,
+    Surroundings,
+    links_clearance,
+    links_of,
+    place_links,
+)
 from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.tracking import track
-from comove.robots.timing import shortest_duration
+from comove.robots.search.tracking import Miss, sampled_nodes, track
+from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
+from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-SPARE, NEAR_LIMIT = 0.005, 0.95  # m of links, and share of rates and torques, that a search keeps to at first
-COARSER = 3  # samples of which one is looked at to tell branches apart
-EASE = 2.0  # cost of jolts: of joints that all use their whole acceleration all the time
-SAMPLES = 81  # of a movement that a search looks at
-SEEDS = 64  # random joints from which a pose is solved
-SAME_BRANCH = 0.3  # rad, within which two solutions are one
-DIGITS = 6  # of angles that are compared: what mirrors each other is equally far away
-BRANCHES = 4  # solutions of an end that are kept, per arm
-N_BETWEEN, WANDER = 300, 0.4  # configurations between start and goal, and how far from there they stray [rad]
-TIMED = 4.0  # s, in which a movement is tracked whose pace is looked for
-SLOWER = 1.002  # times what that allows: at another pace joints are sampled elsewhere
-UNLIKELY = 0.5  # plans not found yet that every further pair of joints at start and goal is credited with
 
+@dataclass(frozen=True)
+class CarrierSettings:
+    """Settings of how a search looks at a robot.
+
+    Attributes
+    ----------
+    spare : clearance of links beyond the required one that is kept at first, and grows with caution [m]
+    share : share of the limits of rates and torques that is used at first, and shrinks with caution
+    n_samples : samples of a movement that arms are asked about
+    coarser : samples of which one is looked at to tell branches apart
+    ease : cost of jolts: of joints that all use their whole acceleration all the time
+    n_seeds : random joints from which a pose is solved
+    n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
+    n_between, wander : configurations between start and goal that tell which links may meet, and how far they stray
+        [rad]
+    unlikely : plans not found yet that every further pair of joints at start and goal is credited with
+    """
+
+    spare: float = 0.005
+    share: float = 0.95
+    n_samples: int = 81
+    coarser: int = 3
+    ease: float = 2.0
+    n_seeds: int = 64
+    n_branches: int = 4
+    same_branch: float = 0.3
+    n_between: int = 300
+    wander: float = 0.4
+    unlikely: float = 0.5
+
+
+SETTINGS = CarrierSettings()
 N_THREADS = min(4, os.cpu_count() or 1)
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
 
 
 @dataclass(frozen=True, eq=False)
-class Carrying:
-    """A robot that carries the load of a scene; the constraint object of a search.
+class RobotCarrier:
+    """A robot that carries the load of a scene, as `comove.planning.search.Carrier` describes.
+
+    A search asks quickly, by kernels (`plan`, `ask`, `shortest`); whether a motion can be carried out is verified
+    exactly, by `reasons`.
 
     Attributes
     ----------
     robot, scene : the robot, and the scene whose load it carries
     caution : number of times that the constraints were tightened
+    settings : settings of the search
     """
 
     robot: Robot
     scene: Scene
     caution: int = 0
+    settings: CarrierSettings = SETTINGS
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -81,29 +116,25 @@ class Carrying:
         for name in scene.manipulators:
             self.robot.arm(name)
 
+    @property
+    def grasp(self) -> Grasp:
+        """Return how the hands hold the load."""
+        assert self.scene.grasp is not None, "scenes without a grasp are refused"
+        return self.scene.grasp
+
     @cached_property
     def holders(self) -> tuple[Arm, ...]:
         """Return the arms in the order of the scene's manipulators."""
         return tuple(self.robot.arm(name) for name in self.scene.manipulators)
 
     @cached_property
-    def columns(self) -> NDArray[np.int64]:
-        """Return the indices of the chains' joints in the robot's joint vector; array, shape (n_joints,)."""
-        return np.concatenate([arm.columns for arm in self.holders])
-
-    @cached_property
-    def mass(self) -> float:
-        """Return the mass of the load [kg]."""
-        return DEFAULT_MASS if self.scene.load_mass is None else self.scene.load_mass
-
-    @cached_property
     def arms(self) -> Arms:
         """Return the chains, links and surroundings of the arms as arrays, for kernels."""
-        scene, grasp = self.scene, self.scene.grasp
+        scene, grasp = self.scene, self.grasp
         lattice = _lattice(scene.body.solids)
         carried = np.zeros(len(self.holders))
-        carried[list(grasp.holders)] = self.mass / len(grasp.holders)
-        around = ArmSurroundings(
+        carried[list(grasp.holders)] = load_mass(scene) / len(grasp.holders)
+        around = Surroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
             first=grasp.holders[0],
@@ -113,8 +144,8 @@ class Carrying:
             radii=np.concatenate([scene.body.radii, np.zeros(len(lattice))]),
             carried=carried,
             clearance=scene.clearance,
-            spare=SPARE * (1 + self.caution),
-            share=NEAR_LIMIT * 0.9**self.caution,
+            spare=self.settings.spare * (1 + self.caution),
+            share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
         )
         return Arms(chains_of(self.robot, self.holders), self._links, around)
@@ -127,24 +158,24 @@ class Carrying:
     def _busy(self) -> Arms:
         """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
         first, last = (np.array(ends) for ends in zip(*self._ends, strict=True))
-        rng = np.random.default_rng(0)
-        shares = rng.uniform(size=(N_BETWEEN, 1))
-        drawn = rng.integers(len(first), size=N_BETWEEN)
+        rng, n_between = np.random.default_rng(0), self.settings.n_between
+        shares = rng.uniform(size=(n_between, 1))
+        drawn = rng.integers(len(first), size=n_between)
         between = first[drawn] + shares * (last[drawn] - first[drawn])
-        between += rng.normal(0.0, WANDER, between.shape)
+        between += rng.normal(0.0, self.settings.wander, between.shape)
         chains = self.arms.chains
         samples = np.clip(between, chains.lower, chains.upper)
         return self.arms._replace(links=self.arms.links.near(chains, samples))
 
-    def stricter(self) -> Carrying:
-        """Return a copy with more caution, for use after the judge rejected a motion that the search accepted."""
+    def stricter(self) -> RobotCarrier:
+        """Return a copy with more caution, for use after a motion that the search accepted was rejected."""
         return self._changed("_tally", caution=self.caution + 1)
 
-    def on(self, scene: Scene) -> Carrying:
+    def on(self, scene: Scene) -> RobotCarrier:
         """Return a copy on a scene that differs only in its duration and limits."""
         return self._changed(scene=scene)
 
-    def _changed(self, *kept: str, **changes: Any) -> Carrying:
+    def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
         other = replace(self, **changes)
         for name in ("starts", "goals", "_ends", "_links", *kept):
@@ -182,20 +213,15 @@ class Carrying:
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
         tally = self._tally  # Thompson sampling (1933) of what has led to plans so far
-        drawn = int(rng.beta(*tally).argmax())
+        drawn = int(rng.beta(tally[0], tally[1]).argmax())
         first, last = self._ends[drawn]
-        ends = (start, first), (goal, last)
+        ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
         path = plan_with_arms(
             space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
         )
         tally[0 if path is not None else 1, drawn] += 1.0
         return path
-
-    def forget(self) -> None:
-        """Forget which plans have been tried."""
-        for name in ("_tally", "_leniency"):
-            vars(self).pop(name, None)
 
     @cached_property
     def _leniency(self) -> Iterator[float]:
@@ -210,7 +236,7 @@ class Carrying:
         pairs; array, shape (2, n_pairs).
         """
         ranks = np.arange(len(self._ends))
-        return np.stack([np.ones(len(ranks)), 1.0 + UNLIKELY * ranks])
+        return np.stack([np.ones(len(ranks)), 1.0 + self.settings.unlikely * ranks])
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
@@ -241,30 +267,66 @@ class Carrying:
         -------
         penalty, possible : arrays, shape (n_rollouts,)
         """
-        steps = np.linspace(0, nodes.shape[1] - 1, SAMPLES).round().astype(int)
+        steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
         strain, around = self.strain(nodes, self.best_start(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
-        return (strain.penalty + EASE * strain.jolt).sum(axis=1) + strain.contact, possible
+        return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
 
-    def shortest(self, motion: CoordinatedMotion) -> float:
+    def shortest(self, motion: CoordinatedMotion, timed: float = 4.0, slower: float = 1.002) -> float:
         """Return the least duration in which the joints can follow a motion of the hands [s].
 
         The law of motion is unchanged; the result is inf if an arm does not reach, or the motors cannot even hold
-        the load.
+        the load. It is `slower` than what was computed at the duration `timed` [s]: at another pace joints are
+        sampled elsewhere.
         """
-        joints, miss = track(self, motion.on(motion.scene.timed(TIMED)))
+        joints, miss = self.track(motion.on(motion.scene.timed(timed)))
         if miss is not None:
             return np.inf
-        holders = [self.holders[i].name for i in self.scene.grasp.holders]
-        try:
-            timing = shortest_duration(
-                self.robot, joints, carried=dict.fromkeys(holders, self.mass / len(holders))
-            )
-        except RobotError:
-            return np.inf
-        return SLOWER * timing.duration
+        return slower * shortest_duration(self.robot, joints, self.holders, self.arms.around.carried)
+
+    def track(self, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
+        """Compute the joints along a motion of the hands, and where they miss it most, if they do."""
+        start = self.best_start(sampled_nodes(motion))
+        return track(self.robot, self.holders, self.arms, motion, start)
+
+    def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
+        """Return the reasons why the robot cannot carry out a motion; none if it can."""
+        return self.carried_out(motion)[1].reasons
+
+    def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
+        """Compute and verify the joints that follow a motion of the hands; the last result is kept."""
+        last = vars(self).get("_last")
+        if last is None or last[0] is not motion:
+            joints, miss = self.track(motion)
+            if miss is not None:
+                verdict = JointVerdict(None, JointReport(), (str(miss),))
+            else:
+                verdict = verify_joints(self.robot, motion, joints)
+            last = vars(self)["_last"] = motion, (joints, verdict)
+        return last[1]
+
+    def prepare(self) -> None:
+        """Compile the kernels, or load them from the cache, and solve both ends, before the clock of a search starts.
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach its start or its goal.
+        """
+        coordinates = load_coordinates(self.scene)
+        straight = CoordinatedMotion.straight(self.scene, coordinates)
+        space, rng, start = (
+            configuration_space(self.scene, coordinates),
+            np.random.default_rng(0),
+            straight.boundary[0],
+        )
+        self.plan(space, start, start, 0.0, rng, max_nodes=8)
+        for name in ("_tally", "_leniency"):  # that plan does not count
+            vars(self).pop(name, None)
+        self.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
+        self.track(straight)
 
     def strain(self, nodes: Array, start: Array) -> Strain:
         """Compute what motions demand of the arms from given joints, array of shape (n_joints,); nodes as in
@@ -282,7 +344,7 @@ class Carrying:
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
         starts, n_most = self.starts, max(map(len, self.starts))
-        nodes = np.ascontiguousarray(nodes[::COARSER])
+        nodes = np.ascontiguousarray(nodes[:: self.settings.coarser])
         tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
         if n_most == 1:
             return np.concatenate(tried[0])
@@ -300,44 +362,52 @@ class Carrying:
         chains, links, around = self.arms
         a, b = links.start.copy(), links.end.copy()
         place_links(chains, links, q, a, b)
-        return links_clearance(links, a, b, around.obstacles, nodes, around.edges, around.radii, ENOUGH)
+        return links_clearance(links, around, a, b, nodes, ENOUGH)
 
     def _branches(self, end: str) -> tuple[Array, ...]:
         """Compute the joint positions at an end, by arm; those in contact are kept only if there are no others."""
         nodes = self.scene.nodes_at(end)
-        rotations = self.scene.grasp.hand_rotations(nodes[: len(self.holders)])
+        rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
         rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (SEEDS, len(posture)))
+        draws = rng.uniform(chains.lower, chains.upper, (self.settings.n_seeds, len(posture)))
         for i, arm in enumerate(self.holders):
-            seeds = np.concatenate([[posture], draws])
+            part, seeds = slice(chains.first[i], chains.first[i + 1]), np.concatenate([[posture], draws])
             joints, missing = solutions(chains, i, rotations[i], nodes[i], posture, seeds)
             if missing.min() > MET:
-                shift, turn = self._miss(i, joints[missing.argmin()], rotations[i], nodes[i])
-                x, y, z = nodes[i]
-                raise _unfit(
-                    self.scene,
-                    f"manipulators.{end}",
-                    f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
-                    f"{shift:.3g} m and {turn:.3g} degrees are missing",
-                    "move it nearer, turn the load or the hands on it, or use another robot",
-                )
-            part = slice(chains.first[i], chains.first[i + 1])
-            branches = _distinct(joints[missing <= MET][:, part], posture[part])
+                raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
+            branches = self._distinct(joints[missing <= MET][:, part], posture[part])
             alone = np.repeat(posture[None], len(branches), axis=0)
             alone[:, part] = branches
             free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
             found.append(branches[free] if free.any() else branches)
         return tuple(found)
 
-    def _miss(self, arm: int, q: Array, rotation: Array, point: Array) -> tuple[float, float]:
-        """Compute the error of an arm's grasp from a pose: in position [m] and in orientation [deg]."""
-        chains = self.arms.chains
-        count = chains.first[arm + 1] - chains.first[arm] + 1
-        rotations, points, error = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(6)
-        place_arm(chains, arm, q, rotations, points)
-        pose_error(rotations[-1], points[-1], rotation, point, error)
-        return float(np.linalg.norm(error[:3])), float(np.rad2deg(np.linalg.norm(error[3:])))
+    def _distinct(self, joints: Array, posture: Array) -> Array:
+        """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
+        arm).
+        """
+        kept: list[Array] = []
+        for q in sorted(joints, key=lambda q: _apart(q, posture)):
+            if all(np.abs(q - other).max() > self.settings.same_branch for other in kept):
+                kept.append(q)
+        return np.array(kept[: self.settings.n_branches])
+
+    def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
+        """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""
+        q = self.robot.home
+        q[arm.columns] = joints
+        pose = self.robot.tool_pose(q, arm)
+        shift = np.linalg.norm(point - pose[:3, 3])
+        turn = np.rad2deg(Rotation.from_matrix(rotation @ pose[:3, :3].T).magnitude())
+        x, y, z = point
+        return _unfit(
+            self.scene,
+            f"manipulators.{end}",
+            f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
+            f"{shift:.3g} m and {turn:.3g} degrees are missing",
+            "move it nearer, turn the load or the hands on it, or use another robot",
+        )
 
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
@@ -349,37 +419,10 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
     (n_lines, 2), of corners.
     """
     lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
-    return (
-        np.array([(corners[a], corners[b]) for corners in solids for a, b in lines])
-        .reshape(-1, 2)
-        .astype(int)
-    )
+    pairs = [(corners[a], corners[b]) for corners in solids for a, b in lines]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _apart(p: Array, q: Array) -> float:
-    return round(float(np.abs(p - q).max()), DIGITS)
-
-
-def _distinct(joints: Array, posture: Array) -> Array:
-    """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
-    arm).
-    """
-    kept: list[Array] = []
-    for i in np.argsort(np.abs(joints - posture).max(axis=1).round(DIGITS), kind="stable"):
-        if all(np.abs(joints[i] - other).max() > SAME_BRANCH for other in kept):
-            kept.append(joints[i])
-    return np.array(kept[:BRANCHES])
-
-
-def robot_method() -> Comove:
-    """Return the default method with fewer attempts: with arms to follow, a generation takes forty times as long."""
-    return Comove(
-        n_plans=2,
-        n_failures=30,
-        n_restarts=8,
-        n_unfit=8,
-        n_polishings=4,
-        n_ways=3,
-        n_idle=1,
-        polishing=Schedule(sigma=0.02, generations=200, patience=20, gain=0.01),
-    )
+def _apart(p: Array, q: Array, digits: int = 6) -> float:
+    """Return the largest difference of joints, rounded: what mirrors each other is equally far away."""
+    return round(float(np.abs(p - q).max()), digits)
