@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
 from comove.reaction.twist_qp import Sighting
-from comove.scenes.moving import Motion
+from comove.scenes.moving import ObstacleMotion
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -212,7 +212,7 @@ def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
     return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
 
 
-def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
+def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> Array:
     return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
