@@ -36,7 +36,7 @@ def test_the_demonstration_is_followed():
 def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     scene = example("narrow")
     executor = Executor(scene, demonstration=demonstration_of(scene))
-    left, _ = executor._left_of_it(share * scene.duration)
+    left, _ = executor._left_of_it(share * scene.duration).values()
     whole = demonstration_of(scene)
     assert left.duration == pytest.approx((1 - share) * whole.duration)
     np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)
@@ -49,7 +49,7 @@ def test_what_is_left_of_it_ends_where_all_of_it_does(share):
 def test_each_hand_keeps_what_is_left_of_its_own():
     scene = example("narrow")
     executor = Executor(scene, demonstration=(demonstration_of(scene), demonstration_of(scene)))
-    left = executor._left_of_it(0.3 * scene.duration)
+    left = list(executor._left_of_it(0.3 * scene.duration).values())
     assert len(left) == 2
     assert left[0].duration == left[1].duration
 
