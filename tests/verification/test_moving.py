@@ -10,7 +10,7 @@ from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.certificate import certify
-from comove.verification.clearance_kernels import Around, Curve, Need, Paths, certified_clearance
+from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -100,8 +100,8 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
     need, shape = Need(0.0, 1e-4, 1e-7, 1e-12), (body.edges, body.radii)
     around = Around(scene.obstacles, still, *wide, need)
-    at_rest = certified_clearance(Curve(nodes, straight), *shape, around)
-    moved = Curve(nodes + shift[:, None], straight)
+    at_rest = certified_clearance(CurveArrays(nodes, straight), *shape, around)
+    moved = CurveArrays(nodes + shift[:, None], straight)
     together = certified_clearance(moved, *shape, around._replace(paths=along))
     assert together[0] == pytest.approx(at_rest[0], abs=2e-4)
     assert together[1] == pytest.approx(at_rest[1], abs=2e-4)

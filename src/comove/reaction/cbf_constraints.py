@@ -36,7 +36,7 @@ from comove.geometry.closest_points import (
 from comove.geometry.distances import CENTER, REACH, TINY, point_distance
 from comove.reaction.control_points import moved_obstacles
 from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
-from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, Rates, Sighting, Workspace
+from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
 from comove.reaction.twists import HandPoses, place, step, turn_into
 
 Array = NDArray[np.float64]
@@ -468,7 +468,7 @@ def _pair_row(qp: QP, m: int, k: int, h: float) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _value(work: Workspace, i: int, x: Array) -> float:
+def _value(work: QPWorkspace, i: int, x: Array) -> float:
     """Return the value of row i at x."""
     value = 0.0
     for c in range(x.shape[0]):

@@ -91,7 +91,7 @@ class Sighting(NamedTuple):
         return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
 
 
-class Workspace(NamedTuple):
+class QPWorkspace(NamedTuple):
     """Work arrays that are rewritten in every step.
 
     Attributes
@@ -145,7 +145,7 @@ class QP(NamedTuple):
     points: LoadPoints
     freedom: Freedom
     rates: Rates
-    work: Workspace
+    work: QPWorkspace
 
 
 def empty_workspace(
@@ -155,7 +155,7 @@ def empty_workspace(
     shape: tuple[int, int],
     n_rounds: int,
     n_sampled: int = 0,
-) -> Workspace:
+) -> QPWorkspace:
     """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
 
     `n_sampled` rows more are for constraints that are sampled.
@@ -167,7 +167,7 @@ def empty_workspace(
     first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
     later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
     n_rows = first + n_sampled + n_rounds * later
-    return Workspace(
+    return QPWorkspace(
         np.zeros((n, n)),
         np.zeros(n),
         np.zeros((n_rows, n)),

@@ -44,7 +44,6 @@ from comove.reaction.qp_workspace import (
     Freedom,
     Rates,
     Sighting,
-    Workspace,
     empty_workspace,
 )
 from comove.reaction.twists import HandPoses, group_nodes
@@ -163,7 +162,7 @@ class TwistProgramme:
 
     def _prepare(self, n_obstacles: int) -> None:
         """Allocate the arrays for that many obstacles."""
-        self._work: Workspace = empty_workspace(
+        self._work: QPWorkspace = empty_workspace(
             self._points,
             self._freedom,
             self._hands[0],

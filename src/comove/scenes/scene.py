@@ -31,7 +31,7 @@ from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
-from comove.scenes.rigid import ENDS, HEADING, Bodies
+from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
     FAR,
     LOAD,
@@ -469,7 +469,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
     explicit = _resolved(file, spatial(given[0]))
     start, goal = spatial(given)
-    bodies = Bodies(file, explicit, start, goal, path, held.get(LOAD))
+    bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
     bodies, groups, implied = bodies.levelled(rigid), [], []
     for members in rigid:

@@ -41,7 +41,7 @@ from comove.scenes.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.clearance_kernels import (
     Around,
-    Curve,
+    CurveArrays,
     Need,
     Paths,
     certified_clearance,
@@ -102,10 +102,10 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: 
     paths = Paths(np.zeros((0, len(scene.obstacles), 3)), np.zeros((0, len(scene.obstacles))))
     if scene.moving.any():
         paths = Paths(scene.by_row(scene.offsets(time)), scene.by_row(scene.obstacle_sagittas(time)))
-    return certify_curve(scene, Curve(nodes, deviation), time, paths)
+    return certify_curve(scene, CurveArrays(nodes, deviation), time, paths)
 
 
-def certify_curve(scene: Scene, curve: Curve, time: Array, paths: Paths) -> Clearance:
+def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -> Clearance:
     """Bound the clearance of a load that is known at some instants, among obstacles that move on `paths`.
 
     Parameters

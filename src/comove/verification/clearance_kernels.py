@@ -45,7 +45,7 @@ class Need(NamedTuple):
     rounding: float
 
 
-class Curve(NamedTuple):
+class CurveArrays(NamedTuple):
     """The nodes of a body at some instants, and how far they stray from their chords in between.
 
     Attributes
@@ -91,7 +91,7 @@ class Around(NamedTuple):
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_clearance(
-    curve: Curve, edges: Numbers, radii: Array, around: Around
+    curve: CurveArrays, edges: Numbers, radii: Array, around: Around
 ) -> tuple[float, float, int, int]:
     """Return a certified lower bound of the clearance, the least clearance found, its knot and its obstacle.
 
@@ -208,7 +208,7 @@ def certified_clearance(
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_solids(
-    curve: Curve, solids: Numbers, around: Around, found: tuple[float, float, int, int]
+    curve: CurveArrays, solids: Numbers, around: Around, found: tuple[float, float, int, int]
 ) -> tuple[float, float, int, int]:
     """Return the results of `certified_clearance` for the whole body, solids included.
 
@@ -288,7 +288,7 @@ def certified_solids(
 
 @numba.njit(cache=True, error_model="numpy")
 def certified_surface(
-    curve: Curve,
+    curve: CurveArrays,
     hulls: Numbers,
     radii: Array,
     way: tuple[Array, Array],

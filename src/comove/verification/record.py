@@ -20,7 +20,7 @@ from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
 from comove.scenes.scene import Scene
 from comove.verification.certificate import Clearance, certify_curve
-from comove.verification.clearance_kernels import Curve, Paths
+from comove.verification.clearance_kernels import CurveArrays, Paths
 from comove.verification.constraints import examine, measures
 from comove.verification.verify import Report, broken_limits
 
@@ -238,7 +238,7 @@ def _clearance(record: Record | RecordSamples) -> Clearance:
         obstacles, sagitta, time = scene.centers + scene.offsets(cut), scene.obstacle_sagittas(cut), cut
     offsets = scene.by_row(obstacles - scene.centers)
     paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(sagitta))
-    return certify_curve(scene, Curve(nodes, chord_deviations), time, paths)
+    return certify_curve(scene, CurveArrays(nodes, chord_deviations), time, paths)
 
 
 def _contact(record: Record | RecordSamples, clearance: Clearance) -> list[str]:
