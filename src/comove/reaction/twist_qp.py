@@ -42,6 +42,7 @@ from comove.reaction.qp_workspace import (
     LIMIT,
     QP,
     Freedom,
+    QPWorkspace,
     Rates,
     Sighting,
     empty_workspace,

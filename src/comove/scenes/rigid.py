@@ -43,7 +43,7 @@ TILT_ROUNDING = 1e-9  # rad
 
 @dataclass(frozen=True, eq=False)
 class LoadBodies:
-    """What decides which hands of a scene file move as one rigid body, and where these bodies start and end.
+    """Describes which hands of a scene file move as one rigid body, and where these bodies start and end.
 
     Attributes
     ----------
