@@ -20,8 +20,8 @@ import numpy as np
 from timing import on_one_thread, print_table
 
 import comove
+from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.motion import carried_to_hands
 from comove.experiments.compared import LeaderFollower
 from comove.experiments.compared.speed_scaled import SpeedScaled
 from comove.experiments.paper.jobs import scene_of

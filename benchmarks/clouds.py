@@ -50,7 +50,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for n_dims in (2, 3):
         scene, rng = empty_scene(n_dims), np.random.default_rng(0)
-        sight = Clouds(scene, Scanner())
+        observer = Clouds(scene, Scanner())
         nodes = nodes_of(scene, poses_of(scene, "start"))
         way = rng.standard_normal((N_BODIES, options.points // N_BODIES, n_dims))
         body = 0.06 * way / np.linalg.norm(way, axis=2, keepdims=True)
@@ -63,12 +63,12 @@ def main() -> None:
             now = k * PERIOD
             points = (center + now * velocity + body).reshape(-1, n_dims)
             points = points + 0.002 * rng.standard_normal(points.shape)
-            sight.carried(now, nodes)
+            observer.carried(now, nodes)
             begun = time.thread_time()
-            sight.observe(points, now)
+            observer.update(points, now)
             taken.append(1e3 * (time.thread_time() - begun))
             begun = time.thread_time()
-            seen = sight.seen(now + 0.01)
+            seen = observer.observe(now + 0.01)
             asked.append(1e3 * (time.thread_time() - begun))
         taken, asked = taken[3:], asked[3:]
         print(

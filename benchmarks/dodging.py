@@ -11,7 +11,7 @@ import numpy as np
 
 from comove.optimisers import CMAES
 from comove.reaction.twists import HandPoses, advanced, twists_between
-from comove.verification.record import Record, judge
+from comove.verification.record import Record, verify_execution
 
 HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s, both ends counted
 STARTS, GENERATIONS = 6, 150
@@ -27,7 +27,7 @@ def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
     """
     scene, rng, k = record.scene, np.random.default_rng(seed), round(since / PERIOD)
     time = np.arange(k + round(HORIZON / PERIOD) + 1) * PERIOD
-    around = scene.centers + scene.offsets(time), scene.obstacle_sags(time)
+    around = scene.centers + scene.offsets(time), scene.obstacle_sagittas(time)
     axes = [0, 1, 5] if scene.n_dims == 2 else list(range(6))
     scale = scene.speed_limit * np.where(np.array(axes) < 3, 1.0, 5.0)
     for _ in range(STARTS):
@@ -36,7 +36,7 @@ def dodge(record: Record, since: float, seed: int = 0) -> Record | None:
             values = []
             for sample in search.ask():
                 found = gone_on(record, k, time, sample.reshape(-1, len(axes)) * scale, axes, around)
-                report = judge(found)
+                report = verify_execution(found)
                 excess = max(
                     report.speed_max / scene.speed_limit, report.acceleration_max / scene.acceleration_limit
                 )

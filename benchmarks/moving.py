@@ -30,16 +30,16 @@ from comove.experiments.modulation import Sharing
 from comove.experiments.modulation.comparison import MODULATED, loose_run
 from comove.planning import load_kernels
 from comove.scenes import Scene
-from comove.verification.record import Record, judge
+from comove.verification.record import Record, verify_execution
 
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)
 LATE = {"seen": 0.0, "clouds": 0.03, "measured": SENSOR.delay}  # s, until there can be news
 LONGEST = 3.0  # times the duration
 
 
-def executed(scene: Scene, sight) -> dict[str, float]:
+def executed(scene: Scene, observer) -> dict[str, float]:
     """One execution and what was measured of it."""
-    executor = Executor(scene, sight)
+    executor = Executor(scene, observer)
     record = executor.run(LONGEST * scene.duration)
     log = executor.log
     return {**measures(record), "plans": log.planning, "control": log.control, "record": record}
@@ -53,7 +53,7 @@ def modulated_run(scene: Scene, sharing: Sharing, load: bool) -> dict[str, float
 
 def measures(record: Record) -> dict[str, float]:
     """What the judge says of a record."""
-    scene, report = record.scene, judge(record)
+    scene, report = record.scene, verify_execution(record)
     return {
         "contact": report.clearance_min < 0.0,
         "arrived": report.end_error <= 1e-3,
@@ -117,7 +117,7 @@ def main() -> None:
                 runs.append(modulated_run(scene, *MODULATED[name]))
             else:
                 rng = np.random.default_rng(seed)
-                sights = {
+                observers = {
                     "known": lambda scene=scene: Known(scene),
                     "seen": lambda scene=scene: Functions.of_motions(scene),
                     "clouds": lambda scene=scene, rng=rng: Scanned(
@@ -125,7 +125,7 @@ def main() -> None:
                     ),
                     "measured": lambda scene=scene, rng=rng: Measured(Known(scene), scene, SENSOR, rng),
                 }
-                runs.append(executed(scene, sights[name]()))
+                runs.append(executed(scene, observers[name]()))
         row(name, runs)
         told = {
             what: [seed for seed, r in zip(seeds, runs, strict=True) if wrong(r)]

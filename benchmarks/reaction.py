@@ -102,10 +102,10 @@ def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
 
     def record(self: TwistProgramme, m: int, *others):
         result = solve(self, m, *others)
-        desk = self._desk
+        work = self._work
         if result[2] == tp.HARD and m > 4:
             found.append(
-                (desk.quadratic.copy(), desk.linear.copy(), desk.rows[:m].copy(), desk.low[:m].copy())
+                (work.quadratic.copy(), work.linear.copy(), work.rows[:m].copy(), work.low[:m].copy())
             )
         return result
 

@@ -18,7 +18,7 @@ import numpy as np
 from comove.execution import Executor, Functions
 from comove.planning import load_kernels
 from comove.scenes import Scene
-from comove.verification.record import Record, judge
+from comove.verification.record import Record, verify_execution
 
 WINDOW = 1000
 
@@ -77,9 +77,9 @@ def main() -> None:
             np.array([p.center for p in poses]),
             np.array([p.quaternion for p in poses]),
             scene.obstacles[:, 1:4] + scene.offsets(instants),
-            scene.obstacle_sags(instants),
+            scene.obstacle_sagittas(instants),
         )
-        report = judge(record)
+        report = verify_execution(record)
         error, clearance = max(error, report.distance_error_max), min(clearance, report.clearance_min)
         control.append(np.median(executor.log.control[-WINDOW:]))
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

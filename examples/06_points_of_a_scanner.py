@@ -49,12 +49,12 @@ def scan(time):
     return points + NOISE * rng.standard_normal(points.shape)
 
 
-sight = Clouds(scene, Scanner(noise=NOISE, spacing=0.01))
-executor = Executor(scene, sight)
+observer = Clouds(scene, Scanner(noise=NOISE, spacing=0.01))
+executor = Executor(scene, observer)
 nearest = np.inf
 while not executor.arrived and executor.time < 15.0:
     if executor.n_steps % 5 == 0:  # a cloud every 50 ms
-        sight.observe(scan(executor.time), executor.time)
+        observer.update(scan(executor.time), executor.time)
     executor.step()
     hands = nodes_of(scene, executor.poses)[:2, :2]
     bar = hands[0] + np.linspace(0, 1, 101)[:, None] * (hands[1] - hands[0])
@@ -63,6 +63,6 @@ while not executor.arrived and executor.time < 15.0:
 
 print(f"arrived: {executor.arrived}, after {executor.time:.2f} s")
 print(f"clear of what moves: {nearest > 0.0}, by {1000 * nearest:.1f} mm")
-print(f"spheres now: {len(sight.seen(executor.time).margin) - len(scene.obstacles)}")
+print(f"spheres now: {len(observer.observe(executor.time).margin) - len(scene.obstacles)}")
 for event in executor.log.events:
     print(f"{event.time:5.2f} s  {event.what}")

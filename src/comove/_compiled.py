@@ -52,7 +52,7 @@ class _WhenImported(MetaPathFinder):
                 execute(module)
                 _guard(module)
 
-            spec.loader.exec_module = execute_and_guard
+            spec.loader.exec_module = execute_and_guard  # type: ignore[method-assign]
         return spec
 
 
@@ -61,7 +61,7 @@ def _guard(caching: ModuleType) -> None:
     cache, file = caching.FunctionCache, caching.IndexDataCacheFile
     begin, load, save = cache.__init__, cache.load_overload, cache.save_overload
 
-    class Sealed(file):
+    class Sealed(file):  # type: ignore[misc,valid-type]
         """Cache files whose contents and signature are checked; a file that does not match counts as missing."""
 
         def load(self, key: Any) -> Any:

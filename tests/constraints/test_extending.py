@@ -104,7 +104,7 @@ def test_an_execution_keeps_it():
     out = run(
         """
 from comove.execution import Executor
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 data = scene().file.model_dump(mode="json")
 data["manipulators"][2] |= {"start": [0.1, 0.3], "goal": [0.9, 0.3]}
 data["obstacles"] = [{"shape": "circle", "center": [0.5, 0.26], "radius": 0.1}]
@@ -112,7 +112,7 @@ for height in (0.05, 0.16):
     data["constraints"][0]["height"] = height
     record = Executor(Scene.from_dict(data)).run(8.0)
     apart = record.position[:, :2, 1].min(axis=1) - record.position[:, 2, 1]
-    report = judge(record)
+    report = verify_execution(record)
     print(apart.min(), report.constraint_excess_max, report.reasons)
 """
     )

@@ -6,16 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove.coordination import arms_coordinates, load_coordinates, projected_coordinates
-from comove.coordination.coordinates import (
-    ANGLE,
-    POINT,
-    QUATERNION,
-    place_one,
-    quaternion_product,
-    unit_motion,
-)
+from comove.coordination.blocks import ANGLE, POINT, QUATERNION, place_one, unit_motion
 from comove.errors import OptionError
-from comove.geometry.rotations import quaternion_of_rotation
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.scenes import Scene
 
 from .examples import (

@@ -10,7 +10,7 @@ from comove.execution.clouds import surface
 from comove.geometry import distances as sd
 from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
 EMPTY = crossing()
@@ -34,15 +34,15 @@ def in_space(*obstacles, load=None, **more):
     )
 
 
-def seen_spheres(sight, time):
+def seen_spheres(observer, time):
     """Centres, radii with margins, and velocities of what is not the file's."""
-    seen, n = sight.seen(time), len(sight.scene.obstacles)
+    seen, n = observer.observe(time), len(observer.scene.obstacles)
     return seen.table[n:, 1:4], seen.table[n:, sd.SIZE] + seen.margin[n:], seen.velocity[n:]
 
 
-def uncovered(sight, time, points):
+def uncovered(observer, time, points):
     """How many of some points, spatial, no sphere holds."""
-    center, radius, _ = seen_spheres(sight, time)
+    center, radius, _ = seen_spheres(observer, time)
     if not len(center):
         return len(points)
     return int(((np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1) > 0).sum())
@@ -58,11 +58,11 @@ def ring(center, radius=0.06):
 @pytest.mark.parametrize("n_dims", [2, 3])
 def test_all_points_are_held_at_the_instant_of_the_cloud(n_dims):
     rng, scene = np.random.default_rng(0), EMPTY if n_dims == 2 else in_space()
-    sight = Clouds(scene)
+    observer = Clouds(scene)
     for k in range(4):
         points = rng.uniform(0.0, 1.0, (300, n_dims))
-        sight.observe(points, 0.1 * k)
-        assert uncovered(sight, 0.1 * k, np.pad(points, ((0, 0), (0, 3 - n_dims)))) == 0
+        observer.update(points, 0.1 * k)
+        assert uncovered(observer, 0.1 * k, np.pad(points, ((0, 0), (0, 3 - n_dims)))) == 0
 
 
 @pytest.mark.parametrize("n_dims", [2, 3])
@@ -73,12 +73,12 @@ def test_a_rigid_cloud_gives_its_velocity(n_dims, shape):
     velocity = [-0.25, 0.1, -0.15][:n_dims]
     body = {"shape": shape, "center": [0.8, 0.8, 0.8][:n_dims], **size, "motion": {"velocity": velocity}}
     scene = crossing(body) if n_dims == 2 else in_space(body)
-    sight = Scanned(Known(scene), scene, Scanner(agility=0.05), np.random.default_rng(0))
+    observer = Scanned(Known(scene), scene, Scanner(agility=0.05), np.random.default_rng(0))
     errors = []
     for time in np.arange(0.0, 1.2, 0.01):
-        sight.seen(time)
+        observer.observe(time)
         if time > 0.4:
-            found = seen_spheres(sight, time)[2]
+            found = seen_spheres(observer, time)[2]
             errors.append(np.abs(found[:, :n_dims] - velocity).max())
     assert max(errors) < 0.03
     assert np.mean(errors) < 0.01
@@ -105,23 +105,23 @@ def test_margins_cover_the_truth(obstacles, scanner):
     """Straight, round a corner, in a circle, and two that pass each other closely; between the clouds as well."""
     scene, out, total = crossing(*obstacles), 0, 0
     rng, truth = np.random.default_rng(0), Known(scene)
-    sight = Scanned(truth, scene, scanner, rng, delay=0.05)
+    observer = Scanned(truth, scene, scanner, rng, delay=0.05)
     for time in np.arange(0.0, 2.0, 0.01):
-        sight.seen(time)
+        observer.observe(time)
         if time < 0.15:  # three clouds
             continue
-        for row, center in zip(scene.obstacles, truth.true(np.array([time]))[0], strict=True):
+        for row, center in zip(scene.obstacles, truth.ground_truth(np.array([time]))[0], strict=True):
             row = row.copy()
             row[1:4] = center
             points = surface(row, 2, 0.01, rng)
-            out, total = out + uncovered(sight, time, points), total + len(points)
+            out, total = out + uncovered(observer, time, points), total + len(points)
     assert out / total < 0.005
-    spare = sight.seen(2.0).margin[len(scene.obstacles) :]
+    spare = observer.observe(2.0).margin[len(scene.obstacles) :]
     assert spare.max() < 0.1, "and are no excuse"
 
 
 def test_what_turns_is_covered_too():
-    sight, out, total = Clouds(EMPTY), 0, 0
+    observer, out, total = Clouds(EMPTY), 0, 0
     bar = np.stack([np.linspace(-0.12, 0.12, 60), np.zeros(60)], axis=1)
 
     def turned(time):
@@ -130,19 +130,19 @@ def test_what_turns_is_covered_too():
 
     for k in range(200):
         if k % 5 == 0:
-            sight.observe(turned(0.01 * k), 0.01 * k)
+            observer.update(turned(0.01 * k), 0.01 * k)
         if k > 15:
-            out += uncovered(sight, 0.01 * k, np.pad(turned(0.01 * k), ((0, 0), (0, 1))))
+            out += uncovered(observer, 0.01 * k, np.pad(turned(0.01 * k), ((0, 0), (0, 1))))
             total += len(bar)
     assert out / total < 0.005
 
 
 def test_two_that_pass_closely_keep_their_velocities():
     scene = crossing(*MOTIONS[3])
-    sight = Scanned(Known(scene), scene, None, np.random.default_rng(1))
+    observer = Scanned(Known(scene), scene, None, np.random.default_rng(1))
     for time in np.arange(0.0, 2.3, 0.01):
-        sight.seen(time)
-        center, _, velocity = seen_spheres(sight, time)
+        observer.observe(time)
+        center, _, velocity = seen_spheres(observer, time)
         if time > 0.3:
             wanted = np.where(center[:, 0] < 0.465, -0.3, 0.3)
             assert np.abs(velocity[:, 1] - wanted).max() < 0.2
@@ -150,69 +150,69 @@ def test_two_that_pass_closely_keep_their_velocities():
 
 def test_two_that_come_apart_are_two():
     """They touch and move alike; then one stays behind."""
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     for k in range(60):
         x = 0.2 + 0.015 * k
         stays = min(x, 0.45)
-        sight.observe(np.concatenate([ring([x + 0.13, 0.5]), ring([stays, 0.5])]), 0.05 * k)
+        observer.update(np.concatenate([ring([x + 0.13, 0.5]), ring([stays, 0.5])]), 0.05 * k)
         if k == 12:
-            assert np.abs(seen_spheres(sight, 0.05 * k)[2][:, 0] - 0.3).max() < 0.03
+            assert np.abs(seen_spheres(observer, 0.05 * k)[2][:, 0] - 0.3).max() < 0.03
         if k == 45:
-            center, _, velocity = seen_spheres(sight, 0.05 * k)
+            center, _, velocity = seen_spheres(observer, 0.05 * k)
             wanted = np.where(center[:, 0] < 0.6, 0.0, 0.3)
             assert np.abs(velocity[:, 0] - wanted).max() < 0.03
 
 
 def test_what_goes_out_of_sight_is_kept_for_a_while_with_a_growing_margin():
-    sight, scanner = Clouds(EMPTY), Scanner()
+    observer, scanner = Clouds(EMPTY), Scanner()
     for k in range(20):
-        sight.observe(ring([0.3 + 0.01 * k, 0.5]), 0.05 * k)
+        observer.update(ring([0.3 + 0.01 * k, 0.5]), 0.05 * k)
     last, nothing = 0.95, np.zeros((0, 2))
     margins = []
     for lapse in (0.1, 0.2, 0.4):
-        sight.observe(nothing, last + lapse)
-        center, _, velocity = seen_spheres(sight, last + lapse)
+        observer.update(nothing, last + lapse)
+        center, _, velocity = seen_spheres(observer, last + lapse)
         np.testing.assert_allclose(center, [[0.49 + 0.2 * lapse, 0.5, 0.0]], atol=0.02)
         np.testing.assert_allclose(velocity, [[0.2, 0.0, 0.0]], atol=0.05)
-        margins.append(sight.seen(last + lapse).margin[0])
+        margins.append(observer.observe(last + lapse).margin[0])
     assert (np.diff(margins) > 0.02).all()
-    sight.observe(nothing, last + scanner.memory + 0.06)
-    assert len(seen_spheres(sight, 2.0)[0]) == 0
+    observer.update(nothing, last + scanner.memory + 0.06)
+    assert len(seen_spheres(observer, 2.0)[0]) == 0
 
 
 def test_what_is_half_hidden_is_kept_whole():
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     wall = np.stack([np.full(60, 0.5), np.linspace(0.2, 0.8, 60)], axis=1)
     for k in range(10):
-        sight.observe(wall, 0.05 * k)
-    sight.observe(wall[:30], 0.5)
-    assert uncovered(sight, 0.5, np.pad(wall, ((0, 0), (0, 1)))) == 0
+        observer.update(wall, 0.05 * k)
+    observer.update(wall[:30], 0.5)
+    assert uncovered(observer, 0.5, np.pad(wall, ((0, 0), (0, 1)))) == 0
 
 
 def test_a_stray_point_is_forgotten_with_the_next_cloud():
-    sight, body = Clouds(EMPTY), ring([0.3, 0.5])
+    observer, body = Clouds(EMPTY), ring([0.3, 0.5])
     for k in range(4):
         extra = [[0.8, 0.8]] if k == 2 else np.zeros((0, 2))
-        sight.observe(np.concatenate([body, extra]), 0.05 * k)
-        assert len(seen_spheres(sight, 0.05 * k)[0]) == (2 if k == 2 else 1)
+        observer.update(np.concatenate([body, extra]), 0.05 * k)
+        assert len(seen_spheres(observer, 0.05 * k)[0]) == (2 if k == 2 else 1)
 
 
 def test_what_comes_back_is_found_again():
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     for k in range(30):
         hidden = 8 <= k < 13
-        sight.observe(np.zeros((0, 2)) if hidden else ring([0.2 + 0.015 * k, 0.5]), 0.05 * k)
+        observer.update(np.zeros((0, 2)) if hidden else ring([0.2 + 0.015 * k, 0.5]), 0.05 * k)
         if k >= 5:
-            center, _, velocity = seen_spheres(sight, 0.05 * k)
+            center, _, velocity = seen_spheres(observer, 0.05 * k)
             np.testing.assert_allclose(center, [[0.2 + 0.015 * k, 0.5, 0.0]], atol=0.02)
             assert abs(velocity[0, 0] - 0.3) < 0.1
 
 
 def test_margins_grow_until_a_cloud_comes_but_nothing_is_forgotten():
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     for k in range(5):
-        sight.observe(ring([0.5, 0.5]), 0.05 * k)
-    margins = [sight.seen(time).margin[0] for time in (0.2, 0.3, 1.0, 5.0)]
+        observer.update(ring([0.5, 0.5]), 0.05 * k)
+    margins = [observer.observe(time).margin[0] for time in (0.2, 0.3, 1.0, 5.0)]
     assert margins[0] == 0.0
     assert (np.diff(margins) > 0).all()
 
@@ -223,16 +223,16 @@ def test_margins_grow_until_a_cloud_comes_but_nothing_is_forgotten():
 def test_the_obstacles_of_the_file_that_stand_remain_and_their_points_are_theirs():
     wall = {"shape": "box", "center": [0.5, 0.1], "size": [0.2, 0.1]}
     scene = crossing(disc([0.5, 0.9], {"velocity": [0, -0.2]}), wall)
-    sight = Clouds(scene)
-    sight.observe(surface(scene.obstacles[1], 2, 0.01, np.random.default_rng(0))[:, :2], 0.0)
-    seen = sight.seen(0.0)
+    observer = Clouds(scene)
+    observer.update(surface(scene.obstacles[1], 2, 0.01, np.random.default_rng(0))[:, :2], 0.0)
+    seen = observer.observe(0.0)
     assert len(seen.margin) == 2
     np.testing.assert_array_equal(seen.table[1], scene.obstacles[1])
     assert np.linalg.norm(seen.table[0, 1:4]) > 1e3, "of what moves in the file clouds know nothing"
-    assert sight.ahead(0.0).name_of(1) == "obstacles[1] (box)"
-    sight.observe(ring([0.7, 0.7]), 0.1)
-    assert sight.ahead(0.1).name_of(2) == "something that was seen"
-    assert np.isnan(sight.true(np.array([0.0, 1.0]))[:, 0]).all()
+    assert observer.predict(0.0).name_of(1) == "obstacles[1] (box)"
+    observer.update(ring([0.7, 0.7]), 0.1)
+    assert observer.predict(0.1).name_of(2) == "something that was seen"
+    assert np.isnan(observer.ground_truth(np.array([0.0, 1.0]))[:, 0]).all()
 
 
 def loads():
@@ -244,70 +244,70 @@ def loads():
 @pytest.mark.parametrize("scene", loads(), ids=["bar", "plate", "bar in space", "solid"])
 def test_points_of_the_load_and_the_hands_are_left_out(scene):
     """All over the load, against points far from it, by distances that are found by brute force."""
-    sight, nodes = Clouds(scene, Scanner(own=0.015)), nodes_of(scene, poses_of(scene, "start"))
-    sight.carried(0.0, nodes)
+    observer, nodes = Clouds(scene, Scanner(own=0.015)), nodes_of(scene, poses_of(scene, "start"))
+    observer.carried(0.0, nodes)
     rng, n = np.random.default_rng(0), scene.n_dims
     weights = rng.dirichlet(np.full(len(nodes), 0.3), 1000)
     inside = weights @ nodes  # the load is convex, or a bar
     on_load = inside + 0.01 * rng.uniform(-1, 1, inside.shape) / np.sqrt(3) * ([1, 1, 0] if n == 2 else 1)
-    assert len(sight._others(on_load[:, :n], 0.0)) == 0
+    assert len(observer._others(on_load[:, :n], 0.0)) == 0
     around = rng.uniform(scene.lower, scene.upper, (1500, n))
     away = np.linalg.norm(np.pad(around, ((0, 0), (0, 3 - n)))[:, None] - inside, axis=2).min(axis=1)
-    left = sight._others(around, 0.0)
+    left = observer._others(around, 0.0)
     assert len(left) >= (away > 0.045).sum()
     assert np.linalg.norm(left[:, None] - inside, axis=2).min() > 0.014 - 1e-9
 
 
 def test_late_clouds_are_held_against_where_the_load_was():
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     for k in range(50):
         nodes = nodes_of(EMPTY, poses_of(EMPTY, "start"))
-        sight.carried(0.01 * k, nodes + [0.005 * k, 0, 0])
+        observer.carried(0.01 * k, nodes + [0.005 * k, 0, 0])
     then = 0.353
     bar = np.stack([np.full(40, 0.15 + 0.5 * then), np.linspace(0.4, 0.6, 40)], axis=1)
-    sight.observe(bar, then)
-    assert len(seen_spheres(sight, 0.5)[0]) == 0
+    observer.update(bar, then)
+    assert len(seen_spheres(observer, 0.5)[0]) == 0
 
 
 def test_the_executor_says_where_the_load_is():
     scene = crossing(disc([0.5, 0.9], {"velocity": [0, -0.1]}))
-    sight = Scanned(Known(scene), scene, None, np.random.default_rng(0))
-    executor = Executor(scene, sight)
+    observer = Scanned(Known(scene), scene, None, np.random.default_rng(0))
+    executor = Executor(scene, observer)
     for _ in range(30):
         executor.step()
         hands = nodes_of(scene, executor.poses)[:2]
         bar = hands[0] + np.linspace(0, 1, 50)[:, None] * (hands[1] - hands[0])
-        assert uncovered(sight, executor.time, bar) == 50
+        assert uncovered(observer, executor.time, bar) == 50
 
 
 # What is no cloud
 
 
 def test_nan_and_what_is_far_away_are_ignored():
-    sight, body = Clouds(EMPTY), ring([0.3, 0.5])
+    observer, body = Clouds(EMPTY), ring([0.3, 0.5])
     noise = [[np.nan, 0.5], [0.5, np.inf], [np.nan, np.nan], [3.0, 0.5], [0.5, -1e300]]
-    sight.observe(np.concatenate([body, noise]), 0.0)
+    observer.update(np.concatenate([body, noise]), 0.0)
     alone = Clouds(EMPTY)
-    alone.observe(body, 0.0)
-    np.testing.assert_array_equal(sight.seen(0.1).table, alone.seen(0.1).table)
+    alone.update(body, 0.0)
+    np.testing.assert_array_equal(observer.observe(0.1).table, alone.observe(0.1).table)
 
 
 def test_clouds_from_the_past_are_ignored():
-    sight = Clouds(EMPTY)
-    sight.observe(ring([0.3, 0.5]), 0.2)
-    before = sight.seen(0.3)
+    observer = Clouds(EMPTY)
+    observer.update(ring([0.3, 0.5]), 0.2)
+    before = observer.observe(0.3)
     for time in (0.2, 0.1, -5.0):
-        sight.observe(ring([0.8, 0.5]), time)
-    np.testing.assert_array_equal(sight.seen(0.3).table, before.table)
+        observer.update(ring([0.8, 0.5]), time)
+    np.testing.assert_array_equal(observer.observe(0.3).table, before.table)
 
 
 @pytest.mark.parametrize("empty", [[], np.zeros((0, 2)), [[np.nan, np.nan]]])
 def test_empty_clouds_say_that_nothing_is_there(empty):
-    sight = Clouds(EMPTY)
+    observer = Clouds(EMPTY)
     for k in range(3):
-        sight.observe(empty, 0.1 * k)
-        assert len(sight.seen(0.1 * k).margin) == 0
-    assert len(Clouds(EMPTY).seen(0.0).margin) == 0
+        observer.update(empty, 0.1 * k)
+        assert len(observer.observe(0.1 * k).margin) == 0
+    assert len(Clouds(EMPTY).observe(0.0).margin) == 0
 
 
 @pytest.mark.parametrize(
@@ -326,13 +326,13 @@ def test_empty_clouds_say_that_nothing_is_there(empty):
     ],
 )
 def test_what_is_no_cloud(points, time, words):
-    sight = Clouds(EMPTY)
-    sight.carried(0.3, nodes_of(EMPTY, poses_of(EMPTY, "start")))
-    sight.observe(ring([0.3, 0.5]), 0.2)
-    before = sight.seen(0.4)
+    observer = Clouds(EMPTY)
+    observer.carried(0.3, nodes_of(EMPTY, poses_of(EMPTY, "start")))
+    observer.update(ring([0.3, 0.5]), 0.2)
+    before = observer.observe(0.4)
     with pytest.raises(OptionError, match=words):
-        sight.observe(points, time)
-    np.testing.assert_array_equal(sight.seen(0.4).table, before.table)
+        observer.update(points, time)
+    np.testing.assert_array_equal(observer.observe(0.4).table, before.table)
 
 
 @pytest.mark.parametrize(
@@ -363,8 +363,8 @@ def test_scanners_that_are_none(wrong):
 def test_a_load_arrives_by_clouds_alone(seed):
     """Discs, boxes and capsules in the plane; judged by where they really were."""
     scene = moving_scene(seed)
-    sight = Scanned(Known(scene), scene, None, np.random.default_rng(seed))
-    report = judge(Executor(scene, sight).run(3 * scene.duration))
+    observer = Scanned(Known(scene), scene, None, np.random.default_rng(seed))
+    report = verify_execution(Executor(scene, observer).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.end_error <= 1e-3
     assert report.distance_error_max <= 1e-9

@@ -12,7 +12,7 @@ from comove.errors import OptionError
 from comove.execution import Executor, Functions, Pace
 from comove.reaction.twists import HandPoses, advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 
 
 def crossing(*obstacles, **more):
@@ -39,7 +39,7 @@ def disc(center, motion, radius=0.07):
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_known_motions_are_passed(seed):
     scene = moving_scene(seed)
-    report = judge(Executor(scene).run(3 * scene.duration))
+    report = verify_execution(Executor(scene).run(3 * scene.duration))
     assert report.reasons == ()
     assert report.distance_error_max <= 1e-9
     assert report.end_error <= 1e-3
@@ -48,7 +48,7 @@ def test_known_motions_are_passed(seed):
 @pytest.mark.parametrize("seed", [1, 4, 9])
 def test_motions_that_are_only_seen_are_dodged(seed):
     scene = moving_scene(seed)
-    report = judge(Executor(scene, Functions.of_motions(scene)).run(3 * scene.duration))
+    report = verify_execution(Executor(scene, Functions.of_motions(scene)).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.distance_error_max <= 1e-9
     assert report.end_error <= 1e-3
@@ -57,7 +57,7 @@ def test_motions_that_are_only_seen_are_dodged(seed):
 def test_what_never_leaves_the_goal_is_waited_for_and_named():
     scene = crossing(disc([0.9, 0.05], {"waypoints": [[0.9, 0.05], [0.9, 0.5]], "times": [0, 3]}))
     executor = Executor(scene)
-    report = judge(executor.run(8.0), executor.blocker)
+    report = verify_execution(executor.run(8.0), executor.blocker)
     assert report.clearance_min >= scene.clearance
     assert report.end_speed < 1e-3
     (reason,) = report.reasons
@@ -68,7 +68,7 @@ def test_what_leaves_the_goal_late_is_waited_for():
     """Until well after the time that the scene gives."""
     away = {"waypoints": [[0.9, 0.5], [0.9, 0.5], [0.9, 1.5]], "times": [0, 5, 7]}
     record = Executor(crossing(disc([0.9, 0.5], away))).run(12.0)
-    assert judge(record).reasons == ()
+    assert verify_execution(record).reasons == ()
     assert record.time[-1] > 5.5
 
 
@@ -77,7 +77,7 @@ def test_an_obstacle_that_turns_where_nobody_expects_it_is_dodged():
     turn = {"waypoints": [[0.6, 0.95], [0.9, 0.95], [0.5, 0.5], [0.1, 0.05]], "times": [0.0, 1.0, 2.8, 4.5]}
     scene = crossing(disc([0.6, 0.95], turn))
     executor = Executor(scene, Functions.of_motions(scene))
-    report = judge(executor.run(12.0))
+    report = verify_execution(executor.run(12.0))
     assert report.clearance_min >= 0
     assert report.end_error <= 1e-3
     assert any("given up" in event.what for event in executor.log.events)
@@ -149,8 +149,8 @@ def test_ctrl_c_ends_a_run_with_what_has_happened(after):
         signal.signal(signal.SIGINT, before)
     assert executor.interrupted
     assert len(record.time) == after + 2
-    assert judge(record).clearance_min >= 0
-    assert any("the goal is missed" in reason for reason in judge(record).reasons)
+    assert verify_execution(record).clearance_min >= 0
+    assert any("the goal is missed" in reason for reason in verify_execution(record).reasons)
 
 
 def test_a_run_shorter_than_a_step_makes_one():

@@ -6,7 +6,7 @@ import pytest
 from comove.execution import Executor
 from comove.planning import carried_demonstration
 from comove.scenes import Scene, demonstration_of
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.solved import EXAMPLES, example
 
 
@@ -25,7 +25,7 @@ def test_the_demonstration_is_followed():
     for name, dmp in (("taught", demonstration_of(scene)), ("free", None)):
         executor = Executor(scene, demonstration=dmp)
         record = executor.run(15.0)
-        report = judge(record, executor.blocker)
+        report = verify_execution(record, executor.blocker)
         assert not report.reasons
         assert report.acceleration_max < 0.5
         found[name] = distance(record, scene, demonstration_of(scene))
@@ -36,7 +36,7 @@ def test_the_demonstration_is_followed():
 def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     scene = example("narrow")
     executor = Executor(scene, demonstration=demonstration_of(scene))
-    left, _ = executor._left_of_it(share * scene.duration)
+    left, _ = executor._left_of_it(share * scene.duration).values()
     whole = demonstration_of(scene)
     assert left.duration == pytest.approx((1 - share) * whole.duration)
     np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)
@@ -49,7 +49,7 @@ def test_what_is_left_of_it_ends_where_all_of_it_does(share):
 def test_each_hand_keeps_what_is_left_of_its_own():
     scene = example("narrow")
     executor = Executor(scene, demonstration=(demonstration_of(scene), demonstration_of(scene)))
-    left = executor._left_of_it(0.3 * scene.duration)
+    left = list(executor._left_of_it(0.3 * scene.duration).values())
     assert len(left) == 2
     assert left[0].duration == left[1].duration
 
@@ -63,6 +63,6 @@ def test_plans_among_what_moves_are_calm():
     """With the paper's cost it was 1.5 m/s^2."""
     scene = Scene.load(str(EXAMPLES.joinpath("..", "..", "..", "examples", "moving", "crossing.yaml")))
     executor = Executor(scene)
-    report = judge(executor.run(10.0), executor.blocker)
+    report = verify_execution(executor.run(10.0), executor.blocker)
     assert not report.reasons
     assert report.acceleration_max < 0.5

@@ -7,7 +7,7 @@ from benchmarks.random_scenes import moving_scene
 from comove.errors import OptionError
 from comove.execution import Executor, Known, Measured, Observed, Sensor
 from comove.execution.measured import SIGMAS
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
 STEADY = crossing(disc([0.9, 0.9], {"velocity": [-0.2, -0.1]}))
@@ -24,11 +24,11 @@ ZIGZAG = crossing(
 
 def tracked(sensor, seed, scene=STEADY, until=2.0):
     """Errors [m] and margins [m] of what is believed, every 10 ms."""
-    sight, truth = Measured(Known(scene), scene, sensor, np.random.default_rng(seed)), Known(scene)
+    observer, truth = Measured(Known(scene), scene, sensor, np.random.default_rng(seed)), Known(scene)
     errors, margins = [], []
     for time in np.arange(0.0, until, 0.01):
-        seen = sight.seen(time)
-        errors.append(np.linalg.norm(seen.table[0, 1:4] - truth.seen(time).table[0, 1:4]))
+        seen = observer.observe(time)
+        errors.append(np.linalg.norm(seen.table[0, 1:4] - truth.observe(time).table[0, 1:4]))
         margins.append(seen.margin[0])
     return np.array(errors), np.array(margins)
 
@@ -52,13 +52,13 @@ def test_a_constant_velocity_is_learned():
 
 
 def test_margins_grow_while_nothing_is_seen():
-    sight = Observed(STEADY)
+    observer = Observed(STEADY)
     for k in range(20):
-        sight.observe(0, [0.9 - 0.002 * k, 0.9], 0.01 * k)
-    margins = [sight.seen(t).margin[0] for t in (0.2, 0.3, 0.5, 1.0)]
+        observer.update(0, [0.9 - 0.002 * k, 0.9], 0.01 * k)
+    margins = [observer.observe(t).margin[0] for t in (0.2, 0.3, 0.5, 1.0)]
     assert (np.diff(margins) > 0).all()
-    assert sight.seen(0.5).table[0, 1] == pytest.approx(0.9 - 0.2 * 0.5, abs=0.01)
-    assert np.isnan(sight.true(np.array([0.0]))[0, 0]).all()
+    assert observer.observe(0.5).table[0, 1] == pytest.approx(0.9 - 0.2 * 0.5, abs=0.01)
+    assert np.isnan(observer.ground_truth(np.array([0.0]))[0, 0]).all()
 
 
 def test_what_stands_needs_less_of_a_margin_until_it_starts():
@@ -70,12 +70,12 @@ def test_what_stands_needs_less_of_a_margin_until_it_starts():
 
 
 def test_what_has_never_been_seen_may_be_anywhere():
-    assert Observed(STEADY).seen(0.0).margin[0] == pytest.approx(SIGMAS * 10.0)
+    assert Observed(STEADY).observe(0.0).margin[0] == pytest.approx(SIGMAS * 10.0)
 
 
 def test_what_stands_needs_no_measurements():
     scene = crossing({"shape": "circle", "center": [0.5, 0.9], "radius": 0.05})
-    seen = Observed(scene).seen(1.0)
+    seen = Observed(scene).observe(1.0)
     assert not seen.margin.any()
     np.testing.assert_array_equal(seen.table, scene.obstacles)
 
@@ -91,12 +91,12 @@ def test_what_stands_needs_no_measurements():
     ],
 )
 def test_measurements_that_are_none(observation, words):
-    sight = Observed(STEADY)
-    sight.observe(0, [0.9, 0.9], 0.2)
-    before = sight.seen(0.3)
+    observer = Observed(STEADY)
+    observer.update(0, [0.9, 0.9], 0.2)
+    before = observer.observe(0.3)
     with pytest.raises(OptionError, match=words):
-        sight.observe(*observation)
-    np.testing.assert_array_equal(sight.seen(0.3).table, before.table)
+        observer.update(*observation)
+    np.testing.assert_array_equal(observer.observe(0.3).table, before.table)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_sensors_that_are_none(wrong):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_load_is_carried_by_measurements_alone(seed):
     scene = moving_scene(seed)
-    sight = Measured(Known(scene), scene, Sensor(dropout=0.1), np.random.default_rng(seed))
-    report = judge(Executor(scene, sight).run(3 * scene.duration))
+    observer = Measured(Known(scene), scene, Sensor(dropout=0.1), np.random.default_rng(seed))
+    report = verify_execution(Executor(scene, observer).run(3 * scene.duration))
     assert report.clearance_min >= 0
     assert report.distance_error_max <= 1e-9

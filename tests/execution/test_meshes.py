@@ -9,7 +9,7 @@ from comove.execution.observers import Known, going_on
 from comove.experiments.modulation.obstacles import level_obstacle
 from comove.reaction.twist_qp import Sighting
 from comove.scenes import Scene
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from comove.views.run import draw_run
 
 from ..meshes import l_profile, ring, write_obj
@@ -51,7 +51,7 @@ def scene(tmp_path_factory):
     )
 
 
-def sights(scene):
+def observers(scene):
     true = Functions.of_motions(scene)
     return {
         "known": Known(scene),
@@ -61,11 +61,11 @@ def sights(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sight", ["known", "seen"])
-def test_executions_among_meshes_arrive_and_are_recorded_by_obstacle(scene, sight, tmp_path):
-    executor = Executor(scene, sights(scene)[sight])
+@pytest.mark.parametrize("observer", ["known", "seen"])
+def test_executions_among_meshes_arrive_and_are_recorded_by_obstacle(scene, observer, tmp_path):
+    executor = Executor(scene, observers(scene)[observer])
     record = executor.run(20.0)
-    report = judge(record, executor.blocker)
+    report = verify_execution(record, executor.blocker)
     assert report.reasons == ()
     assert report.clearance_min >= scene.clearance
     assert report.distance_error_max < 1e-9
@@ -82,13 +82,13 @@ def test_executions_among_meshes_arrive_and_are_recorded_by_obstacle(scene, sigh
 def test_a_sighting_has_a_row_for_each_polytope(scene):
     n = len(scene.obstacles)
     assert n > 2
-    for sight in sights(scene).values():
-        seen = sight.seen(1.0)
+    for observer in observers(scene).values():
+        seen = observer.observe(1.0)
         assert seen.table.shape == scene.obstacles.shape
         assert seen.velocity.shape == seen.spin.shape == (n, 3)
         assert seen.margin.shape == (n,)
         assert seen.velocity[1:] == pytest.approx(np.tile(seen.velocity[1], (n - 1, 1)))
-    seen = Known(scene).seen(1.0)
+    seen = Known(scene).observe(1.0)
     assert seen.table[1:, 1:4] == pytest.approx(np.tile([0.8, 0.77, 0.33], (n - 1, 1)))
     ahead = going_on(scene, seen, np.zeros_like(seen.velocity), 1.0)
     assert len(ahead.motions) == 2

@@ -34,14 +34,14 @@ def test_sags_bound_how_far_chords_are_left(velocity, spin):
     motion, time = Turning(velocity, across(velocity, 5 * spin), 0.0), np.linspace(0.0, 3.0, 20)
     ends, middle = motion.offsets(time), motion.offsets(0.5 * (time[1:] + time[:-1]))
     away = np.linalg.norm(middle - 0.5 * (ends[1:] + ends[:-1]), axis=1)
-    assert (away <= motion.sags(time) + 1e-12).all()
+    assert (away <= motion.sagittas(time) + 1e-12).all()
 
 
 @pytest.mark.parametrize("now", [0.3, 2.0])
 def test_a_circle_is_foreseen(now):
     circle = Motion(circle=Circle(radius=0.2, period_s=3.0))
     scene = crossing(disc([0.5, 0.8], {"circle": {"radius": 0.2, "period_s": 3.0}}))
-    expected = Functions.of_motions(scene).ahead(now)
+    expected = Functions.of_motions(scene).predict(now)
     later = np.linspace(now, now + 3.0, 40)
     found = expected.obstacles[0, 1:4] + expected.offsets(later)[:, 0]
     np.testing.assert_allclose(found, [0.5, 0.8, 0.0] + circle.offsets(later), atol=2e-3)
@@ -49,5 +49,5 @@ def test_a_circle_is_foreseen(now):
 
 def test_a_corner_is_not_taken_for_a_turn():
     corner = {"waypoints": [[0.9, 0.9], [0.5, 0.9], [0.5, 0.5]], "times": [0.0, 1.0, 2.0]}
-    expected = Functions.of_motions(crossing(disc([0.9, 0.9], corner))).ahead(1.005)
+    expected = Functions.of_motions(crossing(disc([0.9, 0.9], corner))).predict(1.005)
     np.testing.assert_allclose(expected.motions[0].velocities([3.0]), [[0.0, -0.4, 0.0]], atol=1e-9)

@@ -78,7 +78,7 @@ def test_linear_functions_are_learned_exactly(seed):
     rng = np.random.default_rng(seed)
     n, slope, offset = 5, rng.standard_normal((3, 5)), rng.standard_normal(3)
     root, mean = np.diag(rng.uniform(0.5, 2.0, n)), rng.standard_normal(n)
-    model = LinearModel(n, 20)
+    model = LinearModel(n, 3, capacity=20)
     x = mean + rng.standard_normal((12, n)) @ root
     model.add(x, x @ slope.T + offset)
     whiten = np.linalg.inv(root)
@@ -91,7 +91,7 @@ def test_linear_functions_are_learned_exactly(seed):
 def test_slopes_survive_in_directions_that_new_points_do_not_show():
     rng = np.random.default_rng(0)
     slope = np.array([[1.0, -2.0, 3.0]])
-    model = LinearModel(3, 8)
+    model = LinearModel(3, 1, capacity=8)
     x = rng.standard_normal((8, 3))
     model.add(x, x @ slope.T)
     eye = np.eye(3)
@@ -102,6 +102,6 @@ def test_slopes_survive_in_directions_that_new_points_do_not_show():
 
 
 def test_values_that_are_not_finite_teach_nothing():
-    model = LinearModel(2, 5)
+    model = LinearModel(2, 1, capacity=5)
     model.add(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([[1.0], [np.nan], [np.inf]]))
     assert len(model) == 1

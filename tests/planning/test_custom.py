@@ -9,7 +9,7 @@ from comove.errors import OptionError
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example
-from tests.verification.test_rates import lone_hand
+from tests.verification.test_bounds import lone_hand
 
 MIDDLE = 100  # of the samples
 

@@ -10,7 +10,7 @@ from comove.planning.pace import LIMITS, in_least_time, least_possible
 from comove.scenes import Scene, demonstration_of
 from comove.verification import verify
 from tests.solved import EXAMPLES, example
-from tests.verification.test_rates import lone_hand
+from tests.verification.test_bounds import lone_hand
 
 HARD = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 

@@ -68,10 +68,10 @@ def test_centres_stray_from_their_chords_by_their_sags_at_most(how, n_intervals,
     at, finer = moving.offsets(time)[:, 0], moving.offsets(finely)[:, 0]
     chords = np.stack([np.interp(finely, time, column) for column in at.T], axis=1)
     strays = np.linalg.norm(finer - chords, axis=1)[:-1].reshape(n_intervals, 50).max(axis=1)
-    sags = moving.obstacle_sags(time)[:, 0]
-    assert (strays <= sags + 1e-12).all()
+    sagittas = moving.obstacle_sagittas(time)[:, 0]
+    assert (strays <= sagittas + 1e-12).all()
     if end / n_intervals < 0.2:
-        assert (sags <= 1.2 * strays + 1e-3).all(), "and hardly less"
+        assert (sagittas <= 1.2 * strays + 1e-3).all(), "and hardly less"
 
 
 def test_obstacles_that_stand_have_no_motion():

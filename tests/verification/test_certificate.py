@@ -23,7 +23,7 @@ from tests.solved import solved
 from tests.verification.random_motions import near_contact, on_scene, perturbed, random_motion, scene_data
 
 ROUNDING = 1e-9  # m
-CALM = 500.0  # m a unit of time squared, accelerations that bulge 0.1 mm between knots
+CALM = 500.0  # m a unit of time squared, accelerations by which chords are left by 0.1 mm between knots
 seeds = st.integers(0, 2**32 - 1)
 SOME = ["planar 0", "planar 1", "narrow", "bar 0", "triangle 0"]
 MANY = [*SOME, "wide", "complex", *(f"planar {i}" for i in range(2, 9)), "bar 1", "bar 2", "triangle 1"]
@@ -139,16 +139,16 @@ def test_a_contact_between_two_knots_is_seen(seed, n_dims):
         motion.hands(s)[0][:, 0] for s in (np.linspace(0, 1, 801), (np.arange(800) + 0.5) / 800)
     )
     middles = 0.5 * (at_knots[1:] + at_knots[:-1])
-    bulge = np.linalg.norm(at_middles - middles, axis=1)
-    k = 50 + int(np.argmax(bulge[50:700]))
-    outward = (at_middles[k] - middles[k]) / bulge[k]
+    chord_deviation = np.linalg.norm(at_middles - middles, axis=1)
+    k = 50 + int(np.argmax(chord_deviation[50:700]))
+    outward = (at_middles[k] - middles[k]) / chord_deviation[k]
     forward = (at_knots[k + 1] - at_knots[k]) / np.linalg.norm(at_knots[k + 1] - at_knots[k])
     forward -= (forward @ outward) * outward
     axes = [outward, forward / np.linalg.norm(forward)]
     if n_dims == 3:
         axes.append(np.cross(*axes))
     half = 0.1 * np.linalg.norm(at_knots[k + 1] - at_knots[k])
-    center = middles[k] + (0.8 * bulge[k] + half) * outward
+    center = middles[k] + (0.8 * chord_deviation[k] + half) * outward
     plate = {"shape": "box", "center": center.tolist(), "size": [2 * half] * n_dims}
     if n_dims == 2:
         plate["rotation_deg"] = float(np.rad2deg(np.arctan2(outward[1], outward[0])))
@@ -157,7 +157,7 @@ def test_a_contact_between_two_knots_is_seen(seed, n_dims):
         plate["quaternion_wxyz"] = [w, x, y, z]
     touching = on_scene(motion, scene_data(motion.scene) | {"obstacles": [plate]})
     clearance, truth, outcome = judged(touching)
-    assert truth < -0.15 * bulge[k] < -1e-7
+    assert truth < -0.15 * chord_deviation[k] < -1e-7
     assert outcome == "contact", (clearance, truth)
     assert verify(touching).verified is None
 

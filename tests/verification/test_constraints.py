@@ -36,7 +36,7 @@ seeds = st.integers(0, 2**32 - 1)
 dims = st.sampled_from([2, 3])
 HAND = np.zeros((1, 3))
 DENSE = np.linspace(0.0, 1.0, 40_001)
-BULGE = 2e-3  # m, more than any of these motions leaves its chords by
+CHORD_DEVIATION = 2e-3  # m, more than any of these motions leaves its chords by
 
 
 def frame(*names):
@@ -108,7 +108,7 @@ def test_a_separation_is_certified_below_what_is_there(seed, n_dims, name):
     verdict = verify(motion)
     spare = verdict.report.separation_spare_min
     assert spare <= met - least + 1e-12
-    assert spare >= met - least - BULGE
+    assert spare >= met - least - CHORD_DEVIATION
     told = reasons(verdict, "as near as", "asked for")
     assert len(told) == (spare < -1e-9)
     if met < least - 1e-9:
@@ -126,7 +126,7 @@ def test_a_separation_of_other_coordinates(seed, n_dims, name):
         except OptionError:
             continue
         spare = verify(motion).report.separation_spare_min
-        assert met - least - BULGE <= spare <= met - least + 1e-12
+        assert met - least - CHORD_DEVIATION <= spare <= met - least + 1e-12
 
 
 def test_hands_that_meet_between_two_knots():
@@ -294,7 +294,7 @@ def test_heights_that_no_block_holds_are_bounded_by_derivatives(seed, n_dims, na
     demand = _demanding(scene, first, second, tolerance)
     verdict = verify(replace(motion, scene=demand))
     assert met <= verdict.report.height_error_max + 1e-12
-    assert verdict.report.height_error_max <= met + BULGE
+    assert verdict.report.height_error_max <= met + CHORD_DEVIATION
     assert bool(reasons(verdict, "heights of")) == (verdict.report.height_error_max > tolerance)
 
 

@@ -61,7 +61,7 @@ def test_what_is_said_of_speed_and_bends_holds_of_it(name):
     acceleration = np.linalg.norm(hands[2], axis=2).max() / duration**2
     assert speed - 1e-8 <= report.speed_max <= 1.01 * speed
     assert acceleration - 1e-6 <= report.acceleration_max <= 1.3 * acceleration
-    # Between two knots a node strays from its chord by no more than the bulge.
+    # Between two knots a node strays from its chord by no more than the chord deviation.
     position = nodes[0].reshape(4 * N + 1, -1, 3)
     ends = position[::4]
     for quarter in (1, 2, 3):

@@ -9,7 +9,8 @@ from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
-from comove.verification.certificate import Need, Paths, certified_clearance, certify
+from comove.verification.certificate import certify
+from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -94,13 +95,14 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     motion = random_motion(scene, rng)
     nodes = motion.coordinates.nodes(np.ascontiguousarray(motion.knots[0].T[None]))[0]
     n_knots, body, wide = len(nodes), scene.body, (np.full(3, -9.0), np.full(3, 9.0))
-    bulge, still = np.zeros((n_knots - 1, nodes.shape[1])), Paths(np.zeros((0, 1, 3)), np.zeros((0, 0)))
+    straight, still = np.zeros((n_knots - 1, nodes.shape[1])), Paths(np.zeros((0, 1, 3)), np.zeros((0, 0)))
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
     along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
-    shape = body.edges, body.radii, scene.obstacles
-    need = Need(0.0, 1e-4, 1e-7, 1e-12)
-    at_rest = certified_clearance(nodes, bulge, *shape, still, *wide, need)
-    together = certified_clearance(nodes + shift[:, None], bulge, *shape, along, *wide, need)
+    need, shape = Need(0.0, 1e-4, 1e-7, 1e-12), (body.edges, body.radii)
+    around = Around(scene.obstacles, still, *wide, need)
+    at_rest = certified_clearance(CurveArrays(nodes, straight), *shape, around)
+    moved = CurveArrays(nodes + shift[:, None], straight)
+    together = certified_clearance(moved, *shape, around._replace(paths=along))
     assert together[0] == pytest.approx(at_rest[0], abs=2e-4)
     assert together[1] == pytest.approx(at_rest[1], abs=2e-4)
 

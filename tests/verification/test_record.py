@@ -8,7 +8,7 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.scenes import Scene
-from comove.verification.record import Record, RecordSamples, judge
+from comove.verification.record import Record, RecordSamples, verify_execution
 
 PERIOD, DURATION = 0.01, 2.0
 
@@ -41,11 +41,11 @@ def record(around, turn=0.0):
     quaternion = np.zeros((len(time), 1, 4))
     quaternion[:, 0, 0], quaternion[:, 0, 3] = np.cos(angle / 2), np.sin(angle / 2)
     obstacles = around.obstacles[:, 1:4] + around.offsets(time)
-    return Record(around, time, center, quaternion, obstacles, around.obstacle_sags(time))
+    return Record(around, time, center, quaternion, obstacles, around.obstacle_sagittas(time))
 
 
 def test_what_is_as_it_should_be():
-    report = judge(record(scene(speed=1.0, acceleration=2.0), turn=0.5))
+    report = verify_execution(record(scene(speed=1.0, acceleration=2.0), turn=0.5))
     assert report.reasons == ()
     assert report.end_error == pytest.approx(0.0, abs=1e-12)
     assert report.distance_error_max < 1e-12
@@ -53,15 +53,15 @@ def test_what_is_as_it_should_be():
 
 def test_speeds_and_accelerations_are_those_of_minimum_jerk():
     """Flash and Hogan, 1985: 1.875 d/T and 5.77 d/T^2."""
-    report = judge(record(scene()))
+    report = verify_execution(record(scene()))
     assert report.speed_max == pytest.approx(1.875 * 0.6 / DURATION, rel=1e-3)
     assert report.acceleration_max == pytest.approx(10 / np.sqrt(3) * 0.6 / DURATION**2, rel=1e-2)
 
 
 def test_limits():
-    (reason,) = judge(record(scene(speed=0.5))).reasons
+    (reason,) = verify_execution(record(scene(speed=0.5))).reasons
     assert "moves at 0.56" in reason
-    (reason,) = judge(record(scene(acceleration=0.8))).reasons
+    (reason,) = verify_execution(record(scene(acceleration=0.8))).reasons
     assert "accelerates by 0.8" in reason
 
 
@@ -69,18 +69,18 @@ def test_a_contact_between_two_steps_is_found():
     """A disc that crosses the bar's way at 40 m/s, between two instants at which it is on either side."""
     shot = {"waypoints": [[0.5, 1.2], [0.5, 1.2], [0.5, 0.8], [0.5, 0.8]], "times": [0, 0.995, 1.005, 2]}
     away = {"shape": "circle", "center": [0.5, 1.2], "radius": 0.05, "motion": shot}
-    assert judge(record(scene(away))).reasons == ()
+    assert verify_execution(record(scene(away))).reasons == ()
     shot = {**shot, "waypoints": [[0.5, 1.2], [0.5, 1.2], [0.5, -0.2], [0.5, -0.2]]}
-    (reason,) = judge(record(scene({**away, "motion": shot}))).reasons
+    (reason,) = verify_execution(record(scene({**away, "motion": shot}))).reasons
     assert "obstacles[0] (sphere) at 0.99 s" in reason or "obstacles[0] (sphere) at 1.00 s" in reason
 
 
 def test_clearance_that_is_asked_for():
     wall = {"shape": "box", "center": [0.5, 0.9], "size": [0.2, 0.5]}  # 5 cm above the upper hand
-    assert judge(record(scene(wall, clearance=0.04))).reasons == ()
-    (reason,) = judge(record(scene({**wall, "center": [0.5, 0.88]}, clearance=0.04))).reasons
+    assert verify_execution(record(scene(wall, clearance=0.04))).reasons == ()
+    (reason,) = verify_execution(record(scene({**wall, "center": [0.5, 0.88]}, clearance=0.04))).reasons
     assert "0.04 m of clearance are asked for" in reason
-    assert judge(
+    assert verify_execution(
         record(scene({**wall, "center": [0.5, 0.88]}, clearance=0.02))
     ).clearance_min == pytest.approx(0.03, abs=2e-4)
 
@@ -90,9 +90,9 @@ def test_a_goal_that_is_missed_names_what_was_in_the_way():
     short = replace(
         done,
         **{k: getattr(done, k)[:150] for k in ("time", "center", "quaternion", "obstacles")},
-        sag=done.sag[:149],
+        sagitta=done.sagitta[:149],
     )
-    first, second = judge(short, "the door is closed").reasons
+    first, second = verify_execution(short, "the door is closed").reasons
     assert first.startswith("the goal is missed by")
     assert first.endswith("the door is closed")
     assert "still moves" in second
@@ -100,13 +100,13 @@ def test_a_goal_that_is_missed_names_what_was_in_the_way():
 
 def test_a_record_that_begins_elsewhere():
     done = record(scene())
-    first, *_ = judge(replace(done, center=done.center - [0.01, 0.0, 0.0])).reasons
+    first, *_ = verify_execution(replace(done, center=done.center - [0.01, 0.0, 0.0])).reasons
     assert first == "it begins 0.01 m from the start"
 
 
 def test_obstacles_of_which_nobody_knows_where_they_were():
     done = record(scene({"shape": "circle", "center": [0.5, 0.1], "radius": 0.05}))
-    (reason,) = judge(replace(done, obstacles=np.full_like(done.obstacles, np.nan))).reasons
+    (reason,) = verify_execution(replace(done, obstacles=np.full_like(done.obstacles, np.nan))).reasons
     assert reason == "nobody knows where obstacles[0] (sphere) really was: contact cannot be ruled out"
 
 
@@ -115,8 +115,8 @@ def test_a_load_that_must_stay_upright():
     upright = Scene.from_dict(
         {**around.file.model_dump(exclude_none=True), "constraints": [{"type": "upright"}]}
     )
-    assert judge(record(upright)).reasons == ()
-    tilted = judge(record(upright, turn=0.3))
+    assert verify_execution(record(upright)).reasons == ()
+    tilted = verify_execution(record(upright, turn=0.3))
     assert tilted.tilt_max == pytest.approx(0.3, abs=0.01)
     assert any("tilts by up to 17" in reason for reason in tilted.reasons)
 
@@ -145,7 +145,7 @@ def apart(*gaps):
 
 def test_hands_that_come_too_near_between_two_steps():
     """0.2 m are between them when they pass, and 0.36 m before and after."""
-    report = judge(apart(-0.3, 0.3, 0.3))
+    report = verify_execution(apart(-0.3, 0.3, 0.3))
     assert report.separation_spare_min == pytest.approx(0.2 - 0.25, abs=1e-9)
     assert any("'a' and 'b' come as near as 0.2 m" in reason for reason in report.reasons)
 
@@ -154,7 +154,7 @@ def test_poses_that_are_no_numbers():
     done = record(scene({"shape": "circle", "center": [0.5, 0.1], "radius": 0.05}))
     center = done.center.copy()
     center[7] = np.nan
-    assert judge(replace(done, center=center)).reasons
+    assert verify_execution(replace(done, center=center)).reasons
 
 
 def samples(around, hands=None, n_steps=201):
@@ -167,7 +167,7 @@ def samples(around, hands=None, n_steps=201):
 
 
 def test_samples_of_a_straight_line_are_as_they_should_be():
-    report = judge(samples(scene(speed=1.0, acceleration=2.0)))
+    report = verify_execution(samples(scene(speed=1.0, acceleration=2.0)))
     assert report.reasons == ()
     assert report.clearance_min == pytest.approx(0.2, abs=1e-4)  # of the hands from the border
 
@@ -176,7 +176,9 @@ def test_samples_of_a_solved_motion_are_accepted():
     wall = [{"shape": "box", "center": [0.5, y], "size": [0.1, 0.44]} for y in (0.22, 0.78)]
     solution = comove.solve(scene(*wall, speed=1.0), seed=0)
     s = np.linspace(0.0, 1.0, 2001)
-    report = judge(RecordSamples(solution.attempt.scene, s * DURATION, solution.attempt.hands(s)[0]))
+    report = verify_execution(
+        RecordSamples(solution.attempt.scene, s * DURATION, solution.attempt.hands(s)[0])
+    )
     assert report.reasons == ()
     assert report.clearance_min == pytest.approx(solution.report.clearance_min, abs=1e-3)
 
@@ -186,7 +188,7 @@ def test_hands_pulled_apart_in_one_sample_are_found():
         hands[100, 1] += [0.0, 0.003]
         return hands
 
-    report = judge(samples(scene(), pulled))
+    report = verify_execution(samples(scene(), pulled))
     assert report.distance_error_max == pytest.approx(0.003, rel=1e-6)
     assert any("distance between 'a' and 'b' is off by up to 0.003 m" in reason for reason in report.reasons)
 
@@ -199,7 +201,7 @@ def test_hands_that_turn_between_two_samples_come_nearer_on_their_chords():
         angle = np.pi / 2 + np.where(np.arange(len(hands)) >= 100, 0.2, 0.0)
         return middle + along * np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None]
 
-    assert judge(samples(scene(), turned)).distance_error_max == pytest.approx(
+    assert verify_execution(samples(scene(), turned)).distance_error_max == pytest.approx(
         0.2 * (1 - np.cos(0.1)), rel=1e-3
     )
 
@@ -209,7 +211,7 @@ def test_a_thin_wall_between_two_samples_is_found():
     around = scene({"shape": "box", "center": [0.5037, 0.5], "size": [0.001, 0.05]})
     found = samples(around, n_steps=101)
     assert min(around.clearance_at(nodes)[0] for nodes in found.nodes) > 0.0
-    (reason,) = judge(found).reasons
+    (reason,) = verify_execution(found).reasons
     assert "obstacles[0] (box)" in reason
 
 
@@ -241,5 +243,5 @@ def test_what_turns_back_between_two_steps_is_seen_as_far_as_it_comes():
     centers = [[x, top + radius + near + far], [x, top + radius + near], [x, top + radius + near + far]]
     ball = {"shape": "circle", "center": centers[0], "radius": radius}
     ball["motion"] = {"waypoints": centers, "times": [0, half, 2 * half]}
-    report = judge(record(scene(ball)))
+    report = verify_execution(record(scene(ball)))
     assert near - 2e-4 <= report.clearance_min <= near + 1e-4

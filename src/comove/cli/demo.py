@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+
+if TYPE_CHECKING:
+    from comove.demonstrations import Demonstration
 
 
 @verb
@@ -30,7 +33,7 @@ def demo(
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
     for folder, _, _ in jobs:
         check_target(out / folder, RESULT)
-    recording = recording_of(example("narrow"))
+    recording = cast("Demonstration", recording_of(example("narrow")))
     dmp = DMP.fit(recording)
     print(
         f"demonstration: {recording.name}, {recording.n_steps} samples of a person's hand, {recording.duration:.1f} s"

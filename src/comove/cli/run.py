@@ -52,7 +52,7 @@ def run(
     from comove.planning import load_kernels, solve
     from comove.results import RESULT
     from comove.scenes import Scene, demonstration_of
-    from comove.verification.record import judge
+    from comove.verification.record import verify_execution
     from comove.views import animate_run, draw_run, save
 
     check_period(period)
@@ -75,7 +75,7 @@ def run(
         check_steps(budget, period)
         executor = Executor(loaded, seed=seed, pace=pace, demonstration=demonstration_of(loaded))
         record = executor.run(budget)
-        report, interrupted = judge(record, executor.blocker), executor.interrupted
+        report, interrupted = verify_execution(record, executor.blocker), executor.interrupted
         compared: list[Compared] = []
         if compare and not interrupted:
             compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)

@@ -47,7 +47,7 @@ class Hands(NamedTuple):
 
 
 class Course(ABC):
-    """What is known of the hands at every instant: where they are at knots, and how far they stray in between.
+    """Describes the hands at every instant: their positions at knots, and how far they stray in between.
 
     Attributes
     ----------

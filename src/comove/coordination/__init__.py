@@ -1,5 +1,6 @@
 """Coordinates that hold the constraints, and movements of several manipulators in them."""
 
+from comove.coordination.adaptation import modulate
 from comove.coordination.constraints import (
     Constraint,
     HandDistance,
@@ -17,7 +18,7 @@ from comove.coordination.coordinates import (
     load_coordinates,
     projected_coordinates,
 )
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate, rollouts
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, rollouts
 from comove.errors import ConstraintError
 
 __all__ = [

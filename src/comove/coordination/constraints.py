@@ -192,7 +192,7 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
     )
 
 
-def _require_length(distance: object) -> None:
+def _require_length(distance: float) -> None:
     if not is_number(distance) or not distance > 0:
         raise OptionError(f"distance = {distance!r}", way_out="give a positive number of metres")
 

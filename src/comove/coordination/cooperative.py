@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -120,7 +121,7 @@ class CooperativeDMP:
         grasps: Mapping[str, Pose],
         *,
         n_basis: int = 20,
-        **options,
+        **options: Any,
     ) -> CooperativeDMP:
         """Build the movement of all hands that carry a load from the demonstration of a single hand.
 
@@ -255,7 +256,7 @@ class CooperativeDMP:
         movements = self._movements()
         now = {name: movements[name].pose(part) for name, part in state.parts.items()}
         placed = [
-            _composed(now.get("", Pose(np.zeros(3))), now.get(name, hand))
+            _composed(now.get("", Pose(np.zeros(3))), now[name] if isinstance(hand, PoseDMP) else hand)
             for name, hand in self.hands.items()
         ]
         positions, orientations = (np.stack(values)[None] for values in zip(*placed, strict=True))
@@ -270,28 +271,29 @@ class CooperativeDMP:
 
         The latter are arrays, shape (n_steps, n_manipulators, 3).
         """
-        n_steps = len(time)
         frame = None if self.load is None else self.load.at(time)
-        positions, orientations, velocities, spins = [], [], [], []
-        for hand in self.hands.values():
-            if isinstance(hand, PoseDMP):
-                own = hand.at(time)
-                p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity
-            else:
-                p, q = np.tile(hand.position, (n_steps, 1)), np.tile(hand.orientation, (n_steps, 1))
-                v = w = np.zeros((n_steps, 3))
-            if frame is not None:
-                turn = rotations.matrices(frame.orientation)
-                p, v, w = (np.einsum("tij,tj->ti", turn, vectors) for vectors in (p, v, w))
-                v = frame.velocity + np.cross(frame.angular_velocity, p) + v
-                p, w = frame.position + p, frame.angular_velocity + w
-                q = rotations.quaternion_product(frame.orientation, q)
-            for values, value in zip((positions, orientations, velocities, spins), (p, q, v, w), strict=True):
-                values.append(value)
-        positions, orientations, velocities, spins = (
-            np.stack(values, axis=1) for values in (positions, orientations, velocities, spins)
-        )
-        return Poses(self.manipulators, positions, orientations), velocities, spins
+        moved = [self._free_hand(hand, time, frame) for hand in self.hands.values()]
+        p, q, v, w = (np.stack(values, axis=1) for values in zip(*moved, strict=True))
+        return Poses(self.manipulators, p, q), v, w
+
+    @staticmethod
+    def _free_hand(
+        hand: Pose | PoseDMP, time: Array, frame: PoseTrajectory | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return positions, orientations, velocities and angular velocities of a hand, carried by the load."""
+        if isinstance(hand, PoseDMP):
+            own = hand.at(time)
+            p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity
+        else:
+            p, q = np.tile(hand.position, (len(time), 1)), np.tile(hand.orientation, (len(time), 1))
+            v = w = np.zeros((len(time), 3))
+        if frame is None:
+            return p, q, v, w
+        turn = rotations.matrices(frame.orientation)
+        p, v, w = (np.einsum("tij,tj->ti", turn, vectors) for vectors in (p, v, w))
+        v = frame.velocity + np.cross(frame.angular_velocity, p) + v
+        q = rotations.quaternion_product(frame.orientation, q)
+        return frame.position + p, q, v, frame.angular_velocity + w
 
     def _require_no_jump(self, time: Array, poses: Poses) -> None:
         """Refuse a projection that is much faster than the movement at some time, however the movement is sampled.

@@ -23,13 +23,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import cos, sin, sqrt
-from typing import Literal, NamedTuple
+from typing import Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.blocks import (
+    ANGLE,
+    DIRECTION,
+    POINT,
+    QUATERNION,
+    Block,
+    Blocks,
+    columns_of,
+    place,
+    turned,
+    width_of,
+    write_pose,
+    write_twist,
+)
 from comove.errors import OptionError
 from comove.geometry.rotations import (
     fit_angle,
@@ -43,7 +55,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-POINT, ANGLE, DIRECTION, QUATERNION = range(4)
 UNDRIVEN = {
     "space": "projection in space serves loads held by two hands, and no relative poses",
     "vertical": "projection in space does not keep a load upright or level",
@@ -57,46 +68,6 @@ KINDS = {
     "space": QUATERNION,
 }
 Kind = Literal["load", "projected", "arms"]
-
-
-class Blocks(NamedTuple):
-    """The blocks of the coordinates as arrays, the form that kernels take.
-
-    Attributes
-    ----------
-    kind, first : arrays of int, shape (n_blocks,) and (n_blocks + 1,): POINT, ANGLE, DIRECTION or QUATERNION; index
-        of the block's first entry in `node` and `point`
-    center : array of int, shape (n_blocks, 3), columns of q that hold the centre, the third unused in the plane
-    turn : array of int, shape (n_blocks,), first column of the orientation
-    node : array of int, shape (n_nodes,), number of the node that an entry describes
-    point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
-    n_dims : 2 or 3
-    """
-
-    kind: NDArray[np.int64]
-    center: NDArray[np.int64]
-    turn: NDArray[np.int64]
-    first: NDArray[np.int64]
-    node: NDArray[np.int64]
-    point: Array
-    n_dims: int
-
-
-class Block(NamedTuple):
-    """One block of the coordinates, which describes one rigid group.
-
-    Attributes
-    ----------
-    kind : POINT, ANGLE, DIRECTION or QUATERNION
-    columns : columns of q, those of the centre and then those of the orientation; a slice where they are contiguous
-    nodes : array of int, shape (n,), numbers of the nodes in the block
-    points : array, shape (n, 3), positions of these nodes in the group's frame [m]
-    """
-
-    kind: int
-    columns: slice | NDArray[np.int64]
-    nodes: NDArray[np.int64]
-    points: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +131,9 @@ class Coordinates:
         result = np.zeros((3, q.shape[1], len(self.blocks.node), 3))
         for part in self.parts:
             center, turn = np.split(q[:, :, part.columns], [self.n_dims], axis=2)
-            turned = _turned(part.kind, turn, part.points)
-            turned[..., : self.n_dims] += center[:, :, None, :]
-            result[:, :, part.nodes] = turned
+            points = turned(part.kind, turn, part.points)
+            points[..., : self.n_dims] += center[:, :, None, :]
+            result[:, :, part.nodes] = points
         return result
 
     def boundary(self, turn: int = 0) -> Array:
@@ -180,7 +151,7 @@ class Coordinates:
             if kind == QUATERNION and (start[3:] @ goal[3:] < 0) != (turn % 2 == 1):
                 goal[3:] *= -1
             values[0, columns], values[2, columns] = start, goal
-            values[1, columns] = _write_twist(kind, start, group.start_twist, self.n_dims)
+            values[1, columns] = write_twist(kind, start, group.start_twist, self.n_dims)
         return values
 
     def from_hands(self, hands: Array) -> Array:
@@ -216,7 +187,7 @@ class Coordinates:
                 signs = np.where((turn[1:] * turn[:-1]).sum(axis=1) < 0, -1.0, 1.0)
                 turn[1:] *= np.cumprod(signs)[:, None]
             if offset.any():
-                center = center - _turned(kind, np.stack([turn] * 3), offset[None])[0, :, 0]
+                center = center - turned(kind, np.stack([turn] * 3), offset[None])[0, :, 0]
             q[:, columns] += np.concatenate([center[:, : self.n_dims], turn], axis=1)
             shared[columns] += 1.0
         return q / shared
@@ -237,7 +208,8 @@ class Coordinates:
 
     def same_as(self, other: Coordinates) -> bool:
         """Return whether both describe configurations of the same groups in the same way."""
-        return all(np.array_equal(a, b) for a, b in zip(self.blocks, other.blocks, strict=True))
+        ours, theirs = self.blocks._asdict(), other.blocks._asdict()
+        return all(np.array_equal(ours[name], theirs[name]) for name in ours)
 
     def from_load(self, q: Array, load: Coordinates) -> Array:
         """Return configurations given in the scene's `load_coordinates`, rewritten in these.
@@ -259,7 +231,7 @@ class Coordinates:
         return tuple(
             Block(
                 int(kind),
-                _columns(blocks.center[b, : self.n_dims], blocks.turn[b], _width(kind, self.n_dims)),
+                columns_of(blocks.center[b, : self.n_dims], blocks.turn[b], width_of(kind, self.n_dims)),
                 blocks.node[blocks.first[b] : blocks.first[b + 1]],
                 blocks.point[blocks.first[b] : blocks.first[b + 1]],
             )
@@ -332,18 +304,12 @@ def arms_coordinates(scene: Scene) -> Coordinates:
             key="method",
             way_out="use the method 'comove' for loads that reach beyond the hands",
         )
-    alone = [
-        RigidGroup(
-            (i,),
-            np.zeros((1, 3)),
-            np.zeros((0, 3)),
-            "none",
-            *(GroupPose(_padded(y), np.eye(3)) for y in ends),
-        )
-        for i, ends in enumerate(zip(scene.start, scene.goal, strict=True))
-    ]
+    alone = tuple(
+        RigidGroup((i,), np.zeros((1, 3)), np.zeros((0, 3)), "none", _pose_at(start), _pose_at(goal))
+        for i, (start, goal) in enumerate(zip(scene.start, scene.goal, strict=True))
+    )
     together = tuple(group.members for group in scene.groups if len(group.members) > 1)
-    return replace(_coordinates(scene, "arms", [POINT] * len(alone), tuple(alone)), together=together)
+    return replace(_coordinates(scene, "arms", [POINT] * len(alone), alone), together=together)
 
 
 COORDINATES = {"load": load_coordinates, "projected": projected_coordinates, "arms": arms_coordinates}
@@ -354,9 +320,9 @@ def coordinates_for(scene: Scene, kind: Kind) -> Coordinates:
     return COORDINATES[kind](scene)
 
 
-def _padded(y: Array) -> Array:
-    """Return a point padded with zeros to three coordinates; array, shape (3,)."""
-    return np.concatenate([y, np.zeros(3 - len(y))])
+def _pose_at(y: Array) -> GroupPose:
+    """Return the unturned pose at a point, array of shape (n_dims,) [m]."""
+    return GroupPose(np.concatenate([y, np.zeros(3 - len(y))]), np.eye(3))
 
 
 def _coordinates(
@@ -372,8 +338,8 @@ def _coordinates(
         if level != b:
             center[b, own] = center[level, own]
         turn.append(n_columns + own)
-        n_columns = turn[-1] + _width(kind, n_dims)
-        scale += [1.0] * own + [3.0 if kind == ANGLE else 1.5] * _width(kind, n_dims)
+        n_columns = turn[-1] + width_of(kind, n_dims)
+        scale += [1.0] * own + [3.0 if kind == ANGLE else 1.5] * width_of(kind, n_dims)
         node += [*group.members, *range(corner, corner + len(group.corners))]
         corner += len(group.corners)
         point.append(group.points)
@@ -388,136 +354,6 @@ def _coordinates(
         n_dims,
     )
     return Coordinates(name, blocks, groups, n_columns, np.diag(scale))
-
-
-def _width(kind: int, n_dims: int) -> int:
-    """Return the number of columns of an orientation."""
-    return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
-
-
-def _columns(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArray[np.int64]:
-    """Return the columns of one block, as a slice where they are contiguous."""
-    columns = np.append(center, np.arange(turn, turn + width))
-    neighbours = (np.diff(columns) == 1).all()
-    return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
-
-
-@numba.njit(cache=True, error_model="numpy")
-def place(blocks, q, size):
-    """Return the nodes of many rollouts, q of shape (n_rollouts, n_columns, n_steps).
-
-    Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
-    """
-    n_rollouts, n_columns, n_steps = q.shape
-    nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
-    row = np.empty(n_columns)
-    for k in range(n_rollouts):
-        for t in range(n_steps):
-            for c in range(n_columns):
-                row[c] = q[k, c, t]
-            place_one(blocks, row, size, nodes[k, t])
-    return nodes
-
-
-@numba.njit(cache=True, error_model="numpy")
-def place_one(blocks, q, size, nodes):
-    """Write in `nodes` (n_nodes, 3) the nodes of one configuration q, array of shape (n_columns,) [m]."""
-    n_dims = blocks.n_dims
-    for b in range(blocks.kind.shape[0]):
-        kind, o = blocks.kind[b], blocks.turn[b]
-        cx, cy = q[blocks.center[b, 0]], q[blocks.center[b, 1]]
-        cz = q[blocks.center[b, 2]] if n_dims == 3 else 0.0
-        c, s = (cos(q[o]), sin(q[o])) if kind == ANGLE else (1.0, 0.0)
-        for e in range(blocks.first[b], blocks.first[b + 1]):
-            x, y, z = blocks.point[e, 0] * size, blocks.point[e, 1] * size, blocks.point[e, 2] * size
-            node = nodes[blocks.node[e]]
-            if kind == ANGLE:
-                x, y = c * x - s * y, s * x + c * y
-            elif kind == DIRECTION and n_dims == 2:
-                n = 1.0 / sqrt(q[o] ** 2 + q[o + 1] ** 2)
-                x, y = (q[o] * x - q[o + 1] * y) * n, (q[o + 1] * x + q[o] * y) * n
-            elif kind == DIRECTION:
-                n = x / sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2)
-                x, y, z = q[o] * n, q[o + 1] * n, q[o + 2] * n
-            elif kind == QUATERNION:
-                w, qx, qy, qz = q[o], q[o + 1], q[o + 2], q[o + 3]
-                n = 2.0 / (w * w + qx * qx + qy * qy + qz * qz)
-                tx, ty, tz = qy * z - qz * y, qz * x - qx * z, qx * y - qy * x
-                x, y, z = (
-                    x + n * (w * tx + qy * tz - qz * ty),
-                    y + n * (w * ty + qz * tx - qx * tz),
-                    z + n * (w * tz + qx * ty - qy * tx),
-                )
-            node[0] = cx + x
-            node[1] = cy + y
-            node[2] = cz + z
-
-
-def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
-    """Return the block of q that describes a pose; array, shape (n_block_columns,)."""
-    center, rotation = pose.center[:n_dims], pose.rotation
-    if kind == POINT:
-        return center.copy()
-    if kind == ANGLE:
-        return np.append(center, np.arctan2(rotation[1, 0], rotation[0, 0]))
-    if kind == DIRECTION:
-        return np.concatenate([center, rotation[:n_dims, 0]])
-    return np.concatenate([center, quaternion_of_rotation(rotation)])
-
-
-def _write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
-    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,)."""
-    turn, (x, y, z) = block[n_dims:], twist[3:]
-    if kind == ANGLE:
-        change = np.array([z])
-    elif kind == DIRECTION:
-        change = np.array([-z * turn[1], z * turn[0]]) if n_dims == 2 else np.cross(twist[3:], turn)
-    else:
-        change = 0.5 * quaternion_product(np.array([0.0, x, y, z]), turn) if kind == QUATERNION else turn
-    return np.concatenate([twist[:n_dims], change])
-
-
-def _turned(kind: int, part: Array, points: Array) -> Array:
-    """Return R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
-    result = np.zeros((3, part.shape[1], len(points), 3))
-    if kind == POINT:
-        result[0] = points
-        return result
-    if kind == ANGLE:
-        angle, rate, change = (x[:, 0, None] for x in part)
-        c, s = np.cos(angle), np.sin(angle)
-        x, y = c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]
-        result[0, ..., 0], result[0, ..., 1], result[0, ..., 2] = x, y, points[:, 2]
-        result[1, ..., 0], result[1, ..., 1] = -rate * y, rate * x
-        result[2, ..., 0], result[2, ..., 1] = -change * y - rate**2 * x, change * x - rate**2 * y
-        return result
-    u = unit_motion(part)
-    if kind == DIRECTION and part.shape[2] == 2:
-        result[..., 0] = u[..., None, 0] * points[:, 0] - u[..., None, 1] * points[:, 1]
-        result[..., 1] = u[..., None, 1] * points[:, 0] + u[..., None, 0] * points[:, 1]
-        return result
-    if kind == DIRECTION:
-        return u[:, :, None, :] * points[:, 0, None]
-    conjugate = u[0] * np.array([1.0, -1, -1, -1])
-    spin = 2 * quaternion_product(u[1], conjugate)[:, None, 1:]
-    twist = 2 * quaternion_product(u[2], conjugate)[:, None, 1:]
-    w, axis = u[0][:, None, :1], u[0][:, None, 1:]
-    crossed = np.cross(axis, points[None])
-    result[0] = points + 2 * (w * crossed + np.cross(axis, crossed))
-    result[1] = np.cross(spin, result[0])
-    result[2] = np.cross(twist, result[0]) + np.cross(spin, result[1])
-    return result
-
-
-def unit_motion(part: Array) -> Array:
-    """Return v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
-    length = np.linalg.norm(part[0], axis=-1, keepdims=True)
-    u = part[0] / length
-    grow = (u * part[1]).sum(axis=-1, keepdims=True)
-    rate = (part[1] - u * grow) / length
-    across = part[2] - u * (u * part[2]).sum(axis=-1, keepdims=True)
-    change = (across - 2 * grow * rate) / length - u * (rate**2).sum(axis=-1, keepdims=True)
-    return np.stack([u, rate, change])
 
 
 def _least_roll(directions: Array, start: Array, goal: Array) -> Array:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import (
     ANGLE,
     QUATERNION,
@@ -22,7 +23,6 @@ from comove.primitives.arguments import numbers, require_steps
 from comove.primitives.basis import MotionBasis, motion_basis, rollouts
 from comove.primitives.dmp import DMP
 from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.variants import Variant
 from comove.scenes.groups import orientation_of
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
@@ -140,7 +140,7 @@ class CoordinatedMotion:
             If hands at this goal would violate constraints that the coordinates keep by construction.
         """
         q = self._configuration(state.curve.goal, goal)
-        miss = np.abs(self._hands_of(q) - goal).max()
+        miss = np.abs(self._hands_of(q) - np.asarray(goal, dtype=np.float64)).max()
         if miss > GOAL_MISS:
             raise OptionError(
                 f"the goal {np.asarray(goal).tolist()} breaks a constraint by {miss:.3g} m",
@@ -254,19 +254,13 @@ class CoordinatedDMP:
         """
         boundary = self.boundary.copy()
         for kind, columns, *_ in self.coordinates.parts:
+            turn = np.arange(len(boundary[0]))[columns][self.coordinates.n_dims :]
             if kind == ANGLE:
-                turn = slice(columns.stop - 1, columns.stop)
-                boundary[2, turn] += (
-                    2
-                    * np.pi
-                    * np.round(
-                        (q[-1, turn] - q[0, turn] - boundary[2, turn] + boundary[0, turn]) / (2 * np.pi)
-                    )
-                )
+                way, own = q[-1, turn] - q[0, turn], boundary[2, turn] - boundary[0, turn]
+                boundary[2, turn] += 2 * np.pi * np.round((way - own) / (2 * np.pi))
                 q = q.copy()
                 q[:, turn] += boundary[0, turn] - q[0, turn]
             elif kind == QUATERNION:
-                turn = slice(columns.stop - 4, columns.stop)
                 q = q.copy()
                 q[:, turn] *= np.sign(q[0, turn] @ boundary[0, turn]) or 1.0
                 boundary[2, turn] *= np.sign(q[-1, turn] @ boundary[2, turn]) or 1.0
@@ -291,64 +285,3 @@ class CoordinatedDMP:
         array, shape (n_rollouts, n_columns, n_steps)
         """
         return rollouts(self.basis, self.boundary, weights, n_steps)
-
-
-def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
-    """Return a movement, or one for each manipulator, modulated to the hands' ends.
-
-    Parameters
-    ----------
-    s : array, shape (n_steps,), shares of the duration
-
-    Returns
-    -------
-    array, shape (n_steps, n_manipulators, n_dims) [m]
-    """
-    each = [dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp
-    return np.stack(
-        [
-            modulate(own, start, goal).at(s * own.duration).position
-            for own, start, goal in zip(each, scene.start, scene.goal, strict=True)
-        ],
-        axis=1,
-    )
-
-
-def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
-    """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
-
-    The similarity is a rotation and a scale.
-
-    Where its own start and goal coincide there is no such map: then it is only shifted. The result starts at rest.
-
-    Parameters
-    ----------
-    start, goal : arrays, shape (n_dims,), [m]
-
-    Raises
-    ------
-    OptionError
-        If the movement is rhythmic.
-    """
-    if dmp.variant is Variant.RHYTHMIC:
-        raise OptionError(
-            "a rhythmic movement leads from no start to no goal",
-            key="demonstration",
-            way_out="give one that ends",
-        )
-    own, wanted = dmp.goal - dmp.start, goal - start
-    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
-    turn = np.eye(len(start)) if closed else similarity(own, wanted)
-    still = np.zeros_like(start)
-    # The classic form scales along the axes and cannot be turned; for these ends the closed form is the same.
-    classic = dmp.variant is Variant.CLASSIC
-    return replace(
-        dmp,
-        variant=Variant.CLOSED_FORM if classic else dmp.variant,
-        weights=turn @ dmp.shape_weights,
-        learned=wanted,
-        start=start,
-        goal=goal,
-        start_velocity=still,
-        goal_velocity=still,
-    )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations import cleaning, formats, resampling
 from comove.demonstrations.formats import csv, lasa, npz, tables
-from comove.demonstrations.samples import IN_MEMORY, Samples
+from comove.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.demonstrations.segmentation import Segmentation, movements
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.ties import first_largest
@@ -26,7 +26,7 @@ _P = ParamSpec("_P")
 
 
 @dataclass(frozen=True, eq=False)
-class Demonstration(Samples):
+class Demonstration(RecordedSamples):
     """One recorded movement, clean by construction.
 
     Time starts at zero and increases, in even or uneven steps; all numbers are finite. Time stamps are shifted to
@@ -81,7 +81,7 @@ class Demonstration(Samples):
         _warn(self.name, merged, hint, stacklevel=4)
 
     @classmethod
-    def of(cls, samples: Samples) -> Self:
+    def of(cls, samples: RecordedSamples) -> Self:
         """Return the movement that a reader found, checked; errors name the places in its file."""
         return cls(**vars(samples))
 
@@ -382,7 +382,7 @@ def segment(
     return tuple(parts)
 
 
-def each(read: Callable[_P, Mapping[str, Samples]]) -> Callable[_P, dict[str, Demonstration]]:
+def each(read: Callable[_P, Mapping[str, RecordedSamples]]) -> Callable[_P, dict[str, Demonstration]]:
     """Return a format's reader of movements by name as one of demonstrations by name."""
 
     @wraps(read)
@@ -393,7 +393,7 @@ def each(read: Callable[_P, Mapping[str, Samples]]) -> Callable[_P, dict[str, De
 
 
 def each_episode(
-    read: Callable[_P, Mapping[str, Mapping[str, Samples]]],
+    read: Callable[_P, Mapping[str, Mapping[str, RecordedSamples]]],
 ) -> Callable[_P, dict[str, dict[str, Demonstration]]]:
     """Return a format's reader of episodes as one of demonstrations by manipulator, by episode."""
 

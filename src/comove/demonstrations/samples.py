@@ -64,7 +64,7 @@ IN_MEMORY = Origin()
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class RecordedSamples:
     """One movement as a reader finds it and a writer needs it; `Demonstration` checks it and explains its fields.
 
     Attributes
@@ -107,7 +107,7 @@ class Columns:
     unit: str
 
     def of(self, table: NDArray[np.float64]) -> dict[str, Any]:
-        """Return the fields of `Samples` that a table, shape (n_steps, n_columns), holds in these columns."""
+        """Return the fields of `RecordedSamples` that a table, shape (n_steps, n_columns), holds in these columns."""
         orientation = table[:, self.orientation] if self.orientation else None
         position = table[:, self.position]
         return {"position": position, "orientation": orientation, "axes": self.axes, "unit": self.unit}
@@ -126,11 +126,11 @@ class Format:
     marker : file by which a folder of this kind is recognised
     part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
-    write : function of a path and movements (`Samples`, or several of them by manipulator) that writes a file
+    write : function of a path and movements (`RecordedSamples`, or several of them by manipulator) that writes a file
     """
 
     name: str
-    read: Callable[..., Mapping[str, Samples] | Mapping[str, Mapping[str, Samples]]]
+    read: Callable[..., Mapping[str, RecordedSamples] | Mapping[str, Mapping[str, RecordedSamples]]]
     suffixes: tuple[str, ...] = ()
     marker: str = ""
     part: str = ""
@@ -188,8 +188,8 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def by_manipulator(
-    demos: Samples | Mapping[str, Samples], file: object, *, alike: bool = True
-) -> dict[str, Samples]:
+    demos: RecordedSamples | Mapping[str, RecordedSamples], file: object, *, alike: bool = True
+) -> dict[str, RecordedSamples]:
     """Return movements by manipulator, a single one under "", after a check that one file can hold them.
 
     Parameters
@@ -202,7 +202,7 @@ def by_manipulator(
         If there are none, one of several has no name, they differ in time stamps or dimensions, or only some have
         orientations.
     """
-    found = {"": demos} if isinstance(demos, Samples) else dict(demos)
+    found = {"": demos} if isinstance(demos, RecordedSamples) else dict(demos)
     if not found:
         raise fault(file, None, "there is no movement to write", "give one at least")
     first_name, first = next(iter(found.items()))
@@ -226,11 +226,15 @@ def by_manipulator(
     return found
 
 
-Episodes = Samples | Mapping[str, Samples] | Sequence[Samples | Mapping[str, Samples]]
+Episodes = (
+    RecordedSamples
+    | Mapping[str, RecordedSamples]
+    | Sequence[RecordedSamples | Mapping[str, RecordedSamples]]
+)
 """Episodes to write: one or several, each of one movement or of movements by manipulator."""
 
 
-def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
+def as_episodes(episodes: Episodes, file: object) -> list[dict[str, RecordedSamples]]:
     """Return each episode as movements by manipulator, after a check that one file can hold them.
 
     Raises
@@ -239,7 +243,7 @@ def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
         If there are none, movements of one episode do not belong together, or episodes differ in their manipulators
         or coordinates.
     """
-    given = [episodes] if isinstance(episodes, Samples | Mapping) else list(episodes)
+    given = [episodes] if isinstance(episodes, RecordedSamples | Mapping) else list(episodes)
     if not given:
         raise fault(file, None, "there is no episode to write", "give one at least")
     found = [by_manipulator(episode, file) for episode in given]
@@ -255,7 +259,7 @@ def as_episodes(episodes: Episodes, file: object) -> list[dict[str, Samples]]:
     return found
 
 
-def even_rate(demos: Mapping[str, Samples], file: object) -> float:
+def even_rate(demos: Mapping[str, RecordedSamples], file: object) -> float:
     """Return the sampling rate [Hz] of movements with common time stamps, for formats that keep only a rate.
 
     Raises

@@ -4,7 +4,7 @@ from comove.execution.clouds import Clouds, Scanned
 from comove.execution.executor import Event, ExecutionLog, Executor, Pace, Plan
 from comove.execution.files import write_run
 from comove.execution.measured import Measured, Observed, Sensor
-from comove.execution.observers import Functions, Known, Sight
+from comove.execution.observers import Functions, Known, Observer
 from comove.execution.tracks import Scanner
 
 __all__ = [
@@ -21,6 +21,6 @@ __all__ = [
     "Scanned",
     "Scanner",
     "Sensor",
-    "Sight",
+    "Observer",
     "write_run",
 ]

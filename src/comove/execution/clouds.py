@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.observers import Sight, going_on
+from comove.execution.observers import Observer
 from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.geometry import distances as sd
 from comove.primitives.arguments import is_number, numbers
 from comove.reaction.twist_qp import Sighting
-from comove.scenes.scene import FAR, Scene
+from comove.scenes.scene import FAR, Body, Scene
+from comove.verification.bounds import lengths
 
 Array = NDArray[np.float64]
 
@@ -30,8 +31,8 @@ AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation
 HISTORY = 2.0  # s, for which it is known where the load was
 
 
-class Clouds:
-    """A sight of obstacles as point clouds, which the caller passes on as they arrive.
+class Clouds(Observer):
+    """An observer of obstacles as point clouds, which the caller passes on as they arrive.
 
     The obstacles of a scene that stand still are known; those with a `motion` are known only from the clouds.
     Points of the load and the hands are removed: an `Executor` says where these are. Points of the arms are not
@@ -43,10 +44,9 @@ class Clouds:
     scanner : accuracy of the clouds and settings of the tracking
     """
 
-    certain = False
-
     def __init__(self, scene: Scene, scanner: Scanner | None = None):
-        self.scene, self.scanner = scene, scanner or Scanner()
+        super().__init__(scene)
+        self.scanner = scanner or Scanner()
         self._memory: Memory = blank()
         self._carried: deque[tuple[float, Array]] = deque()
         moving = scene.moving[scene.owners]
@@ -70,7 +70,7 @@ class Clouds:
         while self._carried[0][0] < time - HISTORY:
             self._carried.popleft()
 
-    def observe(self, points: ArrayLike, time: float) -> None:
+    def update(self, points: ArrayLike, time: float) -> None:
         """Take in one cloud.
 
         Points with NaN or infinite coordinates, as cameras give them where they see nothing, are ignored, and so is a
@@ -103,7 +103,7 @@ class Clouds:
         if time > self._memory.time:
             self._memory = updated(self._memory, self._others(points, time), float(time), self.scanner)
 
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Return the spheres at their estimated positions, with a margin for the unknown motion of their points."""
         memory = self._memory
         now = moved(memory, max(time, memory.time), 0.0) if np.isfinite(memory.time) else memory
@@ -119,17 +119,6 @@ class Clouds:
         margin[n:] = margins(memory, time, self.scanner.agility)
         return Sighting(table, velocity, np.zeros((n + m, 3)), margin)
 
-    def ahead(self, time: float) -> Scene:
-        """Return the scene with obstacles that keep their present velocities."""
-        seen = self.seen(time)
-        return going_on(self.scene, seen, np.zeros((len(seen.table), 3)), time)
-
-    def true(self, time: Array) -> Array:
-        """Return the true positions of the file's obstacles that stand still, NaN for those that move."""
-        centers = np.full((len(time), len(self.scene.motions), 3), np.nan)
-        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
-        return centers
-
     def _others(self, points: Array, time: float) -> Array:
         """Return the points, in space, that belong to neither the load nor a known obstacle and are not far away."""
         scene, body = self.scene, self.scene.body
@@ -138,8 +127,7 @@ class Clouds:
         points = np.concatenate([points, np.zeros((len(points), 3 - scene.n_dims))], axis=1)
         nodes, near = self._nodes(time), self.scanner.own
         if nodes is not None:
-            mine = _of_body(points, nodes, body.edges, body.radii, body.solids, body.filled, near)
-            points = points[~mine]
+            points = points[~_of_body(points, nodes, body, near)]
         return points[~_of_obstacles(points, self._standing, near)]
 
     def _nodes(self, time: float) -> Array | None:
@@ -158,13 +146,13 @@ class Clouds:
 
 
 class Scanned(Clouds):
-    """A sight of synthetic clouds, which are generated from the true positions of obstacles to test a scanner.
+    """An observer of synthetic clouds, which are generated from the true positions of obstacles to test a scanner.
 
     Points lie all around on the obstacles, also on those that stand still, on the load and on the hands.
 
     Parameters
     ----------
-    truth : sight of the true positions of the obstacles
+    truth : observer of the true positions of the obstacles
     scanner : its noise and spacing are those of the clouds
     rng : random numbers for the noise and for the positions of points on the surfaces
     period : time between two clouds [s]
@@ -173,7 +161,7 @@ class Scanned(Clouds):
 
     def __init__(
         self,
-        truth: Sight,
+        truth: Observer,
         scene: Scene,
         scanner: Scanner | None,
         rng: np.random.Generator,
@@ -185,17 +173,17 @@ class Scanned(Clouds):
         self._truth, self._rng, self._period, self._delay = truth, rng, period, delay
         self._next = 0.0
 
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Scan if a new cloud is due, and return the spheres at their estimated positions."""
         if time >= self._next - 1e-9:
             self._next = time + self._period
             then = max(time - self._delay, 0.0)  # before it begins, everything stands as it does at 0 s
-            self.observe(self.cloud(then), then)
-        return super().seen(time)
+            self.update(self.cloud(then), then)
+        return super().observe(time)
 
-    def true(self, time: Array) -> Array:
+    def ground_truth(self, time: Array) -> Array:
         """Return the true positions of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m]."""
-        return self._truth.true(time)
+        return self._truth.ground_truth(time)
 
     def cloud(self, time: float) -> Array:
         """Return the points of the cloud at an instant [s]; array, shape (n_points, n_dims) [m]."""
@@ -204,12 +192,13 @@ class Scanned(Clouds):
             raise OptionError(
                 "clouds of meshes are not made up", way_out="give boxes or spheres in their place"
             )
-        table[:, sd.CENTER : sd.CENTER + 3] = self._truth.true(np.array([time]))[0]
+        table[:, sd.CENTER : sd.CENTER + 3] = self._truth.ground_truth(np.array([time]))[0]
         spacing, nodes = self.scanner.spacing, self._nodes(time)
         parts = [surface(row, n, spacing, self._rng) for row in table]
-        for a, b in self.scene.body.edges if nodes is not None else ():
-            count = int(np.linalg.norm(nodes[b] - nodes[a]) / spacing) + 2
-            parts.append(nodes[a] + np.linspace(0.0, 1.0, count)[:, None] * (nodes[b] - nodes[a]))
+        if nodes is not None:
+            for a, b in nodes[self.scene.body.edges]:
+                share = np.linspace(0.0, 1.0, int(np.linalg.norm(b - a) / spacing) + 2)
+                parts.append(a + share[:, None] * (b - a))
         points = np.concatenate([np.zeros((0, 3)), *parts])[:, :n]
         return points + self.scanner.noise * self._rng.standard_normal(points.shape)
 
@@ -259,7 +248,7 @@ def _on_box(half: Array, spacing: float) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _along(table, rays, reach):
+def _along(table: Array, rays: Array, reach: float) -> Array:
     """Return how far from its centre rays (n, 3) leave the first obstacle of a table [m], found by bisection."""
     lengths = np.empty(rays.shape[0])
     for i in range(rays.shape[0]):
@@ -276,7 +265,7 @@ def _along(table, rays, reach):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _of_obstacles(points, table, near):
+def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]:
     """Return which points (n, 3) lie within the distance `near` [m] of an obstacle of a table."""
     found = np.zeros(points.shape[0], dtype=np.bool_)
     for i in range(points.shape[0]):
@@ -287,37 +276,19 @@ def _of_obstacles(points, table, near):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _of_body(points, nodes, edges, radii, solids, filled, near):
-    """Return which points (n, 3) lie within the distance `near` [m] of a body, see `comove.scenes.scene.Body`."""
-    found = np.zeros(points.shape[0], dtype=np.bool_)
-    for i in range(points.shape[0]):
-        p, crossings = points[i], 0
-        for e in range(edges.shape[0]):
-            a, b = nodes[edges[e, 0]], nodes[edges[e, 1]]
-            along, length, away = 0.0, 0.0, 0.0
-            for axis in range(3):
-                along += (p[axis] - a[axis]) * (b[axis] - a[axis])
-                length += (b[axis] - a[axis]) ** 2
-            share = min(1.0, max(0.0, along / length)) if length > 0.0 else 0.0
-            for axis in range(3):
-                away += (p[axis] - a[axis] - share * (b[axis] - a[axis])) ** 2
-            if sqrt(away) <= radii[e] + near:
-                found[i] = True
-            if (a[1] > p[1]) != (b[1] > p[1]) and p[0] < a[0] + (p[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]):
-                crossings += 1
-        if filled and crossings % 2 == 1:
-            found[i] = True
-        for corners in solids:
-            outside = 0.0
-            for k in range(3):
-                along, square = 0.0, 0.0
-                for axis in range(3):
-                    half = 0.5 * (nodes[corners[1 << k], axis] - nodes[corners[0], axis])
-                    middle = 0.5 * (nodes[corners[7], axis] + nodes[corners[0], axis])
-                    along += (p[axis] - middle) * half
-                    square += half * half
-                outside += max(0.0, abs(along) / sqrt(square) - sqrt(square)) ** 2
-            if sqrt(outside) <= near:
-                found[i] = True
-    return found
+def _of_body(points: Array, nodes: Array, body: Body, near: float) -> NDArray[np.bool_]:
+    """Return which points (n, 3) lie within the distance `near` [m] of a body with these nodes (n_nodes, 3) [m]."""
+    found, crossings = np.zeros((2, len(points)), dtype=np.int64)
+    for (i, j), radius in zip(body.edges, body.radii, strict=True):
+        a, way = nodes[i], nodes[j] - nodes[i]
+        share = np.clip((points - a) @ way / max(way @ way, sd.TINY), 0.0, 1.0)
+        found |= lengths(points - a - share[:, None] * way) <= radius + near
+        x, y = (points - a)[:, :2].T
+        if way[1] != 0.0:
+            crossings += ((y < 0.0) != (way[1] > y)) & (x < y * way[0] / way[1])
+    for corners in body.solids:
+        halves = 0.5 * (nodes[corners[[1, 2, 4]]] - nodes[corners[0]])
+        middle, size = 0.5 * (nodes[corners[7]] + nodes[corners[0]]), lengths(halves)
+        out = np.maximum(0.0, np.abs((points - middle) @ halves.T) / size - size)
+        found |= lengths(out) <= near
+    return (found > 0) | (body.filled & (crossings % 2 == 1))

@@ -1,6 +1,6 @@
 """Online execution among moving obstacles: follow a plan, evade, stop in time, plan anew.
 
-Every control step asks what is seen. A plan that is certified for exactly known motions is followed exactly.
+Every control step asks what is observed. A plan that is certified for exactly known motions is followed exactly.
 Otherwise the twist programme modifies the plan's velocities to keep clear of the obstacles that are seen now; where
 the path is blocked the load slows down and evades until it is free. A plan that seems not to hold any more is
 replaced by one from the present state on.
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.execution.clouds import Clouds
-from comove.execution.evasion import MOMENT, evasive_course, prospect
-from comove.execution.observers import Known, Sight, going_on
+from comove.execution.dynamic_window import DynamicWindow, WindowStart
+from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
 from comove.planning.arguments import movements_of
@@ -30,6 +29,7 @@ from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
+from comove.primitives.poses import PoseDMP
 from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import (
     HandPoses,
@@ -47,19 +47,7 @@ from comove.verification.record import Record
 
 Array = NDArray[np.float64]
 
-LONGER = (1.0, 1.3, 1.7, 2.3)  # times the shortest duration worth trying, tried in turn
-HURRY = 1.5  # times the way at the speed limit, of the shortest plan
-CATCH_UP = 0.1  # s, time constant of the return to a plan
-HOMING = 0.5  # s, time constant of the approach to the goal, without a plan
-CAUTION = 0.5  # of the speed limit, without a plan
-NEARLY_DONE, N_LEFT = 0.8, 200  # share of a demonstration after which it counts no more; its samples
-LOST = 0.03  # m, behind a plan that was meant for something else
-SPARE = 5e-4  # m, kept on top of the scene's clearance, as the judge also looks between steps
 NO_PLAN = "no plan yet"
-N_REMEMBERED = 20  # configurations of the last plan that the next one may use
-AT_LEISURE = Quick(n_failures=24)  # of the first plan: nothing moves yet
-MOST_PATIENT = 2.0  # s, between two attempts to plan, after some have failed
-AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
 
 
 @dataclass(frozen=True)
@@ -86,6 +74,47 @@ class Pace:
             require_positive(name, getattr(self, name), MAX_PERIOD)
         for name in ("leisure", "haste"):
             require_positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """Settings of the executor that follow from nothing else.
+
+    Attributes
+    ----------
+    longer : factors on the shortest duration worth trying, tried in turn
+    hurry : duration of the shortest plan, as a multiple of the way at the speed limit
+    shortest : least duration of a plan [s]
+    catch_up : time constant of the return to a plan [s]
+    homing, caution : time constant of the approach to the goal without a plan [s], and share of the speed limit
+    lost : distance behind a plan that was meant for something else [m]
+    spare : kept on top of the scene's clearance, as an execution is verified between its steps as well [m]
+    n_remembered : configurations of the last plan that the next one may use
+    at_leisure : method of the first plan, while nothing moves yet
+    most_patient : longest time between two attempts to plan, after some have failed [s]
+    nearly_done : share of a demonstration after which it counts no more
+    at_goal, at_rest : distance and speed at which an execution ends [m, m/s]
+    window : search for a course without a plan
+    """
+
+    longer: tuple[float, ...] = (1.0, 1.3, 1.7, 2.3)
+    hurry: float = 1.5
+    shortest: float = 0.5
+    catch_up: float = 0.1
+    homing: float = 0.5
+    caution: float = 0.5
+    lost: float = 0.03
+    spare: float = 5e-4
+    n_remembered: int = 20
+    at_leisure: Quick = field(default_factory=lambda: Quick(n_failures=24))
+    most_patient: float = 2.0
+    nearly_done: float = 0.8
+    at_goal: float = 5e-4
+    at_rest: float = 5e-4
+    window: DynamicWindow = field(default_factory=DynamicWindow)
+
+
+SETTINGS = ExecutionSettings()
 
 
 @dataclass(frozen=True)
@@ -148,7 +177,7 @@ class Executor:
     Parameters
     ----------
     scene : the scene to be executed
-    sight : the sight of its obstacles; by default their known motions
+    observer : observer of its obstacles; by default one that knows their motions
     seed : seed of the plans
     pace : periods and time budgets
     demonstration : a movement of one hand, or one for each, that plans should resemble from the present state on
@@ -164,15 +193,15 @@ class Executor:
     def __init__(
         self,
         scene: Scene,
-        sight: Sight | None = None,
+        observer: Observer | None = None,
         *,
         seed: int = 0,
         pace: Pace | None = None,
-        demonstration: DMP | tuple[DMP, ...] | None = None,
+        demonstration: DMP | PoseDMP | tuple[DMP, ...] | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = movements_of(demonstration, scene)
-        self.sight = Known(scene) if sight is None else sight
+        self.observer = Known(scene) if observer is None else observer
         self.log, self.n_steps = ExecutionLog(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
         self.twists = np.zeros((len(scene.groups), 6))
@@ -180,12 +209,12 @@ class Executor:
         self.plan: Plan | None = None
         self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
-        self._programme = TwistProgramme(scene, self.pace.period, ProgrammeSettings(spare=SPARE))
+        self._programme = TwistProgramme(scene, self.pace.period, ProgrammeSettings(spare=SETTINGS.spare))
         self._watched = self._planned = self._evaded = -np.inf
         self._course: Array | None = None  # where to go without a plan
         self._rng = np.random.default_rng(seed)
         self._patience = self.pace.patience
-        self._tell_where()
+        self.observer.carried(self.time, nodes_of(self.scene, self.poses))
 
     @property
     def time(self) -> float:
@@ -201,8 +230,8 @@ class Executor:
     def arrived(self) -> bool:
         """Return whether the load is at its goal, at rest."""
         hands = self._hands(self.poses) - self._hands(self.goal)
-        at_rest = np.abs(hand_velocities(self.scene, self.poses, self.twists)).max() <= AT_REST
-        return bool(at_rest and np.linalg.norm(hands, axis=1).max() <= AT_GOAL)
+        at_rest = np.abs(hand_velocities(self.scene, self.poses, self.twists)).max() <= SETTINGS.at_rest
+        return bool(at_rest and np.linalg.norm(hands, axis=1).max() <= SETTINGS.at_goal)
 
     def step(self) -> None:
         """Perform one control step: see, decide, move."""
@@ -219,7 +248,7 @@ class Executor:
         self._before = (self._hands(poses) - self._hands(self.poses)) / period
         self.poses = poses
         self.n_steps += 1
-        self._tell_where()
+        self.observer.carried(self.time, nodes_of(self.scene, self.poses))
         self.log.control.append(clock.perf_counter() - begun)
 
     def run(self, budget: float) -> Record:
@@ -240,7 +269,7 @@ class Executor:
                     break
         if self.arrived or len(poses) == 1:
             poses.append(self.poses)  # and stands
-        time = np.arange(len(poses)) * self.pace.period
+        time = self.pace.period * np.arange(len(poses), dtype=np.float64)
         return Record(
             self.scene,
             time,
@@ -254,36 +283,38 @@ class Executor:
         """Return what keeps the load from its goal, in words; empty where nothing is known to."""
         goal = self.goal
         nodes = nodes_of(self.scene, goal)
-        seen = self.sight.seen(self.time)
+        seen = self.observer.observe(self.time)
         still = np.zeros_like(seen.velocity)
         there = going_on(self.scene, seen._replace(velocity=still), still, self.time)
         clearance, nearest = there.clearance_at(nodes)
         if clearance < self.scene.clearance:
             return f"{nearest} is where the load has to go"
-        most = max(self.log.blocking, key=self.log.blocking.get, default=NOTHING)
+        most = max(self.log.blocking, key=self.log.blocking.__getitem__, default=NOTHING)
         return "" if most == NOTHING else f"{self.scene.name_of(most)} was most in the way"
 
     def _truth(self, time: Array) -> tuple[Array, Array]:
         """Return the true positions of the obstacles, and their distances from their chords between the steps."""
-        centers = self.sight.true(time)
-        if self.sight.certain:
-            return centers, self.scene.obstacle_sags(time)
+        centers = self.observer.ground_truth(time)
+        if self.observer.certain:
+            return centers, self.scene.obstacle_sagittas(time)
         between = 0.5 * (time[1:] + time[:-1])
-        return centers, np.linalg.norm(self.sight.true(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2)
+        return centers, np.linalg.norm(
+            self.observer.ground_truth(between) - 0.5 * (centers[1:] + centers[:-1]), axis=2
+        )
 
     def _dodged(self, now: float) -> Array:
         """Return the twists that the programme allows.
 
-        The desired velocities are those of the plan, of the evasive course, or of the way to the goal.
+        The desired velocities are those of the plan, of the course without a plan, or of the way to the goal.
         """
-        seen, period = self.sight.seen(now), self.pace.period
+        seen, period = self.observer.observe(now), self.pace.period
         if self.plan is None:
-            evades = self._course is not None
-            wanted = hand_velocities(self.scene, self.poses, self._course[0]) if evades else self._homing()
+            course = self._course
+            wanted = self._homing() if course is None else hand_velocities(self.scene, self.poses, course[0])
         else:
             here, there = self.plan.poses(now, now + period)
             twists = twists_between(self.scene, here, there, period)
-            twists = twists + twists_between(self.scene, self.poses, here, CATCH_UP)
+            twists = twists + twists_between(self.scene, self.poses, here, SETTINGS.catch_up)
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         if allowed.blocking != NOTHING:
@@ -296,25 +327,29 @@ class Executor:
 
     def _keep_a_course(self) -> None:
         """Search for a course for the next moment where there is no plan."""
-        now = self.time
+        now, window = self.time, SETTINGS.window
         if self.plan is not None:
             self._course = None
-        elif now - self._evaded >= MOMENT - 1e-9:
+        elif now - self._evaded >= window.moment - 1e-9:
             begun = clock.perf_counter()
-            self._evaded, seen, expected = now, self.sight.seen(now), self.sight.ahead(now)
-            expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
+            self._evaded, expected = now, self._expected(now)
             objective = Objective(expected, load_coordinates(expected))
-            offsets = expected.by_row(expected.offsets(now + prospect()))
-            ends = self.poses, self.twists, self.goal
-            self._course = evasive_course(objective, *ends, offsets, self._rng, self._course)
+            offsets = expected.by_row(expected.offsets(now + window.instants))
+            here = WindowStart(expected, self.poses, self.twists)
+            self._course = window.best_course(here, objective, self.goal, offsets, self._rng, self._course)
             self.log.evading.append(clock.perf_counter() - begun)
+
+    def _expected(self, now: float) -> Scene:
+        """Return the scene as it is expected to be, with obstacles grown by their margins."""
+        expected, seen = self.observer.predict(now), self.observer.observe(now)
+        return replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
 
     def _homing(self) -> Array:
         """Return velocities of the hands straight to the goal, at moderate speed; array, shape (n_hands, 3) [m/s]."""
-        twists = twists_between(self.scene, self.poses, self.goal, HOMING)
+        twists = twists_between(self.scene, self.poses, self.goal, SETTINGS.homing)
         wanted = hand_velocities(self.scene, self.poses, twists)
         fastest = np.linalg.norm(wanted, axis=1).max()
-        return wanted * min(1.0, CAUTION * min(self.scene.speed_limit, 1.0) / max(fastest, 1e-9))
+        return wanted * min(1.0, SETTINGS.caution * min(self.scene.speed_limit, 1.0) / max(fastest, 1e-9))
 
     def _keep_a_plan(self) -> None:
         """Give up a plan that is expected to fail, and search for one where there is none."""
@@ -331,17 +366,17 @@ class Executor:
             self._planned = now
             self._plan_anew(now)
             failed = self.plan is None
-            self._patience = min(MOST_PATIENT, 2 * self._patience) if failed else self.pace.patience
+            self._patience = min(SETTINGS.most_patient, 2 * self._patience) if failed else self.pace.patience
 
     def _against(self, plan: Plan, now: float) -> str:
         """Return why a plan does not hold any more; empty if it does."""
         (there,) = plan.poses(now)
         behind = self._hands(self.poses) - self._hands(there)
-        if np.linalg.norm(behind, axis=1).max() > LOST:
+        if np.linalg.norm(behind, axis=1).max() > SETTINGS.lost:
             return f"the load is {np.linalg.norm(behind, axis=1).max():.3g} m behind it"
         if now >= plan.ends:
             return "" if self.arrived else "its end is past"
-        expected, scene = self.sight.ahead(now), plan.motion.scene
+        expected, scene = self.observer.predict(now), plan.motion.scene
         scene = replace(scene, obstacles=expected.obstacles, owners=expected.owners, motions=expected.motions)
         ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
         if ahead.lower < scene.clearance:
@@ -351,18 +386,17 @@ class Executor:
     def _plan_anew(self, now: float) -> None:
         """Search for a plan from the present state on."""
         begun = clock.perf_counter()
-        expected = self.sight.ahead(now)
-        expected = replace(expected, obstacles=inflated(expected.obstacles, self.sight.seen(now).margin))
+        expected = self._expected(now)
         starts = tuple(
             GroupPose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
         method, deadline = self._method(now), begun + (self.pace.haste if self.n_steps else self.pace.leisure)
-        for k, longer in enumerate(LONGER):
+        for k, longer in enumerate(SETTINGS.longer):
             duration = longer * self._shortest(now)
             later = expected.resumed(now, duration, starts, self.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
-            budget = max((deadline - clock.perf_counter()) / (1 + (longer != LONGER[-1])), 1e-3)
+            budget = max((deadline - clock.perf_counter()) / (1 + (longer != SETTINGS.longer[-1])), 1e-3)
             found = solve(
                 later,
                 demonstration=self._left_of_it(now),
@@ -375,7 +409,7 @@ class Executor:
             if found.motion is not None or (
                 isinstance(method, Guide) and method.will_do(found.report, later)
             ):
-                self.plan = self._last = Plan(found.attempt, now, self.sight.certain)
+                self.plan = self._last = Plan(found.attempt, now, self.observer.certain)
                 self._tell(f"a plan that arrives at {now + duration:.2f} s")
                 break
         else:
@@ -385,13 +419,14 @@ class Executor:
         if self.plan is not None and self.log.first_plan is None:
             self.log.first_plan = sum(self.log.planning)
 
-    def _left_of_it(self, now: float) -> tuple[DMP, ...] | None:
-        """Return the rest of the demonstration, None where it is nearly done or there is none."""
+    def _left_of_it(self, now: float) -> dict[str, DMP] | None:
+        """Return the rest of every hand's demonstration, None where it is nearly done or there is none."""
         done = now / self.scene.duration
-        if self.demonstration is None or done > NEARLY_DONE:
+        if self.demonstration is None or done > SETTINGS.nearly_done:
             return None
         rest = {own: _rest(own, done) for own in set(self.demonstration)}
-        return tuple(rest[own] for own in self.demonstration)
+        names = self.scene.manipulators
+        return {name: rest[own] for name, own in zip(names, self.demonstration, strict=True)}
 
     def _method(self, now: float) -> Quick:
         """Return the planning method.
@@ -399,40 +434,36 @@ class Executor:
         A plan among obstacles that are not exactly known only guides the load, and the programme keeps the limits.
         """
         if self.n_steps == 0:
-            return AT_LEISURE
-        if self.sight.certain:
+            return SETTINGS.at_leisure
+        if self.observer.certain:
             return Quick()
         if self._last is None:
             return Guide()
         s = (now - self._last.begins) / self._last.motion.scene.duration
-        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, N_REMEMBERED))[0])
+        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, SETTINGS.n_remembered))[0])
 
     def _shortest(self, now: float) -> float:
         """Return the duration of the first plan to try [s].
 
         It is the scene's remaining time, or more if the path needs it.
         """
-        way = self._hands(self.goal) - self._hands(self.poses)
-        way = float(np.linalg.norm(way, axis=1).max())
-        enough = max(
-            HURRY * way / self.scene.speed_limit, 4.0 * np.sqrt(way / self.scene.acceleration_limit), 0.5
+        scene, hands = self.scene, self._hands(self.goal) - self._hands(self.poses)
+        way = float(np.linalg.norm(hands, axis=1).max())
+        at_the_limits = (
+            SETTINGS.hurry * way / scene.speed_limit,
+            4.0 * (way / scene.acceleration_limit) ** 0.5,
         )
-        return max(self.scene.duration - now, enough)
+        return max(scene.duration - now, *at_the_limits, SETTINGS.shortest)
 
     def _hands(self, poses: HandPoses) -> Array:
         """Return the hands at given poses; array, shape (n_manipulators, 3) [m]."""
         return nodes_of(self.scene, poses)[: len(self.scene.manipulators)]
 
-    def _tell_where(self) -> None:
-        """Tell the sight where the load is, so that its own points in a cloud are not taken for obstacles."""
-        if isinstance(self.sight, Clouds):
-            self.sight.carried(self.time, nodes_of(self.scene, self.poses))
-
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))
 
 
-def _rest(dmp: DMP, done: float) -> DMP:
+def _rest(dmp: DMP, done: float, n_steps: int = 200) -> DMP:
     """Return the rest of a movement after the fraction `done` of it."""
-    time = np.linspace(done, 1.0, N_LEFT) * dmp.duration
+    time = np.linspace(done, 1.0, n_steps) * dmp.duration
     return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))

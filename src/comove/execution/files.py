@@ -19,7 +19,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
 from comove.results.sealed import ResultKind, Summary, finite
-from comove.verification.record import Record, RecordReport
+from comove.verification.record import ExecutionReport, Record
 
 RUN = ResultKind(
     summary="run.json",
@@ -41,7 +41,7 @@ RUN = ResultKind(
 def write_run(
     folder: Path,
     record: Record,
-    report: RecordReport,
+    report: ExecutionReport,
     log: ExecutionLog,
     *,
     seed: int,
@@ -50,7 +50,7 @@ def write_run(
 ) -> Summary:
     """Write `run.npz` and `run.json` into an existing folder, and return the summary."""
     n = record.scene.n_dims
-    arrays = {
+    arrays: dict[str, Any] = {
         "time": record.time,
         "position": record.position,
         "obstacle_center": record.obstacles[:, :, :n],

@@ -118,7 +118,7 @@ def informed(belief: Belief, position: Array, variance: float) -> Belief:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _predict(state, covariance, dt, density, drift):
+def _predict(state: Array, covariance: Array, dt: Array, density: Array, drift: float) -> None:
     """Advance states (n, 9) and covariances (n, 9, 9) by times (n,), in place."""
     for i in range(len(dt)):
         h, forward = dt[i], np.eye(9)
@@ -154,7 +154,7 @@ def _predict(state, covariance, dt, density, drift):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _correct(state, covariance, position, variance):
+def _correct(state: Array, covariance: Array, position: Array, variance: float) -> Array:
     """Update states and covariances by measured positions, in place; return log-likelihoods of these, shape (n,)."""
     told = np.empty(len(position))
     for i in range(len(position)):
@@ -170,6 +170,6 @@ def _correct(state, covariance, position, variance):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _crossing(a):
+def _crossing(a: Array) -> Array:
     """Return the matrix of the cross product with a vector."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.execution.filters import Belief, informed, later, unknown
-from comove.execution.observers import Sight, going_on, sighting
+from comove.execution.observers import Observer, sighting
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import Scene
@@ -60,8 +60,8 @@ class Sensor:
                 )
 
 
-class Observed:
-    """A sight that tracks obstacles by measurements, which the caller passes on as they arrive.
+class Observed(Observer):
+    """An observer that tracks obstacles by measurements, which the caller passes on as they arrive.
 
     Parameters
     ----------
@@ -69,10 +69,9 @@ class Observed:
     sensor : accuracy of the measurements
     """
 
-    certain = False
-
     def __init__(self, scene: Scene, sensor: Sensor | None = None):
-        self.scene, self.sensor = scene, sensor or Sensor()
+        super().__init__(scene)
+        self.sensor = sensor or Sensor()
         n, n_dims = len(scene.motions), scene.n_dims
         self._when = np.full(n, -np.inf)
         spread = np.repeat([UNSEEN, self.sensor.fastest, self.sensor.sharpest], 3).reshape(3, 3)
@@ -82,7 +81,7 @@ class Observed:
         # Compiles, or loads, the kernels now.
         informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2)
 
-    def observe(self, obstacle: int, center: ArrayLike, time: float) -> None:
+    def update(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
 
         Parameters
@@ -131,7 +130,7 @@ class Observed:
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
         return later(self._belief.at(which), dt, sensor.agility, sensor.fastest, sensor.sharpest)
 
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Return the obstacles at their estimated positions, with a margin for the uncertainty."""
         center, n, moving = self.scene.centers.copy(), len(self._when), np.flatnonzero(self.scene.moving)
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
@@ -140,46 +139,40 @@ class Observed:
         margin[moving] = SIGMAS * belief.deviation
         return sighting(self.scene, center, velocity, margin)
 
-    def ahead(self, time: float) -> Scene:
-        """Return the scene with obstacles that continue their present motions, turns included."""
+    def spins(self, time: float) -> Array:
+        """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s]."""
         moving, spin = np.flatnonzero(self.scene.moving), np.zeros((len(self._when), 3))
         spin[moving] = self._predicted(moving, time).spin
-        return going_on(self.scene, self.seen(time), spin[self.scene.owners], time)
-
-    def true(self, time: Array) -> Array:
-        """Return the true positions of obstacles that stand still, NaN for those that move."""
-        centers = np.full((len(time), len(self._when), 3), np.nan)
-        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
-        return centers
+        return spin[self.scene.owners]
 
 
 class Measured(Observed):
-    """A sight of synthetic measurements, which are generated from the true positions of obstacles to test a sensor.
+    """An observer of synthetic measurements, generated from the true positions of obstacles to test a sensor.
 
     Parameters
     ----------
-    truth : sight of the true positions
+    truth : observer of the true positions
     sensor : accuracy of the measurements, which are taken once at every instant that is asked for
     rng : random numbers for noise and missing measurements
     """
 
-    def __init__(self, truth: Sight, scene: Scene, sensor: Sensor | None, rng: np.random.Generator):
+    def __init__(self, truth: Observer, scene: Scene, sensor: Sensor | None, rng: np.random.Generator):
         super().__init__(scene, sensor)
         self._truth, self._rng = truth, rng
 
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Measure, and return the obstacles at their estimated positions."""
         then = time - self.sensor.delay
         if then >= 0.0 or not np.isfinite(self._when[self.scene.moving]).all():
             then = max(then, 0.0)  # before it begins, everything stands as it does at 0 s
-            places = self._truth.true(np.array([then]))[0]
+            places = self._truth.ground_truth(np.array([then]))[0]
             noise, n_dims = self.sensor.noise * self._rng.standard_normal(places.shape), self.scene.n_dims
             noise[:, n_dims:] = 0.0
             arrives = self._rng.random(len(places)) >= self.sensor.dropout
             which = np.flatnonzero(self.scene.moving & (self._when < then) & arrives)
             self._take_in(which, places[which] + noise[which], then)
-        return super().seen(time)
+        return super().observe(time)
 
-    def true(self, time: Array) -> Array:
+    def ground_truth(self, time: Array) -> Array:
         """Return the true positions of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m]."""
-        return self._truth.true(time)
+        return self._truth.ground_truth(time)

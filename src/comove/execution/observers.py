@@ -1,15 +1,16 @@
 """The knowledge that an execution has of its obstacles: known motions, functions of time, or measurements.
 
-A sight tells where obstacles are now (`seen`), and which motions it expects of them from now on (`ahead`). It may be
-wrong: an estimate of its largest error is the margin that is kept on top of the clearance.
+An observer tells where obstacles are now (`observe`), and which motions it expects of them from now on (`predict`).
+It may be wrong: an estimate of its largest error is the margin that is kept on top of the clearance.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
 from comove.reaction.twist_qp import Sighting
-from comove.scenes.moving import Motion
+from comove.scenes.moving import ObstacleMotion
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -29,63 +30,70 @@ TURN = 0.02  # s, over which its turning is
 SHARPEST = 10.0  # rad/s, of a turn that is expected to go on
 
 
-class Sight(Protocol):
-    """The interface that every sight offers.
+class Observer(ABC):
+    """The base of all observers of a scene's obstacles.
 
     Attributes
     ----------
+    scene : the scene whose obstacles are observed
     certain : whether the motions that it expects are exact
     """
 
-    certain: bool
+    certain: ClassVar[bool] = False
 
-    def seen(self, time: float) -> Sighting:
+    def __init__(self, scene: Scene):
+        self.scene = scene
+
+    @abstractmethod
+    def observe(self, time: float) -> Sighting:
         """Return the obstacles as estimated at an instant [s], which must not lie in the past."""
 
-    def ahead(self, time: float) -> Scene:
-        """Return the scene as it is expected to be: its motions hold from that instant [s] on."""
+    def spins(self, time: float) -> Array:
+        """Return the angular velocities with which the velocities of the sighting's rows turn; here none turns.
 
-    def true(self, time: Array) -> Array:
+        Array, shape (n_rows, 3) [rad/s].
+        """
+        return np.zeros((len(self.observe(time).table), 3))
+
+    def predict(self, time: float) -> Scene:
+        """Return the scene as it is expected to be: its motions hold from that instant [s] on, turns included."""
+        return going_on(self.scene, self.observe(time), self.spins(time), time)
+
+    def ground_truth(self, time: Array) -> Array:
         """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m].
 
-        It is NaN where they are not known.
+        It is NaN where they are not known: here where an obstacle of the scene moves.
         """
+        centers = np.full((len(time), len(self.scene.motions), 3), np.nan)
+        centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
+        return centers
+
+    def carried(self, time: float, nodes: Array) -> None:  # noqa: B027  most need not know
+        """Take in where the load is at an instant [s]; `nodes` has the shape (n_nodes, 3) [m], hands first."""
 
 
-@dataclass(frozen=True, eq=False)
-class Known:
-    """A sight that knows the motions in the scene's file exactly.
+class Known(Observer):
+    """An observer that knows the motions in the scene's file exactly."""
 
-    Parameters
-    ----------
-    scene : the scene whose obstacles move
-    """
+    certain = True
 
-    scene: Scene
-    certain: ClassVar[bool] = True
-
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Return the obstacles at their exact positions."""
-        return sighting(self.scene, self.true(np.array([time]))[0], self._velocity(time), self._exact)
+        now = np.array([time])
+        velocity, margin = self.scene.obstacle_velocities(now)[0], np.zeros(len(self.scene.motions))
+        return sighting(self.scene, self.ground_truth(now)[0], velocity, margin)
 
-    def ahead(self, time: float) -> Scene:
+    def predict(self, time: float) -> Scene:
         """Return the scene itself."""
         return self.scene
 
-    def true(self, time: Array) -> Array:
+    def ground_truth(self, time: Array) -> Array:
         """Return the positions of the obstacles' centres by the file; array, shape (n_times, n_obstacles, 3) [m]."""
         return self.scene.centers + self.scene.offsets(time)
 
-    @property
-    def _exact(self) -> Array:
-        return np.zeros(len(self.scene.motions))
 
-    def _velocity(self, time: float) -> Array:
-        return self.scene.obstacle_velocities(np.array([time]))[0]
-
-
-class Functions:
-    """A sight of obstacles whose centres are functions of time; their future motion is not known.
+class Functions(Observer):
+    """An observer of obstacles whose centres are functions of time; their future motion is not known.
 
     Parameters
     ----------
@@ -98,8 +106,6 @@ class Functions:
         If there are not as many functions as obstacles.
     """
 
-    certain = False
-
     def __init__(self, scene: Scene, positions: Sequence[Position | None]):
         if len(positions) != len(scene.motions):
             raise OptionError(
@@ -107,11 +113,12 @@ class Functions:
                 key="positions",
                 way_out="give one for each obstacle, None where it stands",
             )
-        self.scene, self._positions = scene, tuple(positions)
+        super().__init__(scene)
+        self._positions = tuple(positions)
 
     @classmethod
     def of_motions(cls, scene: Scene) -> Functions:
-        """Return a sight of the scene's own motions, whose continuation is not known."""
+        """Return an observer of the scene's own motions, whose continuation is not known."""
         return cls(
             scene,
             [
@@ -120,7 +127,7 @@ class Functions:
             ],
         )
 
-    def true(self, time: Array) -> Array:
+    def ground_truth(self, time: Array) -> Array:
         """Return the values of the functions; array, shape (n_times, n_obstacles, 3) [m]."""
         centers = np.repeat(self.scene.centers[None], len(time), axis=0)
         for j, position in enumerate(self._positions):
@@ -134,20 +141,19 @@ class Functions:
                 centers[:, j, : self.scene.n_dims] = told
         return centers
 
-    def seen(self, time: float) -> Sighting:
+    def observe(self, time: float) -> Sighting:
         """Return the obstacles at their present positions, with velocities from the last instant."""
-        before, now = self.true(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
+        before, now = self.ground_truth(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
         return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
 
-    def ahead(self, time: float) -> Scene:
-        """Return the scene with obstacles that continue their present motions, turns included."""
-        earlier, seen = self.seen(max(0.0, time - TURN)), self.seen(time)
-        before, now = earlier.velocity, seen.velocity
+    def spins(self, time: float) -> Array:
+        """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s]."""
+        before, now = self.observe(max(0.0, time - TURN)).velocity, self.observe(time).velocity
         across, along = np.cross(before, now), (before * now).sum(axis=1)
         sine = np.linalg.norm(across, axis=1)
         angle = np.where(time > TURN, np.arctan2(sine, along), 0.0)
         rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # faster turns are jumps
-        return going_on(self.scene, seen, across * (rate / np.maximum(sine, 1e-300))[:, None], time)
+        return across * (rate / np.maximum(sine, 1e-300))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +187,7 @@ class Turning:
         turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
         return np.cos(rate * time) * self.velocity + turned
 
-    def sags(self, time: ArrayLike) -> Array:
+    def sagittas(self, time: ArrayLike) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
@@ -206,7 +212,7 @@ def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
     return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
 
 
-def _place(motion: Motion, center: Array, n_dims: int, time: float) -> Array:
+def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> Array:
     return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 

@@ -273,7 +273,7 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _joined(place, label, row, column, velocity):
+def _joined(place: Numbers, label: Numbers, row: int, column: int, velocity: Array) -> Numbers:
     """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
 
     Parameters
@@ -305,13 +305,13 @@ def _joined(place, label, row, column, velocity):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _join(root, i, j):
+def _join(root: Numbers, i: int, j: int) -> None:
     a, b = _root(root, i), _root(root, j)
     root[max(a, b)] = min(a, b)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _root(root, i):
+def _root(root: Numbers, i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]
         i = root[i]
@@ -319,7 +319,9 @@ def _root(root, i):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _nearest_spheres(points, center, radius, reach):
+def _nearest_spheres(
+    points: Array, center: Array, radius: Array, reach: Array
+) -> tuple[Numbers, Array, NDArray[np.bool_]]:
     """Return each point's nearest sphere, -1 beyond all reaches, its distance from it, and which spheres are
     confirmed.
 

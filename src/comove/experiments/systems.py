@@ -24,7 +24,7 @@ from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
-from comove.verification.record import RecordReport, RecordSamples, judge
+from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]
 
@@ -204,9 +204,9 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     )
 
 
-def report_of(problem: SystemProblem, hands: Array) -> RecordReport:
+def report_of(problem: SystemProblem, hands: Array) -> ExecutionReport:
     """Return the judge's report on an offer."""
-    return judge(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
+    return verify_execution(RecordSamples(problem.scene, problem.instants * problem.scene.duration, hands))
 
 
 def cost_of(scene: Scene, hands: Array) -> Array:

@@ -1,6 +1,6 @@
 """Export of verified joint motions, as files and messages that robots play."""
 
-from comove.export.formats import FORMATS, Format, check_export, export
+from comove.export.formats import FORMATS, ExportFormat, check_export, export
 from comove.export.parts import ExportError, JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.export.ros1 import Ros1Client
 from comove.export.send import SendError, SendOutcome, Tolerances, TrajectoryClient, send
@@ -8,7 +8,7 @@ from comove.export.send import SendError, SendOutcome, Tolerances, TrajectoryCli
 __all__ = [
     "FORMATS",
     "ExportError",
-    "Format",
+    "ExportFormat",
     "JointSamples",
     "MotionPart",
     "MotionProvenance",

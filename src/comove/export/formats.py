@@ -32,7 +32,7 @@ def _nothing(part: MotionPart) -> None:
 
 
 @dataclass(frozen=True)
-class Format:
+class ExportFormat:
     """A file format that a motion can be exported to.
 
     Attributes
@@ -61,7 +61,7 @@ class Format:
         return folder / f"{stem}{self.suffix}"
 
 
-BAXTER_CSV = Format(
+BAXTER_CSV = ExportFormat(
     name="baxter-csv",
     what="the Baxter SDK's joint_trajectory_file_playback.py",
     suffix=".csv",
@@ -71,18 +71,18 @@ BAXTER_CSV = Format(
     others="{}",
     sidecar=True,
 )
-CSV = Format("csv", "spreadsheets and scripts", ".csv", write_csv, sidecar=True)
-NPZ = Format("npz", "NumPy", ".npz", write_npz)
-ROSBAG1 = Format("rosbag1", "ROS 1", ".bag", write_rosbag1, require_rosbags)
-ROSBAG2 = Format("rosbag2", "ROS 2", "", write_rosbag2, require_rosbags)
-MCAP = Format("mcap", "ROS 2 and Foxglove", ".mcap", write_mcap, require_rosbags)
+CSV = ExportFormat("csv", "spreadsheets and scripts", ".csv", write_csv, sidecar=True)
+NPZ = ExportFormat("npz", "NumPy", ".npz", write_npz)
+ROSBAG1 = ExportFormat("rosbag1", "ROS 1", ".bag", write_rosbag1, require_rosbags)
+ROSBAG2 = ExportFormat("rosbag2", "ROS 2", "", write_rosbag2, require_rosbags)
+MCAP = ExportFormat("mcap", "ROS 2 and Foxglove", ".mcap", write_mcap, require_rosbags)
 FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROSBAG2, MCAP)}
 
 
 def export(
     motion: VerifiedJointMotion,
     folder: str | Path,
-    format: Format = BAXTER_CSV,
+    format: ExportFormat = BAXTER_CSV,
     *,
     rate: float = SAMPLE_RATE,
     transfers: Transfers | None = None,
@@ -128,7 +128,7 @@ def export(
 def check_export(
     motion: VerifiedJointMotion,
     folder: str | Path,
-    format: Format = BAXTER_CSV,
+    format: ExportFormat = BAXTER_CSV,
     *,
     rate: float = SAMPLE_RATE,
     transfers: bool = False,
@@ -152,7 +152,9 @@ def check_export(
     _require_new([*targets.values(), *sidecars.values()])
 
 
-def _paths(folder: Path, format: Format, parts: Iterable[str]) -> tuple[dict[str, Path], dict[str, Path]]:
+def _paths(
+    folder: Path, format: ExportFormat, parts: Iterable[str]
+) -> tuple[dict[str, Path], dict[str, Path]]:
     """Return the paths of parts, and of their provenance if the format has sidecars; by the parts' names."""
     targets = {name: format.path(folder, name) for name in parts}
     return targets, {name: Path(f"{path}.json") for name, path in targets.items() if format.sidecar}
@@ -204,7 +206,7 @@ def _require_new(paths: list[Path]) -> None:
             )
 
 
-def _draft(path: Path, format: Format) -> contextlib.AbstractContextManager[Path]:
+def _draft(path: Path, format: ExportFormat) -> contextlib.AbstractContextManager[Path]:
     return (
         whole_path(path, ExportError, replace=False)
         if format.suffix

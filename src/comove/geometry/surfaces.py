@@ -59,7 +59,7 @@ class Surfaces(NamedTuple):
     upper: Array
     right: Integers
     first: Integers
-    count: Integers
+    count: Integers  # type: ignore[assignment]  # hides the method of tuples
     root: Integers
     closed: NDArray[np.bool_]
     owner: Integers
@@ -110,7 +110,7 @@ def surfaces_of(meshes: list[Placed]) -> Surfaces:
         trees = [tuple(field[:0] for field in _built(np.zeros((1, 3, 3))))]
         trees = [(np.zeros((0, 3, 3)), np.zeros(0), *trees[0][2:])]
     return Surfaces(
-        *(np.concatenate(fields) for fields in zip(*trees, strict=True)),
+        *(np.concatenate(fields) for fields in zip(*trees, strict=True)),  # type: ignore[call-arg]
         np.array(roots, dtype=np.int64),
         np.array(closed, dtype=bool),
         np.array([mesh.owner for mesh in meshes], dtype=np.int64),

@@ -10,14 +10,17 @@ from comove.optimisers.ccmaes import (
     Reduction,
     StaleForm,
 )
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.covariance import DiagonalCovariance, FullCovariance, TransformationMatrix
+from comove.optimisers.cmaes import (
+    CMAES,
+    DiagonalCovariance,
+    FullCovariance,
+    Parameters,
+    TransformationMatrix,
+)
 from comove.optimisers.epsilon_level import EpsilonLevel
-from comove.optimisers.minimise import minimise
-from comove.optimisers.minimiser import Minimiser, Result
-from comove.optimisers.parameters import Parameters
+from comove.optimisers.method import Reason
+from comove.optimisers.minimiser import Minimiser, Result, minimise
 from comove.optimisers.printed import PrintedCCMAES
-from comove.optimisers.reasons import Reason
 from comove.optimisers.restarts import BIPOP, IPOP, NoRestarts
 from comove.optimisers.simple import Affine, Penalty, Plain, ProjectionRepair
 

@@ -17,17 +17,13 @@ that programme, made feasible by the same models, joins the samples (injection: 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
-from comove.optimisers.parameters import Parameters
-from comove.optimisers.reasons import Reason
 
 Array = NDArray[np.float64]
 
@@ -66,46 +62,31 @@ class AugmentedLagrangian:
         return AugmentedLagrangianRun(self, start)
 
 
-class AugmentedLagrangianRun:
+class AugmentedLagrangianRun(OptimiserRun):
     """One run of `AugmentedLagrangian`; each generation consists of samples and the programme's repaired step."""
 
     def __init__(self, settings: AugmentedLagrangian, start: Start) -> None:
-        n = len(start.x)
-        self.settings, self._start = settings, start
-        self.reason: Reason | None = None
-        parameters = Parameters.default(n, start.population, active=True)
-        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
-        self._model = LinearModel(n, max(3 * n + 2, parameters.population))
-        self._patience = Patience.of(start, parameters.population)
+        super().__init__(start)
+        n, population = len(start.x), self._es.parameters.population
+        self.settings = settings
+        self._model = LinearModel(n, len(start.equality) + 1, capacity=max(3 * n + 2, population))
         self._penalty = settings.penalty * settings.growth ** (start.failures % 3)
-        self._memory = 5 + 3 * n // parameters.population
+        self._multipliers = np.zeros(len(start.equality))
+        self._penalties = np.zeros(len(start.equality))
+        self._memory = 5 + 3 * n // population
         self._curvatures: list[float] = []
         self._least_curvature = np.inf
         self._sample()
-
-    def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return self._request
-
-    def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request."""
-        self._then(objective, constraints)
-
-    def _wait(self, request: Request, then: Callable) -> None:
-        self._request, self._then = request, then
 
     # --- Samples ---
 
     def _sample(self) -> None:
         self._sampled = self._es.ask()
-        self._inside = np.clip(self._sampled, self._start.lower, self._start.upper)
+        self._inside = self._start.inside(self._sampled)
         self._wait(Request(self._inside, objective=True, constraints=True), self._samples_told)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows is found by `_sound`
     def _samples_told(self, objective: Array, constraints: Array) -> None:
-        if self._es.generation == 0:
-            self._multipliers = np.zeros(constraints.shape[1])
-            self._penalties = np.zeros(constraints.shape[1])
         self._model.add(self._inside, np.column_stack([constraints, objective]))
         if len(self._model) < 3:
             self.reason = Reason.NOT_FINITE
@@ -164,7 +145,7 @@ class AugmentedLagrangianRun:
         start, es = self._start, self._es
         if not start.bounded:
             return rows, missed, start.equality
-        walls, distances = bound_rows(es.sigma * es.covariance.root, es.mean, start.lower, start.upper)
+        walls, distances = bound_rows(es.sigma * self._shape.root, es.mean, start.lower, start.upper)
         rows, missed = np.vstack([rows, walls]), np.concatenate([missed, distances])
         free = np.zeros(len(missed), dtype=bool)
         free[: len(start.equality)] = start.equality
@@ -225,7 +206,7 @@ class AugmentedLagrangianRun:
             self._finish()
             return
         step = es.covariance.scaled((self._origin - change)[None])[0]
-        self._candidate = np.clip(es.mean + es.sigma * step, start.lower, start.upper)[None]
+        self._candidate = start.inside(es.mean + es.sigma * step)[None]
         self._wait(Request(self._candidate, constraints=True), self._repair_told)
 
     def _repair_told(self, _: Array | None, constraints: Array) -> None:
@@ -256,9 +237,7 @@ class AugmentedLagrangianRun:
         """End the generation."""
         es = self._es
         es.tell(self._values)
-        self.reason = self._patience.reason(
-            es.standard_deviations(), es.covariance.axis_ratio(), self._values
-        )
+        self._end_generation(self._values)
         if es.generation > 60 and self._curvature > DIVERGENCE * self._least_curvature:
             self.reason = Reason.DIVERGED
         if es.generation > 30:

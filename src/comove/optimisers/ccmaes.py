@@ -29,15 +29,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.covariance import FullCovariance, TransformationMatrix
-from comove.optimisers.method import Patience, Request, Start
-from comove.optimisers.parameters import Parameters
-from comove.optimisers.reasons import Reason
+from comove.optimisers.cmaes import CMAES, Covariance, FullCovariance, Parameters, TransformationMatrix
+from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 
 Array = NDArray[np.float64]
 
@@ -52,7 +50,29 @@ class Reduction:
     size: float = 0.1
 
 
-class PrintedForm(FullCovariance):
+class ReducibleCovariance(Covariance, Protocol):
+    """A covariance that can be reduced towards recorded directions."""
+
+    def reduce(self, records: Array, shares: Array) -> Array:
+        """Shorten the distribution along records (m, n) by shares (m,); return the records to go on with."""
+
+    def record(self, z: Array, y: Array) -> Array:
+        """Return what is recorded of samples (n_samples, n) and their steps: the one or the other."""
+
+
+class NoForm(FullCovariance):
+    """A covariance that is not reduced."""
+
+    def reduce(self, records: Array, shares: Array) -> Array:
+        """Leave the covariance unchanged; return the records."""
+        return records
+
+    def record(self, z: Array, y: Array) -> Array:
+        """Return the quantity to be recorded: the steps."""
+        return y
+
+
+class PrintedForm(NoForm):
     """Equation (6) exactly as printed, which acts on the covariance matrix."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
@@ -67,12 +87,8 @@ class PrintedForm(FullCovariance):
         self._decompose()
         return records
 
-    def record(self, z: Array, y: Array) -> Array:
-        """Return the quantity to be recorded: the steps."""
-        return y
 
-
-class FactorForm(FullCovariance):
+class FactorForm(NoForm):
     """The reduction that acts on a factor A of the covariance (Arnold and Hansen, 2012), with transformed records."""
 
     def reduce(self, records: Array, shares: Array) -> Array:
@@ -84,22 +100,16 @@ class FactorForm(FullCovariance):
         lengths = (directions**2).sum(axis=1)
         factor = self.root - (directions.T * (shares[hit] / lengths)) @ records[hit]
         self.matrix, self.root, self.inverse_root = factor.T @ factor, factor, np.linalg.inv(factor)
-        return self._carried(records, whitened @ factor)
-
-    def _carried(self, before: Array, along: Array) -> Array:
-        """Return the records after a reduction: here those transformed along with A."""
-        return along
-
-    def record(self, z: Array, y: Array) -> Array:
-        """Return the quantity to be recorded: the steps."""
-        return y
+        return whitened @ factor
 
 
 class StaleForm(FactorForm):
     """The factor form whose records are not transformed by later reductions."""
 
-    def _carried(self, before: Array, along: Array) -> Array:
-        return before
+    def reduce(self, records: Array, shares: Array) -> Array:
+        """Reduce A as the factor form does; return the records as they are."""
+        super().reduce(records, shares)
+        return records
 
 
 class MatrixForm(TransformationMatrix):
@@ -118,18 +128,6 @@ class MatrixForm(TransformationMatrix):
         return z
 
 
-class NoForm(FullCovariance):
-    """A covariance that is not reduced."""
-
-    def reduce(self, records: Array, shares: Array) -> Array:
-        """Leave the covariance unchanged; return the records."""
-        return records
-
-    def record(self, z: Array, y: Array) -> Array:
-        """Return the quantity to be recorded: the steps."""
-        return y
-
-
 @dataclass(frozen=True)
 class CCMAES:
     """Constrained CMA-ES, a method for constraints that give little more information than whether they are met.
@@ -145,7 +143,7 @@ class CCMAES:
         follows
     """
 
-    form: Callable[[int], MatrixForm | FactorForm | PrintedForm | NoForm] = MatrixForm
+    form: Callable[[int], ReducibleCovariance] = MatrixForm
     reduction: Reduction = Reduction()
     passes: int = 100
     stalls: int = 10
@@ -157,68 +155,50 @@ class CCMAES:
         return CCMAESRun(self, start)
 
 
-class CCMAESRun:
+class CCMAESRun(OptimiserRun):
     """One run of `CCMAES`. Each generation: samples, drawn again until feasible; then their objective.
 
     Attributes
     ----------
     bands : half widths of the equalities' bands, zero for inequalities; array, shape (m,)
-    boundaries : viability boundaries of inequalities; array, shape (m,)
+    boundaries : viability boundaries of inequalities; array, shape (m,); both None before the first values
     """
 
     def __init__(self, settings: CCMAES, start: Start) -> None:
-        self.settings, self._start = settings, start
-        self.reason: Reason | None = None
         n = len(start.x)
-        self._parameters = Parameters.default(n, start.population)
-        self._patience = Patience.of(start, self._parameters.population, settings.patience)
+        parameters = Parameters.default(n, start.population)
+        super().__init__(start, parameters, settings.form(n), settings.patience)
+        self.settings = settings
         self.bands: Array | None = None
         self.boundaries: Array | None = None
+        # Of every constraint and, where there are bounds, of every variable's.
+        self._records = np.zeros((len(start.equality) + n * start.bounded, n))
         self._stalled = 0
-        self._reset(start.x)
         self._sample()
 
-    def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return self._request
-
-    def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request."""
-        if constraints is not None:
-            self._constraints_told(constraints)
-        else:
-            self._objective_told(objective)
-
-    def _reset(self, mean: Array) -> None:
-        """Begin with an isotropic distribution and empty records."""
-        n = len(mean)
-        form = self.settings.form(n)
-        self._es = CMAES(
-            mean, self._start.sigma, self._start.rng, parameters=self._parameters, covariance=form
-        )
-        self._records: Array | None = None
+    @property
+    def _form(self) -> ReducibleCovariance:
+        return cast(ReducibleCovariance, self._es.covariance)
 
     # --- Samples ---
 
     def _sample(self) -> None:
         self._es.ask()
-        self._before = copy.deepcopy((self._es.covariance, self._records))
+        self._before = copy.deepcopy((self._form, self._records))
         self._x = self._es.mean + self._es.sigma * self._es.y
-        self._values: Array | None = None
+        self._values = np.full((len(self._x), len(self._start.equality)), np.nan)
         self._open = np.arange(len(self._x))
         self._pass = 0
         self._ask_open()
 
     def _ask_open(self) -> None:
-        start = self._start
-        self._request = Request(np.clip(self._x[self._open], start.lower, start.upper), constraints=True)
+        points = self._start.inside(self._x[self._open])
+        self._wait(Request(points, constraints=True), self._constraints_told)
 
-    def _constraints_told(self, constraints: Array) -> None:
+    def _constraints_told(self, _: Array | None, constraints: Array) -> None:
         start = self._start
-        if self._values is None:
-            if self.bands is None:
-                self._begin_bands(constraints)
-            self._values = np.full((len(self._x), constraints.shape[1]), np.nan)
+        if self.bands is None:
+            self._begin_bands(constraints)
         self._values[self._open] = constraints
         missed = self._missed(constraints)
         if start.bounded:  # bounds are constraints that cost nothing
@@ -254,6 +234,7 @@ class CCMAESRun:
             self.reason = Reason.STALLED
             return
         self._es.covariance, self._records = self._before
+        assert self.bands is not None
         self.bands = self.bands / self.settings.shrinkage**2
         self._es.tell(self._violation)
         self._sample()
@@ -280,17 +261,16 @@ class CCMAESRun:
     def _missed(self, constraints: Array) -> Array:
         """Return the distances outside bands and boundaries, infinite for NaN; array, shape (n_points, m)."""
         signed = np.where(self._start.equality, np.abs(constraints), constraints)
+        assert self.bands is not None and self.boundaries is not None
         missed = signed - self.bands - self.boundaries
         return np.where(np.isnan(missed), np.inf, missed)
 
-    def _learn(self, samples: Array, violated: NDArray[np.bool_]) -> None:
+    def _learn(self, samples: NDArray[np.intp], violated: NDArray[np.bool_]) -> None:
         """Apply equations (5) and (6) for all violating samples at once, in their order."""
         es, n = self._es, len(self._es.mean)
         settings = self.settings.reduction
         fading, size = settings.fading / (n + 2), settings.size / (n + 2)
-        told = es.covariance.record(es.z[samples], es.y[samples])
-        if self._records is None:
-            self._records = np.zeros((violated.shape[1], n))
+        told = self._form.record(es.z[samples], es.y[samples])
         # v_j after a sequence of updates is a weighted sum: the k-th of K samples weighs c (1 - c)^(K - k).
         later = violated[::-1].cumsum(axis=0)[::-1] - violated
         weights = violated * fading * (1 - fading) ** later
@@ -299,21 +279,24 @@ class CCMAESRun:
         shares = (violated / violated.sum(axis=1, keepdims=True)).sum(axis=0)
         shares = size * np.where((self._records**2).sum(axis=1) > 0, shares, 0.0)
         shares *= min(1.0, 0.5 / (shares.sum() or 1.0))  # one batch must not shorten by more than half
-        self._records = es.covariance.reduce(self._records, shares)
+        self._records = self._form.reduce(self._records, shares)
 
     # --- Values ---
 
     def _evaluate(self) -> None:
-        points = np.clip(self._x, self._start.lower, self._start.upper)
+        points = self._start.inside(self._x)
         if self._viable:
             self._kept = np.setdiff1d(np.arange(len(points)), self._open)
-            self._request = Request(points[self._kept], objective=True, known=self._values[self._kept])
+            request = Request(points[self._kept], objective=True, known=self._values[self._kept])
+            self._wait(request, self._objective_told)
         else:  # on the way to viability the violation is the objective
             self._kept = np.arange(len(points))
             signed = np.where(self._start.equality, 0.0, self._values)
-            self._objective_told(np.where(np.isnan(signed), np.inf, np.maximum(signed, 0.0)).sum(axis=1))
+            self._objective_told(
+                np.where(np.isnan(signed), np.inf, np.maximum(signed, 0.0)).sum(axis=1), None
+            )
 
-    def _objective_told(self, objective: Array) -> None:
+    def _objective_told(self, objective: Array, _: Array | None) -> None:
         es = self._es
         values = np.full(len(self._x), np.inf)
         values[self._kept] = np.where(np.isnan(objective), np.inf, objective)
@@ -321,16 +304,15 @@ class CCMAESRun:
         if self._viable:
             excess[self._open] = self._violation
         order = np.lexsort((excess, values))
-        ranks = np.empty(len(order))
-        ranks[order] = np.arange(len(order))
-        es.tell(ranks)
-        self._shrink(order[: self._parameters.mu])
-        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
+        es.tell(np.argsort(order).astype(float))  # ranks
+        self._shrink(order[: es.parameters.mu])
+        self._end_generation(values)
         if self.reason is None:
             self._sample()
 
-    def _shrink(self, best: Array) -> None:
+    def _shrink(self, best: NDArray[np.intp]) -> None:
         """Move boundaries to zero with the best samples, and bands to the tolerance while samples lie inside."""
+        assert self.bands is not None and self.boundaries is not None
         if not self._viable:
             signed = np.where(self._start.equality, 0.0, np.maximum(self._values[best], 0.0)).max(axis=0)
             halfway = np.maximum(0.0, np.minimum(self.boundaries, (signed + self.boundaries) / 2))
@@ -339,8 +321,15 @@ class CCMAESRun:
                 self.boundaries = np.zeros_like(self.boundaries)
             if not self.boundaries.any():
                 self._viable = True
-                self._reset(self._es.mean)
+                self._begin_anew()
         else:
             narrower = np.fmax(self._inner, self.settings.shrinkage * self.bands)
             narrower = np.clip(narrower, self._start.tolerance, self.bands)
             self.bands = np.where(self._start.equality, narrower, 0.0)
+
+    def _begin_anew(self) -> None:
+        """Begin at the present mean with an isotropic distribution and empty records."""
+        start, es = self._start, self._es
+        form = self.settings.form(len(start.x))
+        self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=form)
+        self._records = np.zeros_like(self._records)

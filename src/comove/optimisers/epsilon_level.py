@@ -13,11 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.method import Patience, Request, Start
+from comove.optimisers.method import OptimiserRun, Request, Start
 from comove.optimisers.models import LinearModel
-from comove.optimisers.parameters import Parameters
-from comove.optimisers.reasons import Reason
 
 Array = NDArray[np.float64]
 
@@ -44,7 +41,7 @@ class EpsilonLevel:
         return EpsilonLevelRun(self, start)
 
 
-class EpsilonLevelRun:
+class EpsilonLevelRun(OptimiserRun):
     """One run of `EpsilonLevel`. Each generation: constraints, repairs, then the objective.
 
     Attributes
@@ -53,34 +50,20 @@ class EpsilonLevelRun:
     """
 
     def __init__(self, settings: EpsilonLevel, start: Start) -> None:
-        n = len(start.x)
-        self.settings, self._start = settings, start
-        self.reason: Reason | None = None
-        parameters = Parameters.default(n, start.population, active=True)
-        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters)
-        self._patience = Patience.of(start, parameters.population)
-        self._model = LinearModel(n, max(3 * n + 2, parameters.population))
+        super().__init__(start)
+        n, m = len(start.x), len(start.equality)
+        self.settings = settings
+        self._model = LinearModel(n, m, capacity=max(3 * n + 2, self._es.parameters.population))
         self.epsilon = np.inf
         self._sample()
 
-    def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return self._request
-
-    def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request."""
-        if constraints is None:
-            self._objective_told(objective)
-        else:
-            self._constraints_told(constraints)
-
     def _sample(self) -> None:
-        self._x = np.clip(self._es.ask(), self._start.lower, self._start.upper)
+        self._x = self._start.inside(self._es.ask())
         self._values = np.full((len(self._x), len(self._start.equality)), np.nan)
         self._open, self._repeat = np.arange(len(self._x)), 0
-        self._request = Request(self._x, constraints=True)
+        self._wait(Request(self._x, constraints=True), self._constraints_told)
 
-    def _constraints_told(self, constraints: Array) -> None:
+    def _constraints_told(self, _: Array | None, constraints: Array) -> None:
         self._model.add(self._request.x, constraints)
         better = self._repeat == 0 or self._total(constraints) < self._total(self._values[self._open])
         accepted = np.flatnonzero(np.broadcast_to(better, len(self._open)))
@@ -94,8 +77,7 @@ class EpsilonLevelRun:
                 self._first = float(np.quantile(finite, self.settings.quantile)) if len(finite) else np.inf
                 self.epsilon = self._first
             infeasible = np.flatnonzero(self._total(self._values) > 0)
-            chosen = self._es.rng.random(len(infeasible)) < self.settings.repaired
-            self._open = infeasible[chosen]
+            self._open = infeasible[self._es.rng.random(len(infeasible)) < self.settings.repaired]
         else:
             self._open = self._open[self._total(self._values[self._open]) > 0]
         self._open = self._open[np.isfinite(self._values[self._open]).all(axis=1)]
@@ -103,43 +85,47 @@ class EpsilonLevelRun:
             self._repeat += 1
             missed = self._start.violation(self._values[self._open])
             signed = np.where(self._start.equality, np.sign(self._values[self._open]) * missed, missed)
-            steps = self._corrections(signed)
-            points = np.clip(self._x[self._open] - steps, self._start.lower, self._start.upper)
-            self._request = Request(points, constraints=True)
+            points = self._start.inside(self._x[self._open] - corrections(self._slope, signed))
+            self._wait(Request(points, constraints=True), self._constraints_told)
         else:
-            self._request = Request(self._x, objective=True, known=self._values)
+            self._wait(Request(self._x, objective=True, known=self._values), self._objective_told)
 
     def _jacobian(self) -> Array | None:
         """Return the slopes of the constraints in the space of x, array, shape (m, n); None for too few points."""
         if len(self._model) < 3:
             return None
-        return self._model.around_mean(self._es).slope @ self._es.covariance.inverse_root / self._es.sigma
-
-    def _corrections(self, missed: Array) -> Array:
-        """Compute J^+ v per row of violations, J of the violated constraints only; array, shape (n_points, n)."""
-        masked = self._slope[None] * (missed != 0)[:, :, None]
-        square = masked.transpose(0, 2, 1) @ masked  # n by n, however many constraints there are
-        pulled = masked.transpose(0, 2, 1) @ missed[:, :, None]
-        return (np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ pulled)[:, :, 0]
+        local = self._model.around_mean(self._es)
+        return local.slope @ self._shape.inverse_root / self._es.sigma
 
     def _total(self, constraints: Array) -> Array:
         """Return the sum of violations of every point; array, shape (n_points,)."""
         return self._start.violation(constraints).sum(axis=1)
 
-    def _objective_told(self, objective: Array) -> None:
+    def _objective_told(self, objective: Array, _: Array | None) -> None:
         es = self._es
         violation = self._total(self._values)
         objective = np.where(np.isnan(objective), np.inf, objective)
         allowed = (violation <= self.epsilon) & np.isfinite(objective)
         order = np.lexsort((objective, np.where(allowed, 0.0, violation), ~allowed))
         for i in np.flatnonzero((self._x != es.mean + es.sigma * es.y).any(axis=1)):
-            es.inject(i, self._x[i])
-        ranks = np.empty(len(order))
-        ranks[order] = np.arange(len(order))
-        es.tell(ranks)
+            es.inject(int(i), self._x[i])
+        es.tell(np.argsort(order).astype(float))  # ranks
         left = max(0.0, 1.0 - es.generation / self.settings.horizon)
         self.epsilon = self._first * left**3 if left > 0 else 0.0
-        shown = np.where(allowed, objective, np.inf)
-        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), shown)
+        self._end_generation(np.where(allowed, objective, np.inf))
         if self.reason is None:
             self._sample()
+
+
+def corrections(slope: Array, missed: Array) -> Array:
+    """Compute J^+ v per row of violations, J of the violated constraints only; array, shape (n_points, n).
+
+    Parameters
+    ----------
+    slope : array, shape (m, n), slopes of all constraints
+    missed : array, shape (n_points, m), signed violations, 0 where a constraint is met
+    """
+    masked = slope[None] * (missed != 0)[:, :, None]
+    square = masked.transpose(0, 2, 1) @ masked  # n by n, however many constraints there are
+    pulled = masked.transpose(0, 2, 1) @ missed[:, :, None]
+    return (np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ pulled)[:, :, 0]

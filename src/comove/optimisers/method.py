@@ -1,16 +1,36 @@
-"""The interface of methods of constrained minimisation: a method starts runs, and a run is asked and told."""
+"""What all methods of constrained minimisation share: a method starts runs, and a run is asked and told."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from enum import Enum
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.reasons import Reason
+from comove.optimisers.cmaes import CMAES, Covariance, FullCovariance, Parameters
 
 Array = NDArray[np.float64]
+
+
+class Reason(Enum):
+    """Reason for the end of a run or of the whole search; the value describes it and gives advice."""
+
+    CONVERGED = (
+        "the steps or the differences between samples are below the tolerance; restarts may find better"
+    )
+    STAGNATED = "the samples' spread no longer shrinks; give a larger population or restarts"
+    ILL_CONDITIONED = "the longest axis is 1e14 times the shortest in variance; rescale the variables"
+    DIVERGED = "penalties outgrew the objective; give a smaller sigma0 or a feasible x0"
+    STALLED = "resampling found no feasible samples; widen the bands, give a feasible x0 or another method"
+    NOT_POSITIVE_DEFINITE = "the printed update lost positive definiteness; use another form"
+    NOT_FINITE = "too few finite values; start where the objective and all constraints are finite"
+    TARGET = "the target was reached"
+    EVALUATIONS = "the evaluations are used up; give more, or a smaller sigma0 to begin nearer"
+    SECONDS = "the time is used up; give more"
+    CALLBACK = "the callback asked to stop"
 
 
 @dataclass(frozen=True)
@@ -61,22 +81,71 @@ class Start:
         """Return whether any variable has a bound."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
 
+    def inside(self, x: Array) -> Array:
+        """Return the points within the bounds nearest to x; arrays, shape (n_points, n)."""
+        return np.clip(x, self.lower, self.upper)
+
     def violation(self, constraints: Array) -> Array:
         """Return the violation of each constraint, infinite for NaN; arrays, shape (.., m)."""
         missed = np.where(self.equality, np.abs(constraints) - self.tolerance, constraints)
         return np.where(np.isnan(missed), np.inf, np.maximum(missed, 0.0))
 
 
-class OptimiserRun(Protocol):
-    """One run of a method, from its start until it has a reason to end; may be copied and pickled at any time."""
+class AskAndTell:
+    """A process that waits with a request until it is told the values; may be copied and pickled at any time."""
 
-    reason: Reason | None
+    _request: Request
+    _then: Callable[[Any, Any], None]  # each takes what its request asked for
 
     def ask(self) -> Request:
         """Return the next request for evaluations; repeated calls return the same request."""
+        return self._request
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
         """Receive the values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
+        self._then(objective, constraints)
+
+    def _wait(self, request: Request, then: Callable[[Any, Any], None]) -> None:
+        """Wait for the values of `request`, and call `then` with them."""
+        self._request, self._then = request, then
+
+
+class OptimiserRun(AskAndTell):
+    """One run of CMA-ES under a method, from its start until it has a reason to end.
+
+    Parameters
+    ----------
+    start : input of the run
+    parameters : constants of CMA-ES; by default Hansen's with negative weights of bad samples
+    covariance : model of the distribution's shape; by default a `FullCovariance`
+    patience : factor on the number of generations without progress after which the run has stagnated
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        parameters: Parameters | None = None,
+        covariance: Covariance | None = None,
+        patience: float = 1.0,
+    ) -> None:
+        n = len(start.x)
+        self.reason: Reason | None = None
+        self._start = start
+        parameters = parameters or Parameters.default(n, start.population, active=True)
+        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
+        # The window grows with the number of variables per sample.
+        self._patience = Patience(start.sigma, int(patience * (100 + 50 * n / parameters.population)))
+
+    @property
+    def _shape(self) -> FullCovariance:
+        """Return the covariance of a run that was started with none of its own."""
+        assert isinstance(self._es.covariance, FullCovariance)
+        return self._es.covariance
+
+    def _end_generation(self, values: Array) -> None:
+        """Set the reason to end, if there is one after a generation with these values, array (population,)."""
+        es = self._es
+        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
 
 
 class ConstrainedMethod(Protocol):
@@ -104,19 +173,10 @@ class Patience:
     smallest_spread: float = 1e-12
     spreads: list[float] = field(default_factory=list)
 
-    @classmethod
-    def of(cls, start: Start, population: int, times: float = 1.0) -> Patience:
-        """Return the rules for a run; the window grows with variables per sample, and by the factor `times`."""
-        return cls(start.sigma, window=int(times * (100 + 50 * len(start.x) / population)))
-
     def reason(self, deviations: Array, axis_ratio: float, values: Array) -> Reason | None:
         """Return the reason to end after a generation with these values, array of shape (population,), or None."""
         finite = values[np.isfinite(values)]
-        if len(finite) > 1:
-            low, high = np.quantile(finite, [0.25, 0.75])
-            self.spreads.append(float(high - low))
-        else:
-            self.spreads.append(np.inf)
+        self.spreads.append(spread(finite) if len(finite) > 1 else np.inf)
         del self.spreads[: -3 * self.window]
         recent = self.spreads[-(10 + self.window // 4) :]
         if deviations.max() < self.smallest_step * self.sigma:
@@ -131,3 +191,9 @@ class Patience:
             if third >= max(first, second):
                 return Reason.STAGNATED
         return None
+
+
+def spread(values: Array) -> float:
+    """Return the distance between the quartiles of finite values."""
+    low, high = np.quantile(values, [0.25, 0.75])
+    return float(high - low)

@@ -1,24 +1,27 @@
-"""A whole search with an ask-and-tell interface: runs of a method, restarts, and the best point."""
+"""A whole search, by `minimise` or by asking and telling a `Minimiser`: runs of a method, restarts, best point."""
 
 from __future__ import annotations
 
+import builtins
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.cmaes import check_start
-from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Request, Start
-from comove.optimisers.parameters import default_population
-from comove.optimisers.reasons import Reason
+from comove.optimisers.cmaes import check_start, default_population
+from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
 from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
 from comove.optimisers.restoration import Restoration
 from comove.optimisers.simple import Plain
 
 Array = NDArray[np.float64]
 
+EVALUATIONS = 10_000  # a dimension, unless the user says otherwise
 SIGN = "h <= 0 is feasible"
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
 HUGE = 1e100  # finite values beyond are told to methods as this: products of them would overflow
@@ -52,6 +55,122 @@ class Result:
     def feasible(self) -> bool:
         """Return whether every constraint is met."""
         return self.violation == 0.0
+
+
+def minimise(
+    f: Callable,
+    x0: Array,
+    sigma0: float,
+    *,
+    constraints: Callable | None = None,
+    equality: object = None,
+    tolerance: float = 1e-4,
+    bounds: tuple[object, object] | None = None,
+    method: ConstrainedMethod | None = None,
+    restarts: Restarts | None = None,
+    population: int | None = None,
+    seed: int = 0,
+    target: float = -np.inf,
+    max_evaluations: int | None = None,
+    max_seconds: float = np.inf,
+    callback: Callable[[Minimiser], bool | None] | None = None,
+    vectorized: bool = True,
+    map: Callable = builtins.map,
+) -> Result:
+    """Minimise f(x) subject to h(x) <= 0, by CMA-ES.
+
+    Parameters
+    ----------
+    f
+        Objective: array, shape (n_points, n) -> array, shape (n_points,). NaN counts as infeasible.
+    constraints
+        h: array, shape (n_points, n) -> array, shape (n_points, m); h <= 0 is feasible, NaN is not.
+    x0, sigma0, equality, tolerance, bounds, method, restarts, population, seed
+        As in `Minimiser`.
+    target
+        Objective value at which the search ends, as soon as a feasible point is at least as good.
+    max_evaluations
+        Largest number of evaluations of the objective and of the constraints, each; 10000 n by default. Restarts
+        continue until they are used.
+    max_seconds
+        Longest wall time [s].
+    callback
+        Function called with the `Minimiser` after every batch of evaluations; the search ends if it returns True.
+    vectorized
+        If False, f is (n,) -> float and h is (n,) -> (m,), called by `map`.
+    map
+        The map for functions that are not vectorized, such as a process pool's; results do not depend on it.
+
+    Returns
+    -------
+    Result
+        The best point with every h <= 0 ever seen, otherwise the least violated.
+
+    Raises
+    ------
+    OptionError
+        If arguments or returned values have the wrong shape or range, or no constraint value is ever finite.
+    Exception
+        Exceptions of f or h are passed on; once the search has begun, their attribute `search` is the `Minimiser`,
+        which can be saved or continued.
+    """
+    begun = time.perf_counter()
+    for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
+        if not callable(function) and (function is not None or name == "f"):
+            raise OptionError(f"{function!r} is no function", key=name)
+    if not isinstance(vectorized, (bool, np.bool_)):
+        raise OptionError(f"vectorized = {vectorized!r}", way_out="give True or False")
+    x0, sigma0 = check_start(x0, sigma0)
+    limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
+    for name, value in (("max_evaluations", limit), ("max_seconds", max_seconds), ("target", target)):
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise OptionError(f"{value!r} is no number", key=name)
+    if not limit >= 1 or not max_seconds > 0:
+        raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
+    objective, h = f, constraints or _no_constraints
+    if not vectorized:
+        objective = partial(_one_by_one, f, map)
+        h = partial(_one_by_one, constraints, map) if constraints else h
+    n_constraints = _count(h, np.clip(x0, *_checked_bounds(bounds, len(x0))))
+    search = Minimiser(
+        x0,
+        sigma0,
+        n_constraints=n_constraints,
+        equality=equality,
+        tolerance=tolerance,
+        bounds=bounds,
+        method=method,
+        restarts=restarts,
+        population=population,
+        seed=seed,
+    )
+    search.n_constraint += n_constraints > 0
+    while True:
+        if search.reason is not None:
+            return search.result()
+        if time.perf_counter() - begun >= max_seconds:
+            search.check_finite()
+            return search.result(Reason.SECONDS)
+        request = search.ask()
+        n_objective = search.n_objective + len(request.x) * request.objective
+        if max(n_objective, search.n_constraint + len(request.x) * request.constraints) > limit:
+            search.check_finite()
+            return search.result(Reason.EVALUATIONS)
+        try:
+            values = objective(request.x.copy()) if request.objective else None
+            missed = h(request.x.copy()) if request.constraints else None
+        except Exception as error:
+            error.add_note(
+                f"raised after {search.n_objective} evaluations of the objective and {search.n_constraint} of "
+                "the constraints; this exception's attribute `search` holds the search and can be pickled"
+            )
+            error.search = search  # type: ignore[attr-defined]
+            raise
+        search.tell(values, missed)
+        if search.best_fun <= target:
+            return search.result(Reason.TARGET)
+        if callback is not None and callback(search):
+            return search.result(Reason.CALLBACK)
 
 
 class Minimiser:
@@ -104,7 +223,8 @@ class Minimiser:
     ):
         self._x0, self._sigma0 = check_start(x0, sigma0)
         n = len(self._x0)
-        self._lower, self._upper = checked_bounds(bounds, n)
+        self._lower, self._upper = _checked_bounds(bounds, n)
+        _check_whole("n_constraints", n_constraints, 0)
         self._equality = _checked_mask(equality, n_constraints)
         if not 0 <= tolerance < np.inf:
             raise OptionError(f"tolerance = {tolerance!r}", way_out="give a number, 0 or more")
@@ -148,24 +268,18 @@ class Minimiser:
         OptionError
             If requested values are missing or have another shape.
         """
-        request = self.ask()
-        n_points = len(request.x)
-        if request.objective:
-            objective = _checked_values(objective, (n_points,), "objective")
-            self.n_objective += n_points
-        if request.constraints:
-            constraints = _checked_values(constraints, (n_points, len(self._equality)), "constraints")
-            self.n_constraint += n_points * (len(self._equality) > 0)
-        self._remember(request, objective, constraints)
-        objective = _moderate(objective) if request.objective else None
-        constraints = _moderate(constraints) if request.constraints else None
+        request, n_points, m = self.ask(), len(self.ask().x), len(self._equality)
+        f = _checked_values(objective, (n_points,), "objective") if request.objective else None
+        h = _checked_values(constraints, (n_points, m), "constraints") if request.constraints else None
+        self.n_objective += n_points * request.objective
+        self.n_constraint += n_points * (request.constraints and m > 0)
+        self._remember(request, f, h)
+        asked = self._restoration or self._run
+        asked.tell(None if f is None else _moderate(f), None if h is None else _moderate(h))
         if self._restoration is not None:
-            self._restoration.tell(None, constraints)
             if self._restoration.done:
                 self._start_run(self._restoration.x)
-            return
-        self._run.tell(objective, constraints)
-        if self._run.reason is not None:
+        elif self._run.reason is not None:
             self._end_run(self._run.reason)
 
     @property
@@ -246,9 +360,9 @@ class Minimiser:
 
     def _remember(self, request: Request, objective: Array | None, constraints: Array | None) -> None:
         """Keep the best point: feasible before infeasible, then the lower objective or violation."""
-        h = constraints if request.constraints else request.known
+        h = request.known if constraints is None else constraints
         violation = np.zeros(len(request.x)) if h is None else self._begun.violation(h).sum(axis=1)
-        values = objective if request.objective else np.full(len(request.x), np.nan)
+        values = np.full(len(request.x), np.nan) if objective is None else objective
         self._finite_objective |= bool(np.isfinite(values).any())
         self._finite_constraints |= h is not None and bool(np.isfinite(h).all(axis=1).any())
         if not np.isnan(self.best_fun):
@@ -299,12 +413,11 @@ def _moderate(values: Array) -> Array:
     return np.where(np.isfinite(values), np.clip(values, -HUGE, HUGE), values)
 
 
-def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
+def _checked_bounds(bounds: tuple[object, object] | None, n: int) -> tuple[Array, Array]:
     """Return the lowest and highest x as arrays, shape (n,), infinite where there is no bound."""
-    if bounds is None:
-        return np.full(n, -np.inf), np.full(n, np.inf)
     try:
-        lower, upper = (np.broadcast_to(np.asarray(bound, dtype=float), (n,)).copy() for bound in bounds)
+        ends = (np.asarray(bound, dtype=np.float64) for bound in bounds or (-np.inf, np.inf))
+        lower, upper = (np.broadcast_to(bound, (n,)).copy() for bound in ends)
     except (TypeError, ValueError):
         lower, upper = np.full(n, np.nan), np.full(n, np.nan)
     if not (lower < upper).all():
@@ -317,10 +430,7 @@ def checked_bounds(bounds: object, n: int) -> tuple[Array, Array]:
 
 
 def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:
-    _check_whole("n_constraints", n_constraints, 0)
-    if equality is None:
-        return np.zeros(n_constraints, dtype=bool)
-    mask = np.array(equality)
+    mask = np.zeros(n_constraints, dtype=bool) if equality is None else np.array(equality)
     if mask.dtype != bool or mask.shape != (n_constraints,):
         raise OptionError(
             f"the mask has shape {mask.shape} and type {mask.dtype} for {n_constraints} constraints",
@@ -328,3 +438,29 @@ def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:
             way_out=f"give {n_constraints} booleans: True where h = 0 is wanted, False where {SIGN}",
         )
     return mask
+
+
+def _no_constraints(x: Array) -> Array:
+    """Return an empty row of constraints for every point."""
+    return np.zeros((len(x), 0))
+
+
+def _one_by_one(function: Callable, map: Callable, x: Array) -> list:
+    """Return the values of a function of one point at many points."""
+    return list(map(function, x))
+
+
+def _count(h: Callable, x0: Array) -> int:
+    """Return the number of constraints, from their values at x0."""
+    told = h(x0[None].copy())
+    try:
+        values = np.asarray(told, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"no numbers came back ({error}; {SIGN})", key="constraints") from error
+    if values.ndim != 2 or len(values) != 1:
+        raise OptionError(
+            f"one point gives values of shape {values.shape}, (1, m) are needed ({SIGN})",
+            key="constraints",
+            way_out="return a row a point and a column a constraint; with vectorized=False, shape (m,)",
+        )
+    return values.shape[1]

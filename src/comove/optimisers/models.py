@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES
+from comove.optimisers.cmaes import CMAES, FullCovariance
 
 Array = NDArray[np.float64]
 
@@ -40,13 +40,17 @@ class LinearModel:
 
     A block form of Broyden's update (1965) in the metric of the search distribution: the slope stays in directions
     about which the newest points give no information. Picklable.
+
+    Attributes
+    ----------
+    points : stored points, the newest `capacity`; array, shape (n_points, n)
     """
 
-    def __init__(self, n: int, capacity: int) -> None:
+    def __init__(self, n: int, n_outputs: int, capacity: int) -> None:
         self.capacity = capacity
-        self._x = np.zeros((0, n))
-        self._values: Array | None = None
-        self._slope: Array | None = None
+        self.points = np.zeros((0, n))
+        self._values = np.zeros((0, n_outputs))
+        self._slope = np.zeros((n_outputs, n))
 
     def add(self, x: Array, values: Array) -> None:
         """Store evaluated points; arrays, shapes (n_points, n), (n_points, n_outputs).
@@ -54,15 +58,11 @@ class LinearModel:
         Points with values that are not finite are left out.
         """
         finite = np.isfinite(values).all(axis=1)
-        x, values = x[finite], values[finite]
-        if self._values is None:
-            self._values = np.zeros((0, values.shape[1]))
-            self._slope = np.zeros((values.shape[1], x.shape[1]))
-        self._x = np.vstack([self._x, x])[-self.capacity :]
-        self._values = np.vstack([self._values, values])[-self.capacity :]
+        self.points = np.vstack([self.points, x[finite]])[-self.capacity :]
+        self._values = np.vstack([self._values, values[finite]])[-self.capacity :]
 
     def __len__(self) -> int:
-        return len(self._x)
+        return len(self.points)
 
     def around(self, whitened: Array, unwhiten: Array, whiten: Array) -> Local:
         """Fit linear models to the stored points.
@@ -92,13 +92,9 @@ class LinearModel:
 
     def around_mean(self, es: CMAES) -> Local:
         """Fit linear models `around` the mean of a search with a `FullCovariance`."""
-        covariance, sigma = es.covariance, es.sigma
-        return self.around(es.whitened(self.points), sigma * covariance.root, covariance.inverse_root / sigma)
-
-    @property
-    def points(self) -> Array:
-        """Return the stored points; array, shape (n_points, n)."""
-        return self._x
+        shape, sigma = es.covariance, es.sigma
+        assert isinstance(shape, FullCovariance)
+        return self.around(es.whitened(self.points), sigma * shape.root, shape.inverse_root / sigma)
 
 
 def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.method import Request, Start
+from comove.optimisers.method import AskAndTell, Request, Start
 from comove.optimisers.models import UNKNOWN, bound_rows, nearest_feasible
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ STEPS = 15
 LONGEST = 10.0  # step sizes that one step may take
 
 
-class Restoration:
+class Restoration(AskAndTell):
     """A search for a feasible point by the shortest steps d with h(x) + J d <= 0; it is asked and told like a run.
 
     Slopes are finite differences.
@@ -30,39 +30,28 @@ class Restoration:
     def __init__(self, start: Start) -> None:
         self._start, self.x, self.done = start, start.x, False
         self._steps = 0
-        self._values: Array | None = None
-        self._request = Request(start.x[None], constraints=True)
-        self._then = self._here_told
-
-    def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return self._request
-
-    def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request."""
-        if constraints is None:
-            self.done = True
-        else:
-            self._then(constraints)
+        self._values = np.zeros(0)
+        self._wait(Request(start.x[None], constraints=True), self._here_told)
 
     def _end(self) -> None:
         """Request the objective at the point found, so that the best point has one."""
-        self._request = Request(self.x[None], objective=True, known=self._values[None])
+        self._wait(Request(self.x[None], objective=True, known=self._values[None]), self._objective_told)
 
-    def _here_told(self, constraints: Array) -> None:
+    def _objective_told(self, objective: Array, _: Array | None) -> None:
+        self.done = True
+
+    def _here_told(self, _: Array | None, constraints: Array) -> None:
         self._values = constraints[0]
         missed = self._start.violation(self._values)
         self._steps += 1
         if not missed.any() or not np.isfinite(missed).all() or self._steps > STEPS:
             self._end()
             return
-        start = self._start
-        width = DIFFERENCE * start.sigma
-        self._widths = np.where(self.x + width <= start.upper, width, -width)
-        self._request = Request(self.x + np.diag(self._widths), constraints=True)
-        self._then = self._slopes_told
+        width = DIFFERENCE * self._start.sigma
+        self._widths = np.where(self.x + width <= self._start.upper, width, -width)
+        self._wait(Request(self.x + np.diag(self._widths), constraints=True), self._slopes_told)
 
-    def _slopes_told(self, constraints: Array) -> None:
+    def _slopes_told(self, _: Array | None, constraints: Array) -> None:
         start = self._start
         slope = (constraints - self._values).T / self._widths * start.sigma
         length = np.sqrt((slope**2).sum(axis=1))
@@ -80,12 +69,11 @@ class Restoration:
         self._lengths = np.where(known, length, 1.0)
         inside = np.where(free, 0.0, 1e-6)
         step = -rows.T @ nearest_feasible(rows, missed + inside, free)
-        step *= start.sigma * min(1.0, LONGEST / (np.linalg.norm(step) + 1e-300))
-        points = np.clip(self.x + SHARES[:, None] * step, start.lower, start.upper)
-        self._request = Request(points, constraints=True)
-        self._then = self._steps_told
+        step *= start.sigma * min(1.0, LONGEST / (float(np.linalg.norm(step)) + 1e-300))
+        points = start.inside(self.x + SHARES[:, None] * step)
+        self._wait(Request(points, constraints=True), self._steps_told)
 
-    def _steps_told(self, constraints: Array) -> None:
+    def _steps_told(self, _: Array | None, constraints: Array) -> None:
         missed = np.vstack([self._values, constraints])
         missed = (self._start.violation(missed) / self._lengths) ** 2
         best = int(np.argmin(missed.sum(axis=1)))
@@ -93,4 +81,4 @@ class Restoration:
             self._end()
             return
         self.x = self._request.x[best - 1]
-        self._here_told(constraints[best - 1 : best])
+        self._here_told(None, constraints[best - 1 : best])

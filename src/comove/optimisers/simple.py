@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.covariance import DiagonalCovariance, FullCovariance
-from comove.optimisers.method import Patience, Request, Start
-from comove.optimisers.parameters import Parameters
-from comove.optimisers.reasons import Reason
+from comove.optimisers.cmaes import DiagonalCovariance, Parameters
+from comove.optimisers.method import OptimiserRun, Reason, Request, Start, spread
 
 Array = NDArray[np.float64]
 
@@ -95,10 +93,12 @@ class Affine:
                 f"A x = b with A of shape {self.matrix.shape} and b of shape {self.right.shape}",
                 way_out="give finite numbers in arrays of shapes (m, n) and (m,)",
             )
-        inverse = np.linalg.pinv(self.matrix)
-        if not np.allclose(self.matrix @ (inverse @ self.right), self.right):
+        if not np.allclose(self.matrix @ (self._inverse @ self.right), self.right):
             raise OptionError("the linear equalities contradict each other", way_out="give consistent ones")
-        object.__setattr__(self, "_inverse", inverse)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.matrix), dtype=np.float64)
 
     def __call__(self, x: Array) -> Array:
         """Return the nearest points that satisfy the equalities; arrays, shape (n_points, n)."""
@@ -114,39 +114,31 @@ def _numbers(values: object) -> Array:
     return numbers if np.isfinite(numbers).all() else np.array(np.nan)
 
 
-class PlainRun:
+class PlainRun(OptimiserRun):
     """One run of CMA-ES in which the values are known once the samples are evaluated."""
 
     def __init__(
         self, start: Start, settings: Plain, project: Callable[[Array], Array] | None, weight: float
     ) -> None:
-        n = len(start.x)
-        self.reason: Reason | None = None
-        self._start, self._project, self._weight = start, project, weight
-        parameters = Parameters.default(
-            n,
-            start.population,
-            active=settings.active and not settings.separable,
-            separable=settings.separable,
+        n, separable = len(start.x), settings.separable
+        active = settings.active and not separable
+        super().__init__(
+            start,
+            Parameters.default(n, start.population, active=active, separable=separable),
+            DiagonalCovariance(n) if separable else None,
         )
-        covariance = DiagonalCovariance(n) if settings.separable else FullCovariance(n)
-        self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
-        self._patience = Patience.of(start, parameters.population)
+        self._project, self._weight = project, weight
         self._spread = 1.0
-        self._ask()
+        self._sample()
 
-    def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return self._request
-
-    def _ask(self) -> None:
+    def _sample(self) -> None:
         self._sampled = self._es.ask()
         points = self._sampled if self._project is None else self._project(self._sampled)
-        points = np.clip(points, self._start.lower, self._start.upper)
-        self._request = Request(points, objective=True, constraints=len(self._start.equality) > 0)
+        has_constraints = len(self._start.equality) > 0
+        request = Request(self._start.inside(points), objective=True, constraints=has_constraints)
+        self._wait(request, self._values_told)
 
-    def tell(self, objective: Array | None, constraints: Array | None) -> None:
-        """Receive the values at the points of the last request."""
+    def _values_told(self, objective: Array, constraints: Array | None) -> None:
         es, start = self._es, self._start
         values = np.array(objective, dtype=float)
         if constraints is not None:
@@ -159,10 +151,9 @@ class PlainRun:
             self.reason = Reason.NOT_FINITE
             return
         if finite.sum() > 1:
-            low, high = np.quantile(values[finite], [0.25, 0.75])
-            self._spread = float(high - low)
+            self._spread = spread(values[finite])
         moved = (self._sampled - self._request.x) / es.standard_deviations()
         es.tell(values + self._spread * (moved**2).sum(axis=1) / len(start.x))
-        self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
+        self._end_generation(values)
         if self.reason is None:
-            self._ask()
+            self._sample()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import carried_to_hands
-from comove.coordination.poses import hands_of_poses
+from comove.coordination.adaptation import carried_to_hands, hands_of_poses
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.method import Method
@@ -98,7 +98,7 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
     """
     if demonstration is None:
         return None
-    names, each = scene.manipulators, demonstration
+    names, each = scene.manipulators, cast("Sequence[object]", demonstration)
     if isinstance(demonstration, Mapping):
         others = [name for name in demonstration if name not in names]
         missing = [name for name in names if name not in demonstration]

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.adaptation import modulate
 from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, modulate
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable

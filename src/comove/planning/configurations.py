@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.blocks import place_one
 from comove.coordination.coordinates import (
     ANGLE,
     DIRECTION,
@@ -24,7 +25,6 @@ from comove.coordination.coordinates import (
     QUATERNION,
     Blocks,
     Coordinates,
-    place_one,
 )
 from comove.geometry.distances import CENTER, point_distance, segment_distance
 from comove.geometry.solids import border_distance, empty_solid, solid_at, solid_distance

@@ -107,7 +107,6 @@ class Comove(Method):
     n_drawn: int = 3
     n_met: int = 3
     polishing: Schedule = POLISHING
-    before: ClassVar[Array | None] = None
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
@@ -161,7 +160,7 @@ class Comove(Method):
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
-            _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
+            _planner_in_time(search, space, ends, self._before) if in_time else _planner(search, space, ends)
         )
         if not isinstance(search.aim, PaperCost):
             if self._smooth(search, space, targets_of, ends):
@@ -229,9 +228,9 @@ class Comove(Method):
                 continue
             targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
             before, needed, search.latest = search.best_cost, search.needed, np.inf
-            if tried == 0 and follows(search):
+            if tried == 0 and search.taught is not None and follows(search):
                 search.stage = "smoothing the demonstration"
-                smooth_demonstration(search)
+                smooth_demonstration(search, search.taught)
             search.stage = "smoothing"
             # The first target is run with least jerk, or as it was planned in time.
             done = smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
@@ -251,6 +250,11 @@ class Comove(Method):
         if search.carrier is not None:
             return smooth > 0
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
+
+    @property
+    def _before(self) -> Array | None:
+        """Return an earlier path in load coordinates that may still be useful, (n_before, n_columns)."""
+        return None
 
     def _will_do(self, search: Search) -> bool:
         """Return whether the best motion that is not verified is good enough."""
@@ -382,6 +386,10 @@ class Guide(Quick):
     n_unfit: float = np.inf
     before: Array | None = field(default=None, compare=False)
     excess: float = 2.0
+
+    @property
+    def _before(self) -> Array | None:
+        return self.before
 
     def will_do(self, report: Report, scene: Scene) -> bool:
         """Return whether a motion with this report is good enough."""

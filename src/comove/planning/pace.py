@@ -10,7 +10,7 @@ import numpy as np
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.model import MAX_DURATION, MIN_DURATION
 from comove.scenes.scene import Scene
-from comove.verification.rates import largest_rates
+from comove.verification.bounds import largest_rates
 
 # m/s, m/s^2 and m/s^3, of hands, where a scene has none.
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}

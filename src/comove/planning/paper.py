@@ -165,7 +165,7 @@ class Paper(Method):
                 progress = min(1.0, max(0.0, progress + step / self.generations))
             if progress > furthest:
                 furthest, waited = progress, 0
-            errors = np.maximum(0.0, 1.0 + request.known / bands)
+            errors = np.maximum(0.0, 1.0 + np.asarray(request.known) / bands)
             run.tell(fitness + self.centring * (errors**2).mean(axis=1), None)
         return best
 

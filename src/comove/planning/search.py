@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.optimisers.cmaes import CMAES
-from comove.optimisers.covariance import DiagonalCovariance
-from comove.optimisers.parameters import Parameters
+from comove.optimisers import CMAES, DiagonalCovariance, Parameters
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.planning.convex.jerk import Anchored, squares
+from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.paper import PaperSquares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
@@ -18,6 +19,7 @@ from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
+from comove.primitives.dmp import DMP
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
@@ -70,11 +72,11 @@ def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme
     return programme, z, reference
 
 
-def smooth_demonstration(search: Search) -> bool:
+def smooth_demonstration(search: Search, taught: tuple[DMP, ...]) -> bool:
     """Adapt the demonstration to the scene, verify the motion, and return whether it is verified."""
     scene = search.scene
     basis, coordinates = motion_basis(N_BASIS[-1], "jerk"), load_coordinates(scene)
-    dmp = CoordinatedDMP.from_demonstration(search.taught, scene, coordinates, basis)
+    dmp = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis)
     return _verified(search, _programme(search, dmp.boundary, N_BASIS[-1]), dmp.weights.ravel(), None)
 
 
@@ -193,13 +195,14 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
     n_basis, n_coarse = detail
     n_basis = min(n_basis, max(FAST[0], MOST_WEIGHTS // motion.coordinates.n_columns))
     coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
+    limits = search.limits or Limits.of(search.scene, search.scene.duration)
     programme = ConvexProgramme(
-        search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=search.limits
+        search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
     z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], RIDGES[-1])
     _, hands = programme.hands(programme.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
-    jerk, pace = float((gentle.residuals(hands) ** 2).sum()), search.limits.pace(hands)
+    jerk, pace = float((gentle.residuals(hands) ** 2).sum()), limits.pace(hands)
     if not (jerk > 0 and pace > 0):
         return False
     cost = replace(gentle, weight=GENTLE / jerk, haste=1.0 / pace)

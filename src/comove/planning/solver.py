@@ -102,19 +102,19 @@ def solve(
     functions = own(objective, listed(constraints), scene)
     if functions is not None:
         checks = (*checks, functions.reasons) if functions.constraints else checks
-        objective = None if functions.function is not None else objective
-    check_options(scene, demonstration, seed, method, budget, objective, obstacles, checks)
+    aim = None if callable(objective) else objective
+    check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
     method = method or Comove()
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
     load_kernels(scene.n_dims, bool(scene.moving.any()))
     hard = obstacles == "constraint"
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
-    if objective is None:
-        objective = _default_objective(scene, taught, smooth)
-    if (not isinstance(objective, PaperCost) or functions is not None) and not smooth:
+    if aim is None:
+        aim = _default_objective(scene, taught, smooth)
+    if (not isinstance(aim, PaperCost) or functions is not None) and not smooth:
         raise OptionError(
-            f"{_what_is_asked(objective, functions)} needs comove's own method, a planner, and obstacles that are "
+            f"{_what_is_asked(aim, functions)} needs comove's own method, a planner, and obstacles that are "
             "constraints",
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
@@ -127,7 +127,7 @@ def solve(
             method,
             planner,
             budget,
-            objective,
+            aim,
             functions,
             hard,
             tuple(checks) if carrier is None else (*checks, carrier.reasons),
@@ -342,14 +342,16 @@ def _among_moving(problem: Problem) -> Solution:
         better = attempt(found.scene.duration, method, left())
         found = better if better.verified else found
     first = next((i for i, solution in enumerate(done) if solution.verified), None)
+    until_first = None
+    if first is not None:
+        until_first = sum(solution.solve_time_s for solution in done[:first])
+        until_first += done[first].time_to_first_verified_s or 0.0
     return replace(
         found,
         objective=LeastTime() if hasty else problem.objective,
         evaluations=sum(solution.evaluations for solution in done),
         generations=sum(solution.generations for solution in done),
-        time_to_first_verified_s=None
-        if first is None
-        else sum(solution.solve_time_s for solution in done[:first]) + done[first].time_to_first_verified_s,
+        time_to_first_verified_s=until_first,
         solve_time_s=sum(solution.solve_time_s for solution in done),
         interrupted=done[-1].interrupted,
     )

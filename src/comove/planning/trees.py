@@ -56,7 +56,7 @@ def answers(question: Callable, kind: type) -> Callable[[Callable], Callable]:
 
     def register(kernel: Callable) -> Callable:
         @overload(question, jit_options={"error_model": "numpy"})
-        def choose(world, *args):  # type: ignore[no-untyped-def]  # numba compares signatures, annotations too
+        def choose(world, *args):  # numba compares signatures, annotations too
             if getattr(world, "instance_class", None) is not kind:
                 return None
             return lambda world, *args: kernel(world, *args)

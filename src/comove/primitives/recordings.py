@@ -16,7 +16,7 @@ LASA = "lasa:"
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class NamedRecording:
     """A movement of a recording.
 
     Attributes
@@ -37,7 +37,7 @@ def read_recordings(
     episode: str | None = None,
     topic: str | None = None,
     **options: Any,
-) -> list[Recording]:
+) -> list[NamedRecording]:
     """Return the movements of a recording; one if a choice was made or there is only one.
 
     Parameters
@@ -58,7 +58,9 @@ def read_recordings(
             )
         count = int(number or 0)
         return [
-            Recording(Demonstration.from_lasa(shape, count), f"{LASA}{shape}:{count}", f"{shape}-{count}")
+            NamedRecording(
+                Demonstration.from_lasa(shape, count), f"{LASA}{shape}:{count}", f"{shape}-{count}"
+            )
         ]
     path = Path(named)
     source = path.name.encode(errors="replace").decode()
@@ -66,11 +68,12 @@ def read_recordings(
         found = Demonstration.load_all(path)
         alone = len(found) == 1
         return [
-            Recording(one, source, name_from(path.stem if alone else one.name or path.stem)) for one in found
+            NamedRecording(one, source, name_from(path.stem if alone else one.name or path.stem))
+            for one in found
         ]
     one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
     chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
-    return [Recording(one, source, name_from(chosen))]
+    return [NamedRecording(one, source, name_from(chosen))]
 
 
 def read_recording(
@@ -79,7 +82,7 @@ def read_recording(
     episode: str | None = None,
     topic: str | None = None,
     **options: Any,
-) -> Recording:
+) -> NamedRecording:
     """Return the only movement of a recording, or the chosen one; arguments and errors as of `read_recordings`."""
     found = read_recordings(named, manipulator, episode, topic, **options)
     if len(found) > 1:

@@ -23,6 +23,7 @@ from math import sqrt
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.geometry.closest_points import (
     N_PARTS,
@@ -35,8 +36,10 @@ from comove.geometry.closest_points import (
 from comove.geometry.distances import CENTER, REACH, TINY, point_distance
 from comove.reaction.control_points import moved_obstacles
 from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
-from comove.reaction.qp_workspace import BORDER, HANDS
-from comove.reaction.twists import place, step, turn_into
+from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
+from comove.reaction.twists import HandPoses, place, step, turn_into
+
+Array = NDArray[np.float64]
 
 BEND = 0.05  # of a distance: allowance of a step for second-order terms
 ROUNDING = 1e-9  # m, by which a clearance may be missed
@@ -51,7 +54,7 @@ WRONG = {
 
 
 @numba.njit(cache=True, error_model="numpy")
-def rate(h, gain, rates):
+def rate(h: float, gain: float, rates: Rates) -> float:
     """Return the largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is negative.
 
     It is ``gain h`` near by; farther away the parabola that meets it smoothly, below sqrt(2 a h). The approach then
@@ -64,7 +67,7 @@ def rate(h, gain, rates):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def horizon(speed, gain, rates):
+def horizon(speed: float, gain: float, rates: Rates) -> float:
     """Return the clearance [m] beyond which an approach at `speed` [m/s] is not slowed down."""
     corner = rates.braking / gain
     if speed <= corner:
@@ -73,7 +76,9 @@ def horizon(speed, gain, rates):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
+def first_rows(
+    qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
+) -> tuple[int, float]:
     """Write the objective and the rows of all that is near now.
 
     Returns
@@ -81,91 +86,94 @@ def first_rows(points, freedom, rates, desk, poses, before, wanted, sighting):
     n_rows : int; where negative, the error in the arguments, see `WRONG`
     clearance : float, least distance to obstacles, less their margins, and to the border [m]
     """
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     table, velocity, spin, margin = sighting
     center, quaternion = poses
     n_groups, n_hands, n_obstacles = center.shape[0], before.shape[0], table.shape[0]
-    wrong = _wrong(center, quaternion, before, wanted, table, velocity, spin, margin)
+    wrong = _wrong(poses, before, wanted, sighting)
     if wrong < 0:
         return wrong, 0.0
     for g in range(n_groups):
-        turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], desk.rotation[g])
+        turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], work.rotation[g])
         if freedom.axis[g] >= 0:  # it turns about its second and third direction; about itself nothing turns
             for axis in range(3):
                 for k in range(2):
                     freedom.basis[g, 3 + axis, freedom.axis[g] + k] = (
-                        desk.rotation[g, axis, 1 + k] / freedom.scale[g]
+                        work.rotation[g, axis, 1 + k] / freedom.scale[g]
                     )
-    place(points.node_group, points.node_point, center, desk.rotation, desk.nodes)
-    place(points.group, points.point, center, desk.rotation, desk.points)
-    desk.slack[:] = 0.0
-    _objective(points, freedom, desk, center, wanted)
-    moved_obstacles(table, velocity, spin, rates.period, desk.table_after)
+    place(points.node_group, points.node_point, center, work.rotation, work.nodes)
+    place(points.group, points.point, center, work.rotation, work.points)
+    work.slack[:] = 0.0
+    _objective(qp, center, wanted)
+    moved_obstacles(table, velocity, spin, rates.period, work.table_after)
     m, clearance, pace = 0, np.inf, 0.0
-    desk.gain[:] = rates.gain
+    work.gain[:] = rates.gain
     for i in range(n_hands):
         g, fast = points.node_group[i], length_of(before[i])
         pace = max(pace, fast, length_of(wanted[i]))
         if rates.braking < np.inf:  # a fast group needs long to stop
-            desk.gain[g] = min(desk.gain[g], 2.0 * rates.braking / fast)
+            work.gain[g] = min(work.gain[g], 2.0 * rates.braking / fast)
     pace = min(pace, rates.speed)
     # Obstacles: sampled points, then the nearest points.
     n_edges = points.edges.shape[0]
     for j in range(n_obstacles):
         fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
         for k in range(points.group.shape[0]):
-            g, p = points.group[k], desk.points[k]
+            g, p = points.group[k], work.points[k]
             need = points.radius[k] + rates.clearance + margin[j]
             h = point_distance(table, j, p[0], p[1], p[2]) - need
             clearance = min(clearance, h)
-            if h <= horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates):
+            if h <= horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates):
                 true, nx, ny, nz = solid_gradient(table, j, p[0], p[1], p[2])
                 h = max(h, true - need)  # planes of a polytope tell less
-                m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
+                m = _obstacle_row(qp, m, g, center, p, (nx, ny, nz), sighting, j, h)
         for e in range(n_edges):
             a, b = points.edges[e]
-            p, q = desk.nodes[a], desk.nodes[b]
+            p, q = work.nodes[a], work.nodes[b]
             h, share = near_on_edge(table, j, p, q, np.inf)
             h -= points.edge_radius[e] + rates.clearance + margin[j]
-            desk.left[e, j] = h
+            work.left[e, j] = h
             clearance = min(clearance, h)
             g = points.node_group[a]
             if (
                 a != b
                 and 0.0 < share < 1.0
-                and h <= horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates)
+                and h <= horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates)
             ):
-                m = _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share)
+                m = _inner_row(qp, m, center, sighting, j, e, share)
         near = np.empty(3)
         for s in range(points.solids.shape[0]):
             g, need = points.node_group[points.solids[s, 0]], rates.clearance + margin[j]
-            reach = horizon(pace * freedom.lever[g] + fastest, desk.gain[g], rates)
-            desk.left[n_edges + s, j] = np.inf
+            reach = horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates)
+            work.left[n_edges + s, j] = np.inf
             for part in range(N_PARTS):  # each of them may be the next to touch
-                h = near_on_part(table, j, desk.nodes, points.solids[s], part, np.inf, near) - need
-                desk.left[n_edges + s, j] = min(desk.left[n_edges + s, j], h)
+                h = near_on_part(table, j, work.nodes, points.solids[s], part, np.inf, near) - need
+                work.left[n_edges + s, j] = min(work.left[n_edges + s, j], h)
                 if h <= reach:
                     _, nx, ny, nz = solid_gradient(table, j, near[0], near[1], near[2])
-                    m = _obstacle_row(freedom, rates, desk, m, g, center, near, (nx, ny, nz), sighting, j, h)
-            clearance = min(clearance, desk.left[n_edges + s, j])
+                    m = _obstacle_row(qp, m, g, center, near, (nx, ny, nz), sighting, j, h)
+            clearance = min(clearance, work.left[n_edges + s, j])
     # The border.
     for i in range(points.node_group.shape[0]):
-        g, p = points.node_group[i], desk.nodes[i]
+        g, p = points.node_group[i], work.nodes[i]
         for axis in range(3):
             for side in range(2):
                 h = _border(freedom, p, axis, side) - points.node_radius[i] - rates.clearance
                 clearance = min(clearance, h)
-                if h <= horizon(pace * freedom.lever[g], desk.gain[g], rates):
-                    m = _border_row(freedom, rates, desk, m, g, center, p, axis, side, h)
+                if h <= horizon(pace * freedom.lever[g], work.gain[g], rates):
+                    m = _border_row(qp, m, g, center, p, axis, side, h)
     for k in range(freedom.pairs.shape[0]):
-        h = _pair_distance(freedom, desk.nodes, k)
-        if h <= horizon(2 * pace, _pair_gain(points, freedom, desk, k), rates):
-            m = _pair_row(points, freedom, rates, desk, m, k, h)
-    m = limit_rows(points, freedom, rates, desk, m, before, wanted, m > 0)
+        h = _pair_distance(freedom, work.nodes, k)
+        if h <= horizon(2 * pace, _pair_gain(qp, k), rates):
+            m = _pair_row(qp, m, k, h)
+    m = limit_rows(qp, m, before, wanted, m > 0)
     return m, clearance + rates.clearance
 
 
 @numba.njit(cache=True, error_model="numpy")
-def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
+def missing_rows(
+    qp: QP, poses: HandPoses, sighting: Sighting, x: Array, m: int, twists: Array
+) -> tuple[int, float]:
     """Write in `twists` the twists of the variables x, and from row m on the rows that they violate after the step.
 
     Returns
@@ -173,6 +181,7 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
     n_rows : int
     worst : float, largest violation of a distance after the step, divided by the period [m/s]
     """
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     center, quaternion = poses
     table, velocity, spin, margin = sighting
     n_groups, n, n_obstacles = center.shape[0], x.shape[0], table.shape[0]
@@ -182,15 +191,15 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
             twists[g, k] = 0.0
             for c in range(n):
                 twists[g, k] += freedom.basis[g, k, c] * x[c]
-    m, far_out = broken_limits(points, freedom, desk, m, x)
+    m, far_out = broken_limits(qp, m, x)
     if far_out:  # violations by so large a step say nothing about smaller ones
         return m, worst
-    step(center, quaternion, twists, dt, desk.center_after, desk.quaternion_after)
-    after = desk.quaternion_after
+    step(center, quaternion, twists, dt, work.center_after, work.quaternion_after)
+    after = work.quaternion_after
     for g in range(n_groups):
-        turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], desk.rotation_after[g])
-    place(points.node_group, points.node_point, desk.center_after, desk.rotation_after, desk.nodes_after)
-    m = bent_limits(points, freedom, desk, m, x, dt)
+        turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], work.rotation_after[g])
+    place(points.node_group, points.node_point, work.center_after, work.rotation_after, work.nodes_after)
+    m = bent_limits(qp, m, x, dt)
     n_edges, near = points.edges.shape[0], np.empty(3)
     for j in range(n_obstacles):
         fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
@@ -199,81 +208,80 @@ def missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists):
             g = points.node_group[a]
             fast = sqrt(twists[g, 0] ** 2 + twists[g, 1] ** 2 + twists[g, 2] ** 2)
             fast += sqrt(twists[g, 3] ** 2 + twists[g, 4] ** 2 + twists[g, 5] ** 2) * points.reach[g]
-            h = desk.left[e, j]
-            ask = _promise(h, desk.gain[g], rates) - desk.slack[g, j] * dt
+            h = work.left[e, j]
+            ask = _promise(h, work.gain[g], rates) - work.slack[g, j] * dt
             if h - dt * (fast + fastest) >= ask:
                 continue
             need = rates.clearance + margin[j]
             if e < n_edges:
-                p, q = desk.nodes_after[a], desk.nodes_after[points.edges[e, 1]]
+                p, q = work.nodes_after[a], work.nodes_after[points.edges[e, 1]]
                 need += points.edge_radius[e]
-                then, share = near_on_edge(desk.table_after, j, p, q, ask + need)
+                then, share = near_on_edge(work.table_after, j, p, q, ask + need)
                 if then >= ask + need:
                     continue
                 for axis in range(3):
                     near[axis] = p[axis] + share * (q[axis] - p[axis])
             else:
                 then = near_on_solid(
-                    desk.table_after, j, desk.nodes_after, points.solids[e - n_edges], ask + need, near
+                    work.table_after, j, work.nodes_after, points.solids[e - n_edges], ask + need, near
                 )
                 if then >= ask + need:  # then `near` is nowhere
                     continue
             then -= need
             worst = max(worst, (ask - then) / dt)
             of_solid = e >= n_edges
-            m = _point_row(
-                freedom, rates, desk, m, g, center, twists, near, sighting, j, need, then, of_solid
-            )
+            m = _point_row(qp, m, g, center, twists, near, sighting, j, need, then, of_solid)
     for i in range(points.node_group.shape[0]):
         g = points.node_group[i]
         for axis in range(3):
             for side in range(2):
                 need = points.node_radius[i] + rates.clearance
-                h = _border(freedom, desk.nodes[i], axis, side) - need
-                then = _border(freedom, desk.nodes_after[i], axis, side) - need
-                ask = _promise(h, desk.gain[g], rates) - desk.slack[g, n_obstacles + 1] * dt
+                h = _border(freedom, work.nodes[i], axis, side) - need
+                then = _border(freedom, work.nodes_after[i], axis, side) - need
+                ask = _promise(h, work.gain[g], rates) - work.slack[g, n_obstacles + 1] * dt
                 if then >= ask:
                     continue
                 worst = max(worst, (ask - then) / dt)
-                m = _border_row(freedom, rates, desk, m, g, center, desk.nodes[i], axis, side, h)
-                bend = (then - h) / dt - _value(desk, m - 1, x)
-                desk.low[m - 1] += SPARE - min(bend, 0.0)
+                m = _border_row(qp, m, g, center, work.nodes[i], axis, side, h)
+                bend = (then - h) / dt - _value(work, m - 1, x)
+                work.low[m - 1] += SPARE - min(bend, 0.0)
     for k in range(freedom.pairs.shape[0]):
-        h, then = _pair_distance(freedom, desk.nodes, k), _pair_distance(freedom, desk.nodes_after, k)
+        h, then = _pair_distance(freedom, work.nodes, k), _pair_distance(freedom, work.nodes_after, k)
         g = points.node_group[freedom.pairs[k, 0]]
-        ask = _promise(h, _pair_gain(points, freedom, desk, k), rates) - desk.slack[g, n_obstacles] * dt
+        ask = _promise(h, _pair_gain(qp, k), rates) - work.slack[g, n_obstacles] * dt
         if then >= ask:
             continue
         worst = max(worst, (ask - then) / dt)
-        m = _pair_row(points, freedom, rates, desk, m, k, h)
-        bend = (then - h) / dt - _value(desk, m - 1, x)
-        desk.low[m - 1] += SPARE - min(bend, 0.0)
+        m = _pair_row(qp, m, k, h)
+        bend = (then - h) / dt - _value(work, m - 1, x)
+        work.low[m - 1] += SPARE - min(bend, 0.0)
     return m, worst
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _promise(h, gain, rates):
+def _promise(h: float, gain: float, rates: Rates) -> float:
     """Return the clearance [m] that must be left after a step that begins at the clearance h."""
     return (h - rate(h, gain, rates) * rates.period - BEND * h if h > 0.0 else h) - ROUNDING
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _objective(points, freedom, desk, center, wanted):
+def _objective(qp: QP, center: Array, wanted: Array) -> None:
     """Write the objective: the deviation from the desired velocities, and the cost of rotation that moves no hand.
 
     The deviation is the sum over the hands of |velocity - wanted|^2 / 2.
     """
+    points, freedom, work = qp.points, qp.freedom, qp.work
     n_groups, _, n = freedom.basis.shape
-    desk.quadratic[:] = 0.0
-    desk.linear[:] = 0.0
-    for i in range(desk.hands.shape[0]):
+    work.quadratic[:] = 0.0
+    work.linear[:] = 0.0
+    for i in range(work.hands.shape[0]):
         g = points.node_group[i]
         x, y, z = (
-            desk.nodes[i, 0] - center[g, 0],
-            desk.nodes[i, 1] - center[g, 1],
-            desk.nodes[i, 2] - center[g, 2],
+            work.nodes[i, 0] - center[g, 0],
+            work.nodes[i, 1] - center[g, 1],
+            work.nodes[i, 2] - center[g, 2],
         )
-        b, jacobian = freedom.basis[g], desk.hands[i]
+        b, jacobian = freedom.basis[g], work.hands[i]
         for c in range(n):
             jacobian[0, c] = b[0, c] + b[4, c] * z - b[5, c] * y
             jacobian[1, c] = b[1, c] + b[5, c] * x - b[3, c] * z
@@ -282,9 +290,9 @@ def _objective(points, freedom, desk, center, wanted):
             for c in range(n):
                 if jacobian[axis, c] == 0.0:
                     continue
-                desk.linear[c] -= jacobian[axis, c] * wanted[i, axis]
+                work.linear[c] -= jacobian[axis, c] * wanted[i, axis]
                 for d in range(n):
-                    desk.quadratic[c, d] += jacobian[axis, c] * jacobian[axis, d]
+                    work.quadratic[c, d] += jacobian[axis, c] * jacobian[axis, d]
     own = np.empty((3, n))
     for g in range(n_groups):
         if not freedom.idle[g].any():
@@ -293,22 +301,24 @@ def _objective(points, freedom, desk, center, wanted):
             for c in range(n):
                 own[k, c] = 0.0
                 for axis in range(3):
-                    own[k, c] += desk.rotation[g, axis, k] * freedom.basis[g, 3 + axis, c]
+                    own[k, c] += work.rotation[g, axis, k] * freedom.basis[g, 3 + axis, c]
         for k in range(3):
             for l in range(3):
                 for c in range(n):
                     for d in range(n):
-                        desk.quadratic[c, d] += freedom.idle[g, k, l] * own[k, c] * own[l, d]
+                        work.quadratic[c, d] += freedom.idle[g, k, l] * own[k, c] * own[l, d]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _row(freedom, desk, m, g, center, p, nx, ny, nz):
-    """Write in row m the velocity of the point p of group g along (nx, ny, nz)."""
+def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, float, float]) -> None:
+    """Write in row m the velocity of the point p of group g along a normal."""
+    freedom, work = qp.freedom, qp.work
+    nx, ny, nz = normal
     x, y, z = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
     a, b, c = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
     basis = freedom.basis[g]
     for k in range(basis.shape[1]):
-        desk.rows[m, k] = (
+        work.rows[m, k] = (
             nx * basis[0, k]
             + ny * basis[1, k]
             + nz * basis[2, k]
@@ -316,63 +326,86 @@ def _row(freedom, desk, m, g, center, p, nx, ny, nz):
             + b * basis[4, k]
             + c * basis[5, k]
         )
-    desk.body[m] = g
+    work.body[m] = g
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _obstacle_row(freedom, rates, desk, m, g, center, p, normal, sighting, j, h):
+def _obstacle_row(
+    qp: QP,
+    m: int,
+    g: int,
+    center: Array,
+    p: Array,
+    normal: tuple[float, float, float],
+    sighting: Sighting,
+    j: int,
+    h: float,
+) -> int:
     """Write the row of the point p against obstacle `j`, h [m] away; return the number of rows."""
+    rates, work = qp.rates, qp.work
     nx, ny, nz = normal
     table, velocity, spin, _ = sighting
-    _row(freedom, desk, m, g, center, p, nx, ny, nz)
+    _row(qp, m, g, center, p, normal)
     x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
     comes = (
         nx * (velocity[j, 0] + spin[j, 1] * z - spin[j, 2] * y)
         + ny * (velocity[j, 1] + spin[j, 2] * x - spin[j, 0] * z)
         + nz * (velocity[j, 2] + spin[j, 0] * y - spin[j, 1] * x)
     )
-    desk.low[m] = comes - rate(h, desk.gain[g], rates)
-    desk.owner[m] = j
+    work.low[m] = comes - rate(h, work.gain[g], rates)
+    work.owner[m] = j
     return m + 1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _inner_row(points, freedom, rates, desk, m, center, sighting, j, e, share):
+def _inner_row(qp: QP, m: int, center: Array, sighting: Sighting, j: int, e: int, share: float) -> int:
     """Write the row of the point at the fraction `share` of edge `e`; return the number of rows."""
+    points, rates, work = qp.points, qp.rates, qp.work
     a, b = points.edges[e]
     p = np.empty(3)
     for axis in range(3):
-        p[axis] = desk.nodes[a, axis] + share * (desk.nodes[b, axis] - desk.nodes[a, axis])
+        p[axis] = work.nodes[a, axis] + share * (work.nodes[b, axis] - work.nodes[a, axis])
     h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
     h -= points.edge_radius[e] + rates.clearance + sighting[3][j]
-    return _obstacle_row(
-        freedom, rates, desk, m, points.node_group[a], center, p, (nx, ny, nz), sighting, j, h
-    )
+    return _obstacle_row(qp, m, points.node_group[a], center, p, (nx, ny, nz), sighting, j, h)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, need, then, of_solid):
+def _point_row(
+    qp: QP,
+    m: int,
+    g: int,
+    center: Array,
+    twists: Array,
+    after: Array,
+    sighting: Sighting,
+    j: int,
+    need: float,
+    then: float,
+    of_solid: bool,
+) -> int:
     """Write the row of the point that will be at `after` and `then` [m] from obstacle `j` after the step.
 
     Returns the number of rows.
     """
+    rates, work = qp.rates, qp.work
     x, p = np.empty(3), np.empty(3)
     for axis in range(3):
-        x[axis] = after[axis] - desk.center_after[g, axis]
+        x[axis] = after[axis] - work.center_after[g, axis]
     for axis in range(3):  # back to where it is now
         own = 0.0
         for k in range(3):
             inside = 0.0
             for l in range(3):
-                inside += desk.rotation_after[g, l, k] * x[l]
-            own += desk.rotation[g, axis, k] * inside
+                inside += work.rotation_after[g, l, k] * x[l]
+            own += work.rotation[g, axis, k] * inside
         p[axis] = center[g, axis] + own
     if of_solid:
         h, nx, ny, nz = solid_gradient(sighting[0], j, p[0], p[1], p[2])
     else:
         h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
     h -= need
-    m = _obstacle_row(freedom, rates, desk, m, g, center, p, (nx, ny, nz), sighting, j, h)
+    m = _obstacle_row(qp, m, g, center, p, (nx, ny, nz), sighting, j, h)
     # What the step does beyond its first order, to this point: rounds of turns, the obstacle's turning.
     x[0], x[1], x[2] = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
     v = twists[g]
@@ -381,71 +414,75 @@ def _point_row(freedom, rates, desk, m, g, center, twists, after, sighting, j, n
         + ny * (v[1] + v[5] * x[0] - v[3] * x[2])
         + nz * (v[2] + v[3] * x[1] - v[4] * x[0])
     )
-    comes = desk.low[m - 1] + rate(h, desk.gain[g], rates)
+    comes = work.low[m - 1] + rate(h, work.gain[g], rates)
     bend = (then - h) / rates.period - (moved - comes)
-    desk.low[m - 1] += SPARE - min(bend, 0.0)
+    work.low[m - 1] += SPARE - min(bend, 0.0)
     return m
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _border(freedom, p, axis, side):
+def _border(freedom: Freedom, p: Array, axis: int, side: int) -> float:
     """Return the distance [m] of a point from one side of the workspace."""
     return p[axis] - freedom.lower[axis] if side == 0 else freedom.upper[axis] - p[axis]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _border_row(freedom, rates, desk, m, g, center, p, axis, side, h):
+def _border_row(qp: QP, m: int, g: int, center: Array, p: Array, axis: int, side: int, h: float) -> int:
+    rates, work = qp.rates, qp.work
     sign = 1.0 - 2.0 * side
-    nx, ny, nz = sign * (axis == 0), sign * (axis == 1), sign * (axis == 2)
-    _row(freedom, desk, m, g, center, p, nx, ny, nz)
-    desk.low[m] = -rate(h, desk.gain[g], rates)
-    desk.owner[m] = BORDER
+    normal = (sign * (axis == 0), sign * (axis == 1), sign * (axis == 2))
+    _row(qp, m, g, center, p, normal)
+    work.low[m] = -rate(h, work.gain[g], rates)
+    work.owner[m] = BORDER
     return m + 1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pair_distance(freedom, nodes, k):
+def _pair_distance(freedom: Freedom, nodes: Array, k: int) -> float:
     """Return by how much two hands are farther apart than they must be [m]."""
     p, q = nodes[freedom.pairs[k, 0]], nodes[freedom.pairs[k, 1]]
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2) - freedom.apart[k]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pair_gain(points, freedom, desk, k):
+def _pair_gain(qp: QP, k: int) -> float:
     """Return the gain [1/s] of two hands: that of the faster group."""
+    points, freedom, work = qp.points, qp.freedom, qp.work
     a, b = freedom.pairs[k]
-    return min(desk.gain[points.node_group[a]], desk.gain[points.node_group[b]])
+    return min(work.gain[points.node_group[a]], work.gain[points.node_group[b]])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _pair_row(points, freedom, rates, desk, m, k, h):
+def _pair_row(qp: QP, m: int, k: int, h: float) -> int:
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     a, b = freedom.pairs[k]
     length = max(h + freedom.apart[k], TINY)
-    for c in range(desk.rows.shape[1]):
-        desk.rows[m, c] = 0.0
+    for c in range(work.rows.shape[1]):
+        work.rows[m, c] = 0.0
         for axis in range(3):
-            n = (desk.nodes[a, axis] - desk.nodes[b, axis]) / length
-            desk.rows[m, c] += n * (desk.hands[a, axis, c] - desk.hands[b, axis, c])
-    desk.low[m] = -rate(h, _pair_gain(points, freedom, desk, k), rates)
-    desk.owner[m], desk.body[m] = HANDS, points.node_group[a]
+            n = (work.nodes[a, axis] - work.nodes[b, axis]) / length
+            work.rows[m, c] += n * (work.hands[a, axis, c] - work.hands[b, axis, c])
+    work.low[m] = -rate(h, _pair_gain(qp, k), rates)
+    work.owner[m], work.body[m] = HANDS, points.node_group[a]
     return m + 1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _value(desk, i, x):
+def _value(work: QPWorkspace, i: int, x: Array) -> float:
     """Return the value of row i at x."""
     value = 0.0
     for c in range(x.shape[0]):
-        value += desk.rows[i, c] * x[c]
+        value += work.rows[i, c] * x[c]
     return value
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _wrong(center, quaternion, before, wanted, table, velocity, spin, margin):
+def _wrong(poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
     """Return a key of `WRONG`, or 0 where the arguments are valid.
 
     Obstacles that are endless along z may have infinite sizes.
     """
+    (center, quaternion), (table, velocity, spin, margin) = poses, sighting
     total = center.sum() + quaternion.sum() + before.sum() + wanted.sum()
     total += velocity.sum() + spin.sum() + margin.sum() + table[:, : CENTER + 12].sum()
     if not np.isfinite(total) or np.isnan(table).any():

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.distances import CENTER, ROTATION, TINY
-from comove.geometry.polytopes import hull_of
+from comove.geometry.polytopes import solid_hull_of
 from comove.geometry.solids import N_CORNERS
 from comove.reaction.twists import exponential_at, group_nodes, turn_into
 from comove.scenes.scene import Scene
@@ -113,7 +113,7 @@ def _on_faces(corners: Array, n_points: int) -> Array:
 
 def _on_hull(corners: Array, n_points: int) -> Array:
     """Return the corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
-    hull = hull_of(np.unique(corners, axis=0))
+    hull = solid_hull_of(np.unique(corners, axis=0))
     if len(hull.vertices) > FEW_CORNERS:
         return hull.vertices
     spacing = hull.size / max(1, (n_points - 1) // 4)
@@ -129,7 +129,7 @@ def _on_hull(corners: Array, n_points: int) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def moved_obstacles(table, velocity, spin, dt, moved):
+def moved_obstacles(table: Array, velocity: Array, spin: Array, dt: float, moved: Array) -> None:
     """Write in `moved` the table after `dt` [s] of constant velocities (n, 3) [m/s] and spins (n, 3) [rad/s]."""
     turn = np.empty((3, 3))
     for j in range(table.shape[0]):

@@ -9,22 +9,26 @@ from math import sqrt
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from comove.reaction.qp_workspace import LIMIT
+from comove.reaction.qp_workspace import LIMIT, QP
+
+Array = NDArray[np.float64]
 
 INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
 ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside
 
 
 @numba.njit(cache=True, error_model="numpy")
-def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
+def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
     """Set up the balls of speeds, accelerations and rotations; write tangents where the desired velocity is outside.
 
     Returns the number of rows. A hand that moves on an arc needs a centripetal acceleration w^2 r, which is then not
     available for braking, so rotations are bounded: where something is `near`, such that half of the acceleration is
     left; otherwise such that the rotation can be kept up at all.
     """
-    n_hands, balls = before.shape[0], desk.balls
+    freedom, rates, work = qp.freedom, qp.rates, qp.work
+    n_hands, balls = before.shape[0], work.balls
     reach = rates.acceleration * rates.period
     for i in range(n_hands):
         for axis in range(3):
@@ -37,13 +41,13 @@ def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
         balls[2 * n_hands + g, 0] = balls[2 * n_hands + g, 1] = balls[2 * n_hands + g, 2] = 0.0
         balls[2 * n_hands + g, 3] = np.inf
     if reach < np.inf:
-        n = desk.linear.shape[0]
+        n = work.linear.shape[0]
         right = np.zeros(n)
         for i in range(n_hands):
             for axis in range(3):
                 for c in range(n):
-                    right[c] += desk.hands[i, axis, c] * before[i, axis]
-        x = np.linalg.solve(desk.quadratic, right)
+                    right[c] += work.hands[i, axis, c] * before[i, axis]
+        x = np.linalg.solve(work.quadratic, right)
         for g in range(freedom.spread.shape[0]):
             spread = freedom.spread[g]
             if spread == 0.0:
@@ -59,93 +63,97 @@ def limit_rows(points, freedom, rates, desk, m, before, wanted, near):
             most = sqrt((0.5 if near else 1.0) * rates.acceleration * spread)
             balls[2 * n_hands + g, 3] = max(most, turn - 0.5 * free * rates.period)
     for b in range(2 * n_hands):
-        m = _tangent(points, freedom, desk, m, b, wanted[b % n_hands], np.zeros(3))
+        m = _tangent(qp, m, b, wanted[b % n_hands], np.zeros(3))
     return m
 
 
 @numba.njit(cache=True, error_model="numpy")
-def broken_limits(points, freedom, desk, m, x):
+def broken_limits(qp: QP, m: int, x: Array) -> tuple[int, bool]:
     """Write tangents to the balls that x is outside of.
 
     Returns the number of rows and whether x is far outside of a ball.
     """
-    n, n_hands, n_balls = x.shape[0], desk.hands.shape[0], desk.balls.shape[0]
+    work = qp.work
+    n, n_hands, n_balls = x.shape[0], work.hands.shape[0], work.balls.shape[0]
     y, far_out = np.empty(3), False
     for b in range(n_balls):
-        if desk.balls[b, 3] == np.inf:
+        if work.balls[b, 3] == np.inf:
             continue
         for axis in range(3):
             y[axis] = 0.0
             for c in range(n):
-                y[axis] += _bound(freedom, desk, b, n_hands, axis, c) * x[c]
-        m = _tangent(points, freedom, desk, m, b, y, np.zeros(3))
+                y[axis] += _bound(qp, b, n_hands, axis, c) * x[c]
+        m = _tangent(qp, m, b, y, np.zeros(3))
         away = (
-            (y[0] - desk.balls[b, 0]) ** 2 + (y[1] - desk.balls[b, 1]) ** 2 + (y[2] - desk.balls[b, 2]) ** 2
+            (y[0] - work.balls[b, 0]) ** 2 + (y[1] - work.balls[b, 1]) ** 2 + (y[2] - work.balls[b, 2]) ** 2
         )
-        far_out = far_out or away > (FAR_OUT * desk.balls[b, 3]) ** 2
+        far_out = far_out or away > (FAR_OUT * work.balls[b, 3]) ** 2
     return m, far_out
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bent_limits(points, freedom, desk, m, x, dt):
+def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
     """Write tangents to the balls that the hands' average velocities over the step are outside of.
 
     Returns the number of rows.
 
-    The average velocity of a hand is its displacement to `desk.nodes_after`, divided by `dt`. A hand turns within a
+    The average velocity of a hand is its displacement to `work.nodes_after`, divided by `dt`. A hand turns within a
     step, so this differs from its first velocity to second order, by an amount that is treated as constant until the
     next round.
     """
-    n, n_hands = x.shape[0], desk.hands.shape[0]
+    work = qp.work
+    n, n_hands = x.shape[0], work.hands.shape[0]
     way, bend = np.empty(3), np.empty(3)
     for b in range(2 * n_hands):
         i = b % n_hands
         for axis in range(3):
-            way[axis] = (desk.nodes_after[i, axis] - desk.nodes[i, axis]) / dt
+            way[axis] = (work.nodes_after[i, axis] - work.nodes[i, axis]) / dt
             bend[axis] = way[axis]
             for c in range(n):
-                bend[axis] -= desk.hands[i, axis, c] * x[c]
-        m = _tangent(points, freedom, desk, m, b, way, bend)
+                bend[axis] -= work.hands[i, axis, c] * x[c]
+        m = _tangent(qp, m, b, way, bend)
     return m
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bound(freedom, desk, b, n_hands, axis, c):
+def _bound(qp: QP, b: int, n_hands: int, axis: int, c: int) -> float:
     """Return the coefficient of variable c, along an axis, in the vector that ball `b` bounds.
 
     The vector is the velocity of a hand, or the rotation of a group times its `spread` [m/s].
     """
+    freedom, work = qp.freedom, qp.work
     if b < 2 * n_hands:
-        return desk.hands[b % n_hands, axis, c]
+        return work.hands[b % n_hands, axis, c]
     return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tangent(points, freedom, desk, m, b, y, bend):
+def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
     """Write row m along the tangent plane of ball `b` towards y [m/s], if y is outside; return the number of rows.
 
     `bend` is the part of y that is not linear in the variables.
     """
-    ball, n_hands = desk.balls[b], desk.hands.shape[0]
+    points, work = qp.points, qp.work
+    ball, n_hands = work.balls[b], work.hands.shape[0]
     x, y, z = y[0] - ball[0], y[1] - ball[1], y[2] - ball[2]
     length = sqrt(x * x + y * y + z * z)
     if not length > ball[3] * (1.0 + ROUND):
         return m
     x, y, z = x / length, y / length, z / length
-    for c in range(desk.rows.shape[1]):
-        desk.rows[m, c] = -(
-            x * _bound(freedom, desk, b, n_hands, 0, c)
-            + y * _bound(freedom, desk, b, n_hands, 1, c)
-            + z * _bound(freedom, desk, b, n_hands, 2, c)
+    for c in range(work.rows.shape[1]):
+        work.rows[m, c] = -(
+            x * _bound(qp, b, n_hands, 0, c)
+            + y * _bound(qp, b, n_hands, 1, c)
+            + z * _bound(qp, b, n_hands, 2, c)
         )
     inside = INSIDE if b < n_hands else INSIDE_BENDS
     off = x * (ball[0] - bend[0]) + y * (ball[1] - bend[1]) + z * (ball[2] - bend[2])
-    desk.low[m] = -(1.0 - inside) * ball[3] - off
-    desk.owner[m] = LIMIT
-    desk.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
+    work.low[m] = -(1.0 - inside) * ball[3] - off
+    work.owner[m] = LIMIT
+    work.body[m] = points.node_group[b % n_hands] if b < 2 * n_hands else b - 2 * n_hands
     return m + 1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def length_of(v):
+def length_of(v: Array) -> float:
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from comove.geometry.closest_points import N_PARTS
 from comove.reaction.control_points import LoadPoints
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,30 @@ class Rates(NamedTuple):
     clearance: float
 
 
-class Desk(NamedTuple):
+class Sighting(NamedTuple):
+    """The obstacles at an instant, as they are seen.
+
+    Attributes
+    ----------
+    table : array, shape (n_rows, n_columns), table of the scene's obstacles with their present centres and rotations
+    velocity : array, shape (n_rows, 3), velocities of the centres [m/s]
+    spin : array, shape (n_rows, 3), angular velocities [rad/s]
+    margin : array, shape (n_rows,), distance kept on top of the scene's clearance for uncertainty [m]
+    """
+
+    table: Array
+    velocity: Array
+    spin: Array
+    margin: Array
+
+    @classmethod
+    def still(cls, scene: Scene) -> Sighting:
+        """Return the obstacles of a scene at their positions in its file, at rest and known exactly."""
+        n = len(scene.obstacles)
+        return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+
+
+class QPWorkspace(NamedTuple):
     """Work arrays that are rewritten in every step.
 
     Attributes
@@ -107,14 +131,31 @@ class Desk(NamedTuple):
     balls: Array
 
 
-def empty_desk(
+class QP(NamedTuple):
+    """All that the kernels of the quadratic programme share.
+
+    Attributes
+    ----------
+    points : the geometry that must not touch anything
+    freedom : the degrees of freedom of the groups
+    rates : limits and rates
+    work : work arrays
+    """
+
+    points: LoadPoints
+    freedom: Freedom
+    rates: Rates
+    work: QPWorkspace
+
+
+def empty_workspace(
     points: LoadPoints,
     freedom: Freedom,
     n_hands: int,
     shape: tuple[int, int],
     n_rounds: int,
     n_sampled: int = 0,
-) -> Desk:
+) -> QPWorkspace:
     """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
 
     `n_sampled` rows more are for constraints that are sampled.
@@ -126,7 +167,7 @@ def empty_desk(
     first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
     later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
     n_rows = first + n_sampled + n_rounds * later
-    return Desk(
+    return QPWorkspace(
         np.zeros((n, n)),
         np.zeros(n),
         np.zeros((n_rows, n)),

@@ -36,7 +36,17 @@ from comove.errors import OptionError
 from comove.primitives.arguments import is_number, require_positive
 from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows, rate
 from comove.reaction.control_points import load_points
-from comove.reaction.qp_workspace import BORDER, HANDS, LIMIT, Desk, Freedom, Rates, empty_desk
+from comove.reaction.qp_workspace import (
+    BORDER,
+    HANDS,
+    LIMIT,
+    QP,
+    Freedom,
+    QPWorkspace,
+    Rates,
+    Sighting,
+    empty_workspace,
+)
 from comove.reaction.twists import HandPoses, group_nodes
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
@@ -54,29 +64,6 @@ MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
-
-
-class Sighting(NamedTuple):
-    """The obstacles at an instant, as they are seen.
-
-    Attributes
-    ----------
-    table : array, shape (n_rows, n_columns), table of the scene's obstacles with their present centres and rotations
-    velocity : array, shape (n_rows, 3), velocities of the centres [m/s]
-    spin : array, shape (n_rows, 3), angular velocities [rad/s]
-    margin : array, shape (n_rows,), distance kept on top of the scene's clearance for uncertainty [m]
-    """
-
-    table: Array
-    velocity: Array
-    spin: Array
-    margin: Array
-
-    @classmethod
-    def still(cls, scene: Scene) -> Sighting:
-        """Return the obstacles of a scene at their positions in its file, at rest and known exactly."""
-        n = len(scene.obstacles)
-        return cls(scene.obstacles, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
 
 
 class Allowed(NamedTuple):
@@ -176,7 +163,7 @@ class TwistProgramme:
 
     def _prepare(self, n_obstacles: int) -> None:
         """Allocate the arrays for that many obstacles."""
-        self._desk: Desk = empty_desk(
+        self._work: QPWorkspace = empty_workspace(
             self._points,
             self._freedom,
             self._hands[0],
@@ -184,7 +171,7 @@ class TwistProgramme:
             MAX_ROUNDS + 1,
             len(self.scene.sampled),
         )
-        n_rows = len(self._desk.low)
+        n_rows = len(self._work.low)
         self._high = np.full(n_rows, ENDLESS)
         self._sense = np.zeros(n_rows, dtype=np.int32)
 
@@ -208,10 +195,10 @@ class TwistProgramme:
         if len(unsure):
             sighting = Sighting(*(np.concatenate([array, array[unsure]]) for array in sighting))
             sighting.margin[n_obstacles:] = 0.0
-        if len(sighting.margin) != self._desk.left.shape[1]:
+        if len(sighting.margin) != self._work.left.shape[1]:
             self._prepare(len(sighting.margin))
-        points, freedom, rates, desk = self._points, self._freedom, self._rates, self._desk
-        m, clearance = first_rows(points, freedom, rates, desk, poses, before, wanted, sighting)
+        qp = QP(self._points, self._freedom, self._rates, self._work)
+        m, clearance = first_rows(qp, poses, before, wanted, sighting)
         if m < 0:
             wrong, way_out = WRONG[m]
             raise OptionError(wrong, way_out=way_out)
@@ -219,14 +206,14 @@ class TwistProgramme:
         twists, gives_way = np.empty((len(poses.center), 6)), HARD
         for _ in range(MAX_ROUNDS):
             x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
-            n_rows, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
+            n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)
             if n_rows == m:
                 break
             m = n_rows
         else:
             x = self._within(x, before)
-            _, missed = missing_rows(points, freedom, rates, desk, poses, sighting, x, m, twists)
-        relaxed = float(desk.slack.max(initial=0.0)) if gives_way else 0.0
+            _, missed = missing_rows(qp, poses, sighting, x, m, twists)
+        relaxed = float(qp.work.slack.max(initial=0.0)) if gives_way else 0.0
         relaxed = max(relaxed, missed)
         blocking = self._blocking(multipliers)
         if blocking >= n_obstacles:
@@ -267,8 +254,8 @@ class TwistProgramme:
 
         Its error, whose slope is taken by differences, may not grow faster than what is left of its tolerance allows.
         """
-        desk, n_dims = self._desk, self.scene.n_dims
-        now = desk.nodes[: self._hands[0]]
+        work, n_dims = self._work, self.scene.n_dims
+        now = work.nodes[: self._hands[0]]
         for c in self.scene.sampled:
             moves = [(hand, axis) for hand in c.hands for axis in range(n_dims)]
             samples = np.repeat(now[None], 2 * len(moves), axis=0)
@@ -276,24 +263,24 @@ class TwistProgramme:
                 samples[2 * k : 2 * k + 2, hand, axis] += (DIFFERENCE, -DIFFERENCE)
             error = c.error(np.concatenate([self._start[None], now[None], samples]), n_dims)[1:]
             slopes = (error[1::2] - error[2::2]) / (2 * DIFFERENCE)
-            hands = np.array([desk.hands[hand, axis] for hand, axis in moves])
+            hands = np.array([work.hands[hand, axis] for hand, axis in moves])
             groups = [int(self._points.node_group[hand]) for hand in c.hands]
-            desk.rows[m] = -slopes @ hands
-            desk.low[m] = -rate(c.tolerance - float(error[0]) - RESERVE, desk.gain[groups].min(), self._rates)
-            desk.owner[m], desk.body[m] = HANDS, groups[0]
+            work.rows[m] = -slopes @ hands
+            work.low[m] = -rate(c.tolerance - float(error[0]) - RESERVE, work.gain[groups].min(), self._rates)
+            work.owner[m], work.body[m] = HANDS, groups[0]
             m += 1
         return m
 
     def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
         """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
-        desk = self._desk
+        work = self._work
         if gives_way == HARD:
             x, _, flag, info = daqp.solve(
-                desk.quadratic,
-                desk.linear,
-                desk.rows[:m],
+                work.quadratic,
+                work.linear,
+                work.rows[:m],
                 self._high[:m],
-                desk.low[:m],
+                work.low[:m],
                 self._sense[:m],
                 primal_tol=TOLERANCE,
             )
@@ -311,54 +298,54 @@ class TwistProgramme:
 
     def _going_on(self, before: Array) -> Array:
         """Return the variables that keep the hands' velocities `before` best."""
-        flat = self._desk.hands.reshape(-1, len(self._desk.linear))
-        return np.linalg.solve(self._desk.quadratic, flat.T @ before.ravel())
+        flat = self._work.hands.reshape(-1, len(self._work.linear))
+        return np.asarray(np.linalg.solve(self._work.quadratic, flat.T @ before.ravel()), dtype=np.float64)
 
     def _within(self, x: Array, before: Array) -> Array:
         """Return x reduced to the limits, for use where the rounds have run out.
 
         It is a point between the variables that keep the present velocities and x.
         """
-        hands = self._desk.hands
+        hands = self._work.hands
         kept = self._going_on(before)
         change = np.linalg.norm(hands @ (x - kept), axis=1)
         spare = self.scene.acceleration_limit * self.period - np.linalg.norm(hands @ kept - before, axis=1)
         share = np.min(np.where(change > spare, np.maximum(spare, 0.0) / np.maximum(change, TOLERANCE), 1.0))
         x = kept + share * (x - kept)
-        allowed = self._desk.balls[: len(hands), 3]  # speeds
+        allowed = self._work.balls[: len(hands), 3]  # speeds
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
     def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """Return the solution and its multipliers with rows relaxed, None where that is not enough.
 
-        The slacks are written on the desk.
+        The slacks are written on the work.
         """
-        desk, n = self._desk, len(self._desk.linear)
-        owner, body = desk.owner[:m], desk.body[:m]
+        work, n = self._work, len(self._work.linear)
+        owner, body = work.owner[:m], work.body[:m]
         unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
-        gives = (desk.low[:m] > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
+        gives = (work.low[:m] > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
         soft = (owner != LIMIT) & gives
-        key = body * (desk.slack.shape[1]) + owner % desk.slack.shape[1]
+        key = body * (work.slack.shape[1]) + owner % work.slack.shape[1]
         if stage == LIMITS:
-            key[owner == LIMIT] = desk.slack.size
+            key[owner == LIMIT] = work.slack.size
             soft[:] = True
         kinds, which = np.unique(key[soft], return_inverse=True)
         size = n + len(kinds)
         quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
-        quadratic[:n, :n], linear[:n], rows[:, :n] = desk.quadratic, desk.linear, desk.rows[:m]
-        weights = np.where(kinds == desk.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
+        quadratic[:n, :n], linear[:n], rows[:, :n] = work.quadratic, work.linear, work.rows[:m]
+        weights = np.where(kinds == work.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
         weights[which[unsure[soft]]] = MARGINS_GIVE_WAY
         quadratic[range(n, size), range(n, size)] = 1.0
         rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
         x, _, flag, info = daqp.solve(
-            quadratic, linear, rows, self._high[:m], desk.low[:m], self._sense[:m], primal_tol=TOLERANCE
+            quadratic, linear, rows, self._high[:m], work.low[:m], self._sense[:m], primal_tol=TOLERANCE
         )
         if flag <= 0:
             return None
-        desk.slack[:] = 0.0
+        work.slack[:] = 0.0
         slack = np.maximum(x[n:] / np.sqrt(weights), 0.0)
-        own = kinds < desk.slack.size
-        desk.slack.ravel()[kinds[own]] = slack[own]
+        own = kinds < work.slack.size
+        work.slack.ravel()[kinds[own]] = slack[own]
         return np.ascontiguousarray(x[:n]), info["lam"]
 
     def _blocking(self, multipliers: Array) -> int:
@@ -366,7 +353,7 @@ class TwistProgramme:
 
         It is `NOTHING` where no obstacle and no border hinders.
         """
-        owner = self._desk.owner[: len(multipliers)]
+        owner = self._work.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:
             return NOTHING

@@ -24,6 +24,7 @@ from comove.scenes.groups import RigidGroup, fit_pose, orientation_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
 STAYS, POINTS, TURNS = range(3)
 """What a group can do about its centre: nothing; point elsewhere, its roll being nobody's business; turn."""
@@ -211,7 +212,7 @@ def _turning(scene: Scene) -> NDArray[np.int64]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def exponential_at(x, y, z):
+def exponential_at(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z) of one rotation vector [rad]."""
     angle = 0.5 * sqrt(x * x + y * y + z * z)
     factor = 0.5 * (sin(angle) / angle if angle > 1e-4 else 1.0 - angle * angle / 6.0)
@@ -219,7 +220,9 @@ def exponential_at(x, y, z):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step(center, quaternion, twists, dt, next_center, next_quaternion):
+def step(
+    center: Array, quaternion: Array, twists: Array, dt: float, next_center: Array, next_quaternion: Array
+) -> bool:
     """Write the poses after `dt` [s] in the last two arrays, and return whether all of them are finite."""
     finite = True
     for g in range(center.shape[0]):
@@ -238,7 +241,7 @@ def step(center, quaternion, twists, dt, next_center, next_quaternion):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def turn_into(w, x, y, z, rotation):
+def turn_into(w: float, x: float, y: float, z: float, rotation: Array) -> None:
     """Write the matrix of a unit quaternion in `rotation`, array of shape (3, 3)."""
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = (
         1 - 2 * (y * y + z * z),
@@ -258,7 +261,7 @@ def turn_into(w, x, y, z, rotation):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def turns(quaternion):
+def turns(quaternion: Array) -> Array:
     """Return the matrices (n, 3, 3) of unit quaternions (n, 4)."""
     rotation = np.empty((quaternion.shape[0], 3, 3))
     for g in range(quaternion.shape[0]):
@@ -267,7 +270,7 @@ def turns(quaternion):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def place(group, point, center, rotation, placed):
+def place(group: Numbers, point: Array, center: Array, rotation: Array, placed: Array) -> None:
     """Write in `placed` the positions in the world of points (n, 3) in the groups' frames [m]."""
     for i in range(point.shape[0]):
         turn, x, y, z = rotation[group[i]], point[i, 0], point[i, 1], point[i, 2]
@@ -278,7 +281,7 @@ def place(group, point, center, rotation, placed):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def velocities_into(group, point, rotation, twists, velocities):
+def velocities_into(group: Numbers, point: Array, rotation: Array, twists: Array, velocities: Array) -> None:
     """Write in `velocities` the velocities of the first points (n, 3) in the groups' frames [m/s]."""
     for i in range(velocities.shape[0]):
         turn, twist = rotation[group[i]], twists[group[i]]
@@ -291,7 +294,25 @@ def velocities_into(group, point, rotation, twists, velocities):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def twists_into(turning, center, quaternion, next_center, next_quaternion, duration, twists):
+def _first_axis(q: Array) -> tuple[float, float, float]:
+    """Return the first column of the matrix of a unit quaternion."""
+    return (
+        1 - 2 * (q[2] * q[2] + q[3] * q[3]),
+        2 * (q[1] * q[2] + q[0] * q[3]),
+        2 * (q[1] * q[3] - q[0] * q[2]),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def twists_into(
+    turning: Numbers,
+    center: Array,
+    quaternion: Array,
+    next_center: Array,
+    next_quaternion: Array,
+    duration: float,
+    twists: Array,
+) -> None:
     """Write in `twists` the constant twists that lead from some poses to others."""
     for g in range(center.shape[0]):
         for axis in range(3):
@@ -299,11 +320,7 @@ def twists_into(turning, center, quaternion, next_center, next_quaternion, durat
         x, y, z, along = 0.0, 0.0, 0.0, 1.0  # sine of the angle by the axis, and cosine
         p, q = quaternion[g], next_quaternion[g]
         if turning[g] == POINTS:
-            a, b = np.empty(3), np.empty(3)
-            for r, axis in ((p, a), (q, b)):
-                axis[0] = 1 - 2 * (r[2] * r[2] + r[3] * r[3])
-                axis[1] = 2 * (r[1] * r[2] + r[0] * r[3])
-                axis[2] = 2 * (r[1] * r[3] - r[0] * r[2])
+            a, b = _first_axis(p), _first_axis(q)
             x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
             along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
         elif turning[g] == TURNS:  # q conj(p), of half the angle

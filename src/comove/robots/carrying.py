@@ -27,7 +27,7 @@ from comove.robots.search.links import (
     ENOUGH,
     FAT,
     Links,
-    Surroundings,
+    LinkSurroundings,
     links_clearance,
     links_of,
     place_links,
@@ -134,7 +134,7 @@ class RobotCarrier:
         lattice = _lattice(scene.body.solids)
         carried = np.zeros(len(self.holders))
         carried[list(grasp.holders)] = load_mass(scene) / len(grasp.holders)
-        around = Surroundings(
+        around = LinkSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
             first=grasp.holders[0],

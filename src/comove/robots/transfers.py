@@ -59,6 +59,12 @@ class Transfers(Sealed):
     MAKER = "comove.robots.plan_transfers"
     INSTEAD = "plan them anew"
 
+    carry: VerifiedJointMotion
+    approach: JointMotion
+    release: JointMotion
+    grip_time: float
+    clearance_min: float
+
     def __init__(
         self,
         carry: VerifiedJointMotion,

@@ -7,7 +7,7 @@ the file: a body is as far from a moving obstacle as the body, moved back by the
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,23 @@ Array = NDArray[np.float64]
 FASTEST = 1000.0
 """Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""
 HOW = ("velocity", "waypoints", "circle")
+
+
+class ObstacleMotion(Protocol):
+    """The motion of an obstacle's centre, whose times are an array of shape (n_times,) [s]."""
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Return the times at which the velocity jumps [s]."""
+
+    def offsets(self, time: Array) -> Array:
+        """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
+
+    def velocities(self, time: Array) -> Array:
+        """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
+
+    def sagittas(self, time: Array) -> Array:
+        """Return bounds of the distance of the way from its chords; array, shape (n_times - 1,) [m]."""
 
 
 class Circle(Part):
@@ -113,7 +130,7 @@ class Motion(Part):
         ways = np.linalg.norm(np.diff(np.array(self.waypoints), axis=0), axis=1)
         return float((ways / np.diff(self.kinks)).max(initial=0.0))
 
-    def sags(self, time: Array) -> Array:
+    def sagittas(self, time: Array) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
@@ -121,15 +138,15 @@ class Motion(Part):
         if self.circle is not None:  # chord of a curve with a bound second derivative
             rate = 2 * np.pi / self.circle.period_s
             return self.circle.radius * (rate * steps) ** 2 / 8
-        sags = np.zeros(len(steps))
+        sagittas = np.zeros(len(steps))
         if self.times is not None:  # the distance to a chord is convex between kinks: it is largest at one
             kinks = np.array([t for t in self.times if time[0] < t < time[-1]])
             if len(kinks):
                 piece = np.clip(np.searchsorted(time, kinks, side="right") - 1, 0, len(steps) - 1)
                 ends, share = self.offsets(time), (kinks - time[piece]) / steps[piece]
                 chord = ends[piece] + share[:, None] * (ends[piece + 1] - ends[piece])
-                np.maximum.at(sags, piece, np.linalg.norm(self.offsets(kinks) - chord, axis=1))
-        return sags
+                np.maximum.at(sagittas, piece, np.linalg.norm(self.offsets(kinks) - chord, axis=1))
+        return sagittas
 
 
 def _require_order(waypoints: tuple[tuple[float, ...], ...], times: tuple[float, ...]) -> None:

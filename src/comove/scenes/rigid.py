@@ -42,8 +42,8 @@ TILT_ROUNDING = 1e-9  # rad
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
-    """What decides which hands of a scene file move as one rigid body, and where these bodies start and end.
+class LoadBodies:
+    """Describes which hands of a scene file move as one rigid body, and where these bodies start and end.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Bodies:
             sets.append(members)
         return sets
 
-    def levelled(self, sets: list[tuple[int, ...]]) -> Bodies:
+    def levelled(self, sets: list[tuple[int, ...]]) -> LoadBodies:
         """Return the same with free hands that share a height moved to their mean height.
 
         Raises
@@ -174,7 +174,7 @@ class Bodies:
 class _Body:
     """One rigid body: what the file says of its members, while its group is made."""
 
-    def __init__(self, bodies: Bodies, members: tuple[int, ...]):
+    def __init__(self, bodies: LoadBodies, members: tuple[int, ...]):
         self.file, self.members, self.decomposition = bodies.file, members, bodies.decomposition
         self.names, self.n_dims, self._error = bodies.file.names, bodies.file.dimension, bodies._error
         self.ends = bodies.start[list(members)], bodies.goal[list(members)]

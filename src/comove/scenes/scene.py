@@ -29,9 +29,9 @@ from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import SceneFile, canonical
-from comove.scenes.moving import Motion
+from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
-from comove.scenes.rigid import ENDS, HEADING, Bodies
+from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
     FAR,
     LOAD,
@@ -91,7 +91,7 @@ class Scene:
     obstacles: Array
     owners: NDArray[np.int64]
     grasp: Grasp | None = None
-    motions: tuple[Motion | None, ...] = ()
+    motions: tuple[ObstacleMotion | None, ...] = ()
     begins: float = 0.0
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
@@ -265,13 +265,13 @@ class Scene:
         time = self.begins + time
         return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
 
-    def obstacle_sags(self, time: Array) -> Array:
+    def obstacle_sagittas(self, time: Array) -> Array:
         """Return the largest distances of the obstacles' centres from their chords between the times.
 
         Array, shape (n_times - 1, n_obstacles) [m].
         """
         time = self.begins + time
-        return self._of_motions(lambda motion: motion.sags(time), (len(time) - 1,))
+        return self._of_motions(lambda motion: motion.sagittas(time), (len(time) - 1,))
 
     @cached_property
     def obstacle_kinks(self) -> Array:
@@ -282,7 +282,7 @@ class Scene:
         kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
         return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
 
-    def _of_motions(self, of: Callable[[Motion], Array], shape: tuple[int, ...]) -> Array:
+    def _of_motions(self, of: Callable[[ObstacleMotion], Array], shape: tuple[int, ...]) -> Array:
         still = np.zeros(shape)
         of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
@@ -469,7 +469,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
     explicit = _resolved(file, spatial(given[0]))
     start, goal = spatial(given)
-    bodies = Bodies(file, explicit, start, goal, path, held.get(LOAD))
+    bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
     bodies, groups, implied = bodies.levelled(rigid), [], []
     for members in rigid:

@@ -17,11 +17,11 @@ from comove.constraints import Constraint, Course
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Block
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
-from comove.verification.bounds import NodeBounds, column_bounds
+from comove.verification.bounds import NodeBounds, derivative_bounds
 
 Array = NDArray[np.float64]
 
-BULGE = INTERVAL**2 / 8  # by which a point leaves its chord, per second derivative
+CHORD_DEVIATION = INTERVAL**2 / 8  # by which a point leaves its chord, per second derivative
 
 
 class Finding(NamedTuple):
@@ -64,7 +64,7 @@ class MotionCourse(Course):
 
     def stray(self, hands: Sequence[int]) -> Array:
         """Return the sum of the largest distances of hands from their chords."""
-        return BULGE * self._acceleration[:, list(hands)].sum(axis=1)
+        return CHORD_DEVIATION * self._acceleration[:, list(hands)].sum(axis=1)
 
     def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
         """Return one hand relative to another; exactly, where both are columns of q and constants."""
@@ -76,7 +76,7 @@ class MotionCourse(Course):
         knots = [self.motion.knots[:, :, columns[part.columns][: self.n_dims][axes]] for part, _ in blocks]
         relative = knots[0] - knots[1]
         relative[0] += np.subtract(*(part.points[i, axes] for part, i in blocks))
-        return relative[0], BULGE * column_bounds(relative)[1]
+        return relative[0], CHORD_DEVIATION * derivative_bounds(relative)[2]
 
     def rigid(self, first: int, second: int, *, roll: bool = False) -> bool:
         """Return whether one block moves both hands, and does not leave their roll open."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,10 @@ from comove.constraints import Course, RelativePoseConstraint, UprightConstraint
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
 from comove.scenes.scene import Scene
-from comove.verification.certificate import Clearance, Paths, certify_nodes
+from comove.verification.certificate import Clearance, certify_curve
+from comove.verification.clearance_kernels import CurveArrays, Paths
 from comove.verification.constraints import examine, measures
+from comove.verification.verify import Report, broken_limits
 
 Array = NDArray[np.float64]
 
@@ -39,7 +42,7 @@ class Record:
     center : array, shape (n_steps, n_groups, 3), origins of the rigid groups' frames [m]
     quaternion : array, shape (n_steps, n_groups, 4), orientations of the rigid groups, w x y z
     obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]
-    sag : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords between the steps [m]
+    sagitta : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords [m]
     """
 
     scene: Scene
@@ -47,7 +50,7 @@ class Record:
     center: Array
     quaternion: Array
     obstacles: Array
-    sag: Array
+    sagitta: Array
 
     @cached_property
     def nodes(self) -> Array:
@@ -70,13 +73,15 @@ class Record:
         return turn[..., 1:] * scale / np.diff(self.time)[:, None, None]
 
     @cached_property
-    def bulges(self) -> Array:
+    def chord_deviations(self) -> Array:
         """Return how far nodes stray from their chords between the steps; array, shape (n_steps - 1, n_nodes) [m]."""
-        bulges = np.zeros((len(self.time) - 1, self.scene.body.n_nodes))
+        chord_deviations = np.zeros((len(self.time) - 1, self.scene.body.n_nodes))
         square = (self.spins**2).sum(axis=2) * np.diff(self.time)[:, None] ** 2 / 8
         for g, own in enumerate(self.scene.nodes_of_groups):
-            bulges[:, own] = square[:, g, None] * np.linalg.norm(self.scene.groups[g].points, axis=1)
-        return bulges
+            chord_deviations[:, own] = square[:, g, None] * np.linalg.norm(
+                self.scene.groups[g].points, axis=1
+            )
+        return chord_deviations
 
     @property
     def position(self) -> Array:
@@ -141,7 +146,7 @@ class RecordSamples:
         return nodes
 
     @property
-    def bulges(self) -> Array:
+    def chord_deviations(self) -> Array:
         """Return zeros, as hands move along the chords; array, shape (n_steps - 1, n_manipulators) [m]."""
         return np.zeros((len(self.time) - 1, len(self.scene.manipulators)))
 
@@ -151,9 +156,9 @@ class RecordSamples:
         return self.scene.centers + self.scene.offsets(self.time)
 
     @cached_property
-    def sag(self) -> Array:
+    def sagitta(self) -> Array:
         """Return how far the centres stray from their chords; array, shape (n_steps - 1, n_obstacles) [m]."""
-        return self.scene.obstacle_sags(self.time)
+        return self.scene.obstacle_sagittas(self.time)
 
     def holds(self, hands: Sequence[int]) -> bool:
         """Return False, as no rigid body is known to hold the hands together."""
@@ -164,43 +169,25 @@ class RecordSamples:
         return np.zeros(len(self.time) - 1)
 
 
-@dataclass(frozen=True)
-class RecordReport:
+@dataclass(frozen=True, kw_only=True)
+class ExecutionReport(Report):
     """The measures of an execution, between the steps too.
 
     Exceptions are velocities, which are averages over a step, and accelerations, the changes of these from one step
-    to the next.
+    to the next. The jerk is not measured. Ends are missed by distances of hands: `end_error` is that of the goal.
 
     Attributes
     ----------
-    clearance_min : certified lower bound of the clearance [m]
-    distance_error_max : largest error of the distances that constraints and loads fix [m]
-    start_error, end_error : distance of the hands from the required start and goal [m]
-    end_speed : speed of the hands at the end [m/s]
-    speed_max, acceleration_max : largest speed and acceleration of the hands [m/s], [m/s^2]
-    separation_spare_min : least spare of the hands' distances beyond their separations [m]; None without any
-    tilt_max : largest tilt of a load that must stay upright [rad]; None where none must
-    height_error_max : largest difference of heights that must be the same [m]; None without any
-    constraint_excess_max : what errors of constraints of other kinds exceed their tolerance by; None without any
+    start_error : largest distance of a hand from the required start [m]
     reasons : what is wrong, in words; empty for a correct execution
     """
 
-    clearance_min: float
-    distance_error_max: float
     start_error: float
-    end_error: float
-    end_speed: float
-    speed_max: float
-    acceleration_max: float
-    separation_spare_min: float | None = None
-    tilt_max: float | None = None
-    height_error_max: float | None = None
-    constraint_excess_max: float | None = None
     reasons: tuple[str, ...] = ()
 
 
-def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
-    """Judge an execution by the true motion of its obstacles, or the samples of a motion.
+def verify_execution(record: Record | RecordSamples, blocker: str = "") -> ExecutionReport:
+    """Verify an execution by the true motion of its obstacles, or the samples of a motion; return the report.
 
     Parameters
     ----------
@@ -214,19 +201,24 @@ def judge(record: Record | RecordSamples, blocker: str = "") -> RecordReport:
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
     clearance = _clearance(record)
     findings = examine(_RecordCourse(record), scene.constraints, scene.manipulators)
-    report = RecordReport(
+    measured: dict[str, Any] = {"distance_error_max": 0.0, **measures(findings)}
+    report = ExecutionReport(
         clearance_min=clearance.lower,
         start_error=float(misses[0]),
         end_error=float(misses[1]),
         end_speed=float(speeds[-1].max()),
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
-        reasons=(),
-        **{"distance_error_max": 0.0, **measures(findings)},
+        **measured,
     )
     reasons = _contact(record, clearance)
     reasons += [finding.reason for finding in findings if finding.reason]
-    return replace(report, reasons=(*reasons, *_off_limits(report, scene, blocker)))
+    if not report.start_error <= END_ERROR:
+        reasons.append(f"it begins {report.start_error:.3g} m from the start")
+    if not report.end_error <= END_ERROR:
+        reasons.append(f"the goal is missed by {report.end_error:.3g} m{blocker and f': {blocker}'}")
+    reasons += broken_limits(report, scene, END_SPEED, up_to="", rounding=ROUNDING)
+    return replace(report, reasons=tuple(reasons))
 
 
 def _clearance(record: Record | RecordSamples) -> Clearance:
@@ -234,19 +226,19 @@ def _clearance(record: Record | RecordSamples) -> Clearance:
 
     On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.
     """
-    scene, time, nodes, bulges = record.scene, record.time, record.nodes, record.bulges
-    obstacles, sag = record.obstacles, record.sag
+    scene, time, nodes, chord_deviations = record.scene, record.time, record.nodes, record.chord_deviations
+    obstacles, sagitta = record.obstacles, record.sagitta
     kinks = {t - scene.begins for motion in scene.motions if motion is not None for t in motion.kinks}
     inside = sorted(t for t in kinks if time[0] < t < time[-1])
     if inside and np.allclose(obstacles, scene.centers + scene.offsets(time), rtol=0.0, atol=1e-12):
         cut = np.union1d(time, inside)
         k = np.clip(np.searchsorted(time, cut, side="right") - 1, 0, len(time) - 2)
         share = ((cut - time[k]) / (time[k + 1] - time[k]))[:, None, None]
-        nodes, bulges = (1 - share) * nodes[k] + share * nodes[k + 1], bulges[k[:-1]]
-        obstacles, sag, time = scene.centers + scene.offsets(cut), scene.obstacle_sags(cut), cut
+        nodes, chord_deviations = (1 - share) * nodes[k] + share * nodes[k + 1], chord_deviations[k[:-1]]
+        obstacles, sagitta, time = scene.centers + scene.offsets(cut), scene.obstacle_sagittas(cut), cut
     offsets = scene.by_row(obstacles - scene.centers)
-    paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(sag))
-    return certify_nodes(scene, nodes, bulges, time, paths)
+    paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(sagitta))
+    return certify_curve(scene, CurveArrays(nodes, chord_deviations), time, paths)
 
 
 def _contact(record: Record | RecordSamples, clearance: Clearance) -> list[str]:
@@ -265,23 +257,6 @@ def _contact(record: Record | RecordSamples, clearance: Clearance) -> list[str]:
     return [f"the load or a hand {how} {scene.name_of(clearance.nearest)} at {clearance.time:.2f} s{asked}"]
 
 
-def _off_limits(r: RecordReport, scene: Scene, blocker: str) -> list[str]:
-    reasons = []
-    if not r.start_error <= END_ERROR:
-        reasons.append(f"it begins {r.start_error:.3g} m from the start")
-    if not r.end_error <= END_ERROR:
-        reasons.append(f"the goal is missed by {r.end_error:.3g} m{blocker and f': {blocker}'}")
-    if not r.end_speed <= END_SPEED:
-        reasons.append(f"a hand still moves at {r.end_speed:.3g} m/s at the end")
-    if not r.speed_max <= scene.speed_limit * (1 + ROUNDING):
-        reasons.append(f"a hand moves at {r.speed_max:.4g} m/s (limit {scene.speed_limit:g} m/s)")
-    if not r.acceleration_max <= scene.acceleration_limit * (1 + ROUNDING):
-        reasons.append(
-            f"a hand accelerates by {r.acceleration_max:.4g} m/s^2 (limit {scene.acceleration_limit:g} m/s^2)"
-        )
-    return reasons
-
-
 class _RecordCourse(Course):
     """The hands of a record, which go from step to step along arcs."""
 
@@ -291,7 +266,7 @@ class _RecordCourse(Course):
 
     def stray(self, hands: Sequence[int]) -> Array:
         """Return the sum of the largest distances of hands from their chords."""
-        return self.record.bulges[:, list(hands)].sum(axis=1)
+        return self.record.chord_deviations[:, list(hands)].sum(axis=1)
 
     def relative(self, first: int, second: int, axes: slice) -> tuple[Array, Array]:
         """Return one hand relative to another, and how far it strays from its chords."""

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.verification.bounds import node_bounds
-from comove.verification.rates import largest_jerk
+from comove.verification.bounds import largest_jerk, node_bounds
 
 Array = NDArray[np.float64]
 

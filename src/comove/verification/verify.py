@@ -14,10 +14,9 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
-from comove.verification.bounds import largest_acceleration, largest_speed, lengths, node_bounds
+from comove.verification.bounds import largest_acceleration, largest_jerk, largest_speed, lengths, node_bounds
 from comove.verification.certificate import Clearance, certify
 from comove.verification.constraints import MotionCourse, examine, measures
-from comove.verification.rates import largest_jerk
 from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
@@ -87,11 +86,10 @@ class VerifiedMotion(Sealed):
     """
 
     __slots__ = ("motion", "report")
-    MAKER = "comove.verification.verify"
-    INSTEAD = "send its `motion` and verify that anew"
-
     motion: CoordinatedMotion
     report: Report
+    MAKER = "comove.verification.verify"
+    INSTEAD = "send its `motion` and verify that anew"
 
     def __init__(self, motion: CoordinatedMotion, report: Report, *, seal: object = None):
         self._fill(seal is _SEAL, motion=motion, report=report)
@@ -168,20 +166,8 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.append("the motion is not finite")
     if not report.end_error <= END_ERROR:
         reasons.append(f"an end is missed by {report.end_error:.3g} m")
-    if not report.end_speed <= END_SPEED:
-        reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
     reasons += [finding.reason for finding in findings if finding.reason]
-    if not report.speed_max <= scene.speed_limit:
-        reasons.append(f"a hand moves at up to {report.speed_max:.4g} m/s (limit {scene.speed_limit:g} m/s)")
-    if not report.acceleration_max <= scene.acceleration_limit:
-        reasons.append(
-            f"a hand accelerates by up to {report.acceleration_max:.4g} m/s^2 "
-            f"(limit {scene.acceleration_limit:g} m/s^2)"
-        )
-    if report.jerk_max is not None and not report.jerk_max <= scene.jerk_limit:
-        reasons.append(
-            f"a hand's jerk reaches up to {report.jerk_max:.4g} m/s^3 (limit {scene.jerk_limit:g} m/s^3)"
-        )
+    reasons += broken_limits(report, scene, END_SPEED)
     if not clearance.lower >= scene.clearance:
         reasons.append(_contact(motion, clearance))
     for check in checks:
@@ -189,6 +175,32 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.extend([told] if isinstance(told, str) else told)
     verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
     return Verdict(verified, report, tuple(reasons))
+
+
+def broken_limits(
+    report: Report, scene: Scene, end_speed: float, *, up_to: str = "up to ", rounding: float = 0.0
+) -> list[str]:
+    """Return in words which limits of the hands are broken.
+
+    Parameters
+    ----------
+    end_speed : largest speed that counts as rest [m/s]
+    up_to : said before bounds, in contrast to what was measured
+    rounding : by which a share of a limit may exceed 1
+    """
+    reasons, most = [], 1 + rounding
+    if not report.end_speed <= end_speed:
+        reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
+    if not report.speed_max <= scene.speed_limit * most:
+        limit = f"(limit {scene.speed_limit:g} m/s)"
+        reasons.append(f"a hand moves at {up_to}{report.speed_max:.4g} m/s {limit}")
+    if not report.acceleration_max <= scene.acceleration_limit * most:
+        limit = f"(limit {scene.acceleration_limit:g} m/s^2)"
+        reasons.append(f"a hand accelerates by {up_to}{report.acceleration_max:.4g} m/s^2 {limit}")
+    if report.jerk_max is not None and not report.jerk_max <= scene.jerk_limit * most:
+        limit = f"(limit {scene.jerk_limit:g} m/s^3)"
+        reasons.append(f"a hand's jerk reaches {up_to}{report.jerk_max:.4g} m/s^3 {limit}")
+    return reasons
 
 
 def _are_of_the_scene(motion: CoordinatedMotion) -> bool:

@@ -8,7 +8,7 @@ from comove.execution import Executor
 from comove.experiments.examples import example
 from comove.experiments.modulation import Sharing
 from comove.experiments.modulation.comparison import METHODS, LooseRecord, compare, loose_run
-from comove.verification.record import judge
+from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
 TURNING = example("turning")
@@ -56,7 +56,7 @@ def test_what_is_known_of_each_method_is_found(compared):
 
 def test_the_same_matrix_keeps_the_distance_of_what_does_not_turn():
     scene = crossing(disc([0.5, 0.9], {"velocity": [0.0, -0.2]}))
-    assert judge(loose_run(scene, Sharing.SAME, 8.0)).distance_error_max < 1e-9
+    assert verify_execution(loose_run(scene, Sharing.SAME, 8.0)).distance_error_max < 1e-9
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
@@ -70,10 +70,10 @@ def test_hands_that_are_held_are_judged_alike_loose_or_not(seed):
         record.center,
         record.quaternion,
         record.obstacles,
-        record.sag,
+        record.sagitta,
         record.nodes[:, : len(scene.manipulators)],
     )
-    rigid, free = judge(record), judge(loose)
+    rigid, free = verify_execution(record), verify_execution(loose)
     assert free.clearance_min == pytest.approx(rigid.clearance_min, abs=1e-3)
     for name in ("distance_error_max", "end_error", "speed_max", "acceleration_max"):
         assert getattr(free, name) == pytest.approx(getattr(rigid, name), abs=1e-3)

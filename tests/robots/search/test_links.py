@@ -17,7 +17,7 @@ from comove.robots.search.links import (
     FINE,
     MOST_PARTS,
     ROUGH,
-    Surroundings,
+    LinkSurroundings,
     _capsules,
     links_clearance,
     links_of,
@@ -118,9 +118,9 @@ def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_tria
 
 
 def around(obstacles, edges, radii):
-    """Surroundings in which nothing is held."""
+    """LinkSurroundings in which nothing is held."""
     none = np.zeros(0)
-    return Surroundings(
+    return LinkSurroundings(
         at_rest=np.zeros((0, 3, 3)),
         turning=none.astype(bool),
         first=0,

@@ -1,6 +1,6 @@
 """Formats of recordings: one file each, and here the register from which files are recognised.
 
-A format turns files into :class:`~comove.demonstrations.samples.Samples` and back; it knows no `Demonstration`.
+A format turns files into `comove.demonstrations.samples.RecordedSamples` and back; it knows no `Demonstration`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import cast
 
 from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
-from comove.demonstrations.samples import Format, Samples, fault, select_name
+from comove.demonstrations.samples import Format, RecordedSamples, fault, select_name
 from comove.errors import near_name
 from comove.io.files import telling
 
@@ -50,7 +50,7 @@ def format_of(path: str | os.PathLike[str]) -> Format:
     return kinds[path.suffix.lower()]
 
 
-def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
     """Write one movement, or movements by manipulator, to a file in the format of its suffix.
 
     Raises
@@ -71,7 +71,7 @@ def load(
     *,
     episode: str | int | None = None,
     topic: str | None = None,
-) -> Samples:
+) -> RecordedSamples:
     """Return one movement; see `Demonstration.load`."""
     path = Path(path)
     format = format_of(path)
@@ -91,29 +91,31 @@ def load(
             message = f"{value!r} was asked for, but {reason}"
             raise fault(path, key, message, way_out)
     if not format.part:
-        return select(cast(Mapping[str, Samples], format.read(path)), manipulator, path)
+        return select(cast(Mapping[str, RecordedSamples], format.read(path)), manipulator, path)
     part = episode if topic is None else topic
     if part is None:
         part = select_name(format.parts(path), None, path, format.part)
     (found,) = format.read(path, **{format.part: part}).values()
-    return found if isinstance(found, Samples) else select(found, manipulator, path)
+    return found if isinstance(found, RecordedSamples) else select(found, manipulator, path)
 
 
-def load_all(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
+def load_all(path: str | os.PathLike[str]) -> tuple[RecordedSamples, ...]:
     """Return all movements; see `Demonstration.load_all`."""
     path = Path(path)
     return tuple(_each(format_of(path).read(path)))
 
 
-def _each(found: Mapping[str, Samples] | Mapping[str, Mapping[str, Samples]]) -> Iterator[Samples]:
+def _each(
+    found: Mapping[str, RecordedSamples] | Mapping[str, Mapping[str, RecordedSamples]],
+) -> Iterator[RecordedSamples]:
     for entry in found.values():
-        if isinstance(entry, Samples):
+        if isinstance(entry, RecordedSamples):
             yield entry
         else:
             yield from entry.values()
 
 
-def select(demos: Mapping[str, Samples], manipulator: str | None, file: object) -> Samples:
+def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: object) -> RecordedSamples:
     """Return one of the movements of a recording, selected by its manipulator.
 
     Raises

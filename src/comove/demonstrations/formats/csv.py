@@ -29,7 +29,7 @@ from comove.demonstrations.samples import (
     Columns,
     Format,
     Origin,
-    Samples,
+    RecordedSamples,
     by_manipulator,
     fault,
 )
@@ -55,7 +55,7 @@ _PLAIN = "write commas between columns and points in numbers"
 _EXAMPLE = "begin the file with a line such as time,x,y"
 
 
-def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
+def read(path: str | os.PathLike[str]) -> dict[str, RecordedSamples]:
     """Read all movements of a CSV file.
 
     Parameters
@@ -83,7 +83,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
         groups = _group(path, names)
         table = _read_table(path, names)
     return {
-        manipulator: Samples(
+        manipulator: RecordedSamples(
             table[:, 0],
             name=f"{path.stem}.{manipulator}" if manipulator else path.stem,
             origin=_origin(path, [names[column] for column in group.position + group.orientation]),
@@ -93,7 +93,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
     }
 
 
-def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
     """Write movements to a CSV file, from which they are read again with the same numbers, bit by bit.
 
     Parameters
@@ -131,7 +131,7 @@ def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) 
 FORMAT = Format("CSV", read, suffixes=(".csv",), write=write)
 
 
-def _check_writable(path: object, name: str, demo: Samples) -> None:
+def _check_writable(path: object, name: str, demo: RecordedSamples) -> None:
     """Raise if the header cannot name the coordinates, the manipulator or the unit."""
     if demo.n_dims > len(AXES) and not demo.axes:
         raise fault(

@@ -30,7 +30,7 @@ from comove.demonstrations.samples import (
     Episodes,
     Format,
     Origin,
-    Samples,
+    RecordedSamples,
     as_episodes,
     by_manipulator,
     decoding,
@@ -62,7 +62,7 @@ _LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (obs
 
 def read(
     path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
-) -> dict[str, dict[str, Samples]]:
+) -> dict[str, dict[str, RecordedSamples]]:
     """Read the episodes of an HDF5 file; the layout is recognised.
 
     Parameters
@@ -86,7 +86,7 @@ def read(
     if rate_hz is not None and not (0.0 < rate_hz < math.inf):
         raise fault(None, "rate_hz", f"{rate_hz!r} is no rate", "give hertz")
 
-    found: dict[str, dict[str, Samples]] = {}
+    found: dict[str, dict[str, RecordedSamples]] = {}
     n_rows = 0
     with _opened(path) as root:
         for name in one_of(_episode_names(path, root), episode, "demo_", path):
@@ -158,7 +158,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
             _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
 
 
-def write_aloha(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
     """Write one episode in ALOHA's layout.
 
     Reading returns the same numbers bit by bit, except for the time stamps. `qvel` holds differences of `qpos`,
@@ -227,7 +227,7 @@ def _episode_names(path: Path, root: Group) -> list[str]:
     return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
 
 
-def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, Samples]:
+def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, RecordedSamples]:
     """Read one episode of a robomimic file."""
     folder = f"data/{name}/obs"
     if folder not in root:
@@ -253,7 +253,7 @@ def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -
         orientation = None
         if f"{robot}_eef_quat" in held:
             orientation = _array(path, root, turns, (4,))[:, [3, 0, 1, 2]]
-        demos[robot] = Samples(
+        demos[robot] = RecordedSamples(
             np.arange(len(position)) / rate,
             position,
             f"{path.stem}.{name}.{robot}",
@@ -263,7 +263,7 @@ def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -
     return demos
 
 
-def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Samples]:
+def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, RecordedSamples]:
     """Read an ALOHA episode."""
     key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
     if key not in root:
@@ -281,7 +281,7 @@ def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, Sam
         {"left": qpos[:, :n_joints], "right": qpos[:, n_joints:]} if qpos.shape[1] > n_joints else {"": qpos}
     )
     return {
-        arm: Samples(
+        arm: RecordedSamples(
             np.arange(len(position)) / rate,
             position,
             f"{path.stem}.{arm}" if arm else path.stem,
@@ -365,7 +365,7 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         raise fault(path, key, "not all of it was written", "record or copy it again")
 
 
-def _write_demo(group: Group, demos: list[Samples]) -> None:
+def _write_demo(group: Group, demos: list[RecordedSamples]) -> None:
     """Write one episode of a robomimic file."""
     from scipy.spatial.transform import Rotation
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.samples import Samples, fault
+from comove.demonstrations.samples import RecordedSamples, fault
 from comove.errors import near_name
 
 N_DEMOS = 7
@@ -32,7 +32,7 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _folder().glob("*.mat")))
 
 
-def read(shape: str, demo: int = 0) -> Samples:
+def read(shape: str, demo: int = 0) -> RecordedSamples:
     """Read one recording of the set.
 
     Parameters
@@ -57,7 +57,7 @@ def read(shape: str, demo: int = 0) -> Samples:
     from scipy.io import loadmat
 
     recording = loadmat(_folder() / f"{shape}.mat", simplify_cells=True)["demos"][demo]
-    return Samples(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
+    return RecordedSamples(recording["t"], recording["pos"].T, f"{shape} {demo}", (_NOTE,), UNIT)
 
 
 def _folder() -> Path:

@@ -35,7 +35,7 @@ from comove.demonstrations.samples import (
     Episodes,
     Format,
     Origin,
-    Samples,
+    RecordedSamples,
     as_episodes,
     decoding,
     even_rate,
@@ -73,7 +73,7 @@ def read(
     episode: str | int | None = None,
     feature: str = STATE,
     unit: str | None = None,
-) -> dict[str, dict[str, Samples]]:
+) -> dict[str, dict[str, RecordedSamples]]:
     """Read the episodes of a dataset.
 
     Parameters
@@ -101,7 +101,7 @@ def read(
             path, None, f"its episodes have {n_rows:,} rows", f"read one by one: up to {MAX_ROWS:,} are read"
         )
     columns = _coordinates(dataset, feature, unit)
-    found: dict[str, dict[str, Samples]] = {}
+    found: dict[str, dict[str, RecordedSamples]] = {}
     tables: dict[Path, Table] = {}
     for name in names:
         file, task = dataset.files[int(name)], dataset.tasks[int(name)]
@@ -109,7 +109,7 @@ def read(
             tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
         rows = _episode(dataset, file, tables[file], int(name), feature)
         found[name] = {
-            manipulator: Samples(
+            manipulator: RecordedSamples(
                 rows.time,
                 name=".".join(filter(None, (dataset.folder.name, name, manipulator))),
                 notes=(f"task: {task}",) if task else (),
@@ -167,7 +167,7 @@ def write(
     names = _names(path, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
     lengths: list[int] = []
-    with whole_folder(path, Contents("recording", error=DemonstrationError)) as draft:
+    with whole_folder(Path(path), Contents("recording", error=DemonstrationError)) as draft:
         (draft / "meta").mkdir(parents=True)
         with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
             for number, demos in enumerate(written):
@@ -485,7 +485,7 @@ def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
     return row[key]
 
 
-def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
+def _common_fps(path: object, episodes: list[dict[str, RecordedSamples]]) -> int:
     """Return the common sampling rate of all episodes, a whole number [Hz]."""
     rates = [even_rate(demos, path) for demos in episodes]
     for number, rate in enumerate(rates):
@@ -499,7 +499,7 @@ def _common_fps(path: object, episodes: list[dict[str, Samples]]) -> int:
     return round(rates[0])
 
 
-def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
+def _names(path: object, demos: Mapping[str, RecordedSamples]) -> list[str]:
     """Return the names of the coordinates of all manipulators."""
     names = []
     for manipulator, demo in demos.items():
@@ -517,7 +517,7 @@ def _names(path: object, demos: Mapping[str, Samples]) -> list[str]:
 
 
 def _columns(
-    demos: Mapping[str, Samples], fps: int, number: int, first: int, dtype: str
+    demos: Mapping[str, RecordedSamples], fps: int, number: int, first: int, dtype: str
 ) -> dict[str, NDArray]:
     """Return the columns of an episode that begins at row `first` of the dataset."""
     blocks = [

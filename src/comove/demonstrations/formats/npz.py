@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.samples import AXES, Format, Origin, Samples, by_manipulator, fault
+from comove.demonstrations.samples import AXES, Format, Origin, RecordedSamples, by_manipulator, fault
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file
 
 
-def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
+def read(path: str | os.PathLike[str]) -> dict[str, RecordedSamples]:
     """Read all movements of an archive.
 
     Parameters
@@ -45,7 +45,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Samples]:
     return {name: _movement(path, arrays, index, name) for index, name in enumerate(names)}
 
 
-def write(path: str | os.PathLike[str], demos: Samples | Mapping[str, Samples]) -> None:
+def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
     """Write movements to an archive, from which they are read again with the same numbers, bit by bit.
 
     Parameters
@@ -99,7 +99,7 @@ def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
     return array
 
 
-def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> Samples:
+def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> RecordedSamples:
     """Build the movement of one manipulator from the arrays of all."""
     origin, position, orientation = Origin(path), arrays["position"], arrays.get("orientation")
     if position.ndim == 3:
@@ -129,7 +129,7 @@ def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) 
                 f"it holds {texts.dtype.name} of shape {texts.shape}, not texts that belong to position",
                 f"save texts of shape {' or '.join(map(str, dict.fromkeys(shapes)))}",
             )
-    return Samples(
+    return RecordedSamples(
         arrays["time"],
         position,
         f"{path.stem}.{name}" if name else path.stem,

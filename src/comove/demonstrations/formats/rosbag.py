@@ -31,7 +31,7 @@ from comove.demonstrations.samples import (
     MAX_ROWS,
     Format,
     Origin,
-    Samples,
+    RecordedSamples,
     by_manipulator,
     decoding,
     fault,
@@ -53,7 +53,7 @@ _Messages = Iterator[tuple[int, Any]]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, Samples]:
+def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, RecordedSamples]:
     """Read the movements of a bag.
 
     Parameters
@@ -104,7 +104,7 @@ def topics(path: str | os.PathLike[str]) -> dict[str, str]:
 
 def write(
     path: str | os.PathLike[str],
-    demos: Samples | Mapping[str, Samples],
+    demos: RecordedSamples | Mapping[str, RecordedSamples],
     *,
     storage: str = "mcap",
     frame_id: str = "world",
@@ -264,7 +264,7 @@ def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
     return track
 
 
-def _samples(path: Path, topic: str, track: _Track, first: int) -> Samples:
+def _samples(path: Path, topic: str, track: _Track, first: int) -> RecordedSamples:
     """Return the movement of a topic; time is counted from the stamp `first` [ns]."""
     origin = Origin(
         path,
@@ -273,7 +273,7 @@ def _samples(path: Path, topic: str, track: _Track, first: int) -> Samples:
         orientation=lambda sample: f"{topic}, sample {sample}, orientation",
         axes=topic,
     )
-    return Samples(
+    return RecordedSamples(
         (track.stamps - first) / NANO,
         track.position,
         f"{path.stem}{topic}",
@@ -438,7 +438,7 @@ def _write_messages(
     store: Any,
     encode: Callable[[Any, str], Any],
     *,
-    demos: Mapping[str, Samples],
+    demos: Mapping[str, RecordedSamples],
     path: Path,
     frame_id: str,
     start_ns: int,
@@ -455,7 +455,7 @@ def _write_messages(
         writer.write(connection, stamp, encode(make(row, stamp), kind))
 
 
-def _topic_and_type(path: Path, name: str, demo: Samples) -> tuple[str, str]:
+def _topic_and_type(path: Path, name: str, demo: RecordedSamples) -> tuple[str, str]:
     if name and not _NAME.fullmatch(name):
         raise fault(
             path,
@@ -486,7 +486,7 @@ def _topic_and_type(path: Path, name: str, demo: Samples) -> tuple[str, str]:
     return f"/{name}/{last}" if name else f"/{last}", kind
 
 
-def _maker(store: Any, kind: str, demo: Samples, frame_id: str) -> Callable[[int, int], Any]:
+def _maker(store: Any, kind: str, demo: RecordedSamples, frame_id: str) -> Callable[[int, int], Any]:
     """Return a function that makes the message of a row at a stamp [ns]."""
     message, Header, Time = (
         store.types[name] for name in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import IN_ANY_CASE, TIMES, metres, unit_hint
 from comove.demonstrations.formats.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
-from comove.demonstrations.samples import AXES, MAX_ROWS, Origin, Samples, fault
+from comove.demonstrations.samples import AXES, MAX_ROWS, Origin, RecordedSamples, fault
 from comove.errors import OptionError, near_name
 from comove.io.files import existing_file, telling
 
@@ -40,7 +40,7 @@ def read(
     time: str | None = None,
     rate: float | None = None,
     unit: str | None = None,
-) -> Samples:
+) -> RecordedSamples:
     """Read one movement from a text table; its positions are in the unit that was given or that the header says.
 
     Parameters
@@ -96,7 +96,7 @@ def read(
         position=lambda sample, dim: f"line {rows[sample][0]}, column {labels[dim]}",
     )
     notes = (IN_ANY_CASE,) if unit == "m" and unit_hint(position) else ()
-    return Samples(seconds, position, path.stem, notes, own, origin=origin)
+    return RecordedSamples(seconds, position, path.stem, notes, own, origin=origin)
 
 
 def _separator(text: str) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.planning.seeds import minimum_jerk
 from comove.scenes.scene import Scene
-from comove.verification.record import RecordReport, RecordSamples, judge
+from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]
 
@@ -74,10 +74,10 @@ class Witness:
         rotation = matrices(quaternion_product(self.quaternion[k], exponential(share * turns[k])))
         return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)
 
-    def judged(self, scene: Scene) -> RecordReport:
+    def judged(self, scene: Scene) -> ExecutionReport:
         """Return the judge's report on the witness, which covers the time between the samples too."""
         hands = self.hands()[:, :, : scene.n_dims]
-        return judge(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
+        return verify_execution(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
 
 
 def poses(rows: Array) -> tuple[Array, Array]:

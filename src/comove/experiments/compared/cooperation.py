@@ -224,7 +224,7 @@ def learned(skill: Skill, cycle: Cycle, change: Array, laws: Laws) -> Skill:
 
 
 class Springs(NamedTuple):
-    """What acts across the paths, at the samples of the phase.
+    """Describes the stiffness and damping across the paths, at the samples of the phase.
 
     Attributes
     ----------
@@ -240,7 +240,7 @@ class Springs(NamedTuple):
 
 
 class Pacing(NamedTuple):
-    """What decides on the pace, at the samples of the phase.
+    """Describes the terms that set the pace, at the samples of the phase.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """Comparison of all methods for moving obstacles on one scene, with one judge (as in the paper's Figure 2).
 
-All have the same start, goal and obstacles, and `comove.verification.record.judge` judges their executions. Hands
-that move independently are judged at their own positions, straight from step to step; the load is the line between
-them, and its corners are placed by the pose that fits the hands best.
+All have the same start, goal and obstacles, and `comove.verification.record` verifies their executions. Hands that
+move independently are judged at their own positions, straight from step to step; the load is the line between them,
+and its corners are placed by the pose that fits the hands best.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from comove.geometry.distances import CENTER
 from comove.planning.search import Interruption
 from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
-from comove.verification.record import Record, RecordReport, judge
+from comove.verification.record import ExecutionReport, Record, verify_execution
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class Compared:
 
     method: str
     record: Record
-    report: RecordReport
+    report: ExecutionReport
 
     @property
     def ours(self) -> bool:
@@ -152,7 +152,7 @@ def compare(
         for method, run in runs.items():
             if not interruption.wished:
                 made = _among_known(run())
-                compared.append(Compared(method, made, judge(made)))
+                compared.append(Compared(method, made, verify_execution(made)))
     return compared, interruption.wished
 
 
@@ -214,7 +214,7 @@ def loose_run(
     for k in range(round(budget / period)):
         now, at = k * period, steps[-1]
         wanted = _wanted(motion, now, at)
-        seen = observer.seen(now)
+        seen = observer.observe(now)
         around = [
             replace(o, center=row[CENTER : CENTER + n], velocity=v[:n])
             for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
@@ -234,8 +234,8 @@ def loose_run(
         time,
         np.array([p.center for p in poses]),
         np.array([p.quaternion for p in poses]),
-        observer.true(time),
-        scene.obstacle_sags(time),
+        observer.ground_truth(time),
+        scene.obstacle_sagittas(time),
         np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - n))], axis=2),
     )
 
@@ -251,5 +251,5 @@ def _wanted(motion: CoordinatedMotion, now: float, hands: Array) -> Array:
 
 def _among_known(record: Record) -> Record:
     """Return the record with its obstacles moving as in the scene's file, so that all methods have the same truth."""
-    sag = record.scene.obstacle_sags(record.time)
-    return replace(record, obstacles=Known(record.scene).true(record.time), sag=sag)
+    sagitta = record.scene.obstacle_sagittas(record.time)
+    return replace(record, obstacles=Known(record.scene).ground_truth(record.time), sagitta=sagitta)

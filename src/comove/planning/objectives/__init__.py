@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel
-
 from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
 from comove.planning.objectives.own import Equality, OwnFunctions, Samples
 from comove.planning.objectives.paper import PaperCost
+from comove.scenes.model import Objective
 
 __all__ = [
     "OBJECTIVES",
@@ -24,6 +23,6 @@ OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCo
 """By what scene files and results call them."""
 
 
-def objective_of_scene(part: BaseModel | None) -> LeastJerk | LeastTime | PaperCost | None:
+def objective_of_scene(part: Objective | None) -> LeastJerk | LeastTime | PaperCost | None:
     """Return the objective that a scene file asks for, None if it names none."""
     return None if part is None else OBJECTIVES[part.type](**part.model_dump(exclude={"type"}))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
 from comove.robots.search.links import (
     Links,
-    Surroundings,
+    LinkSurroundings,
     clearance_around,
     clearance_between,
     place_links,
@@ -38,7 +38,7 @@ class Arms(NamedTuple):
 
     chains: Chains
     links: Links
-    around: Surroundings
+    around: LinkSurroundings
 
 
 class Strain(NamedTuple):
@@ -76,7 +76,7 @@ def solutions(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def hand_rotation(around: Surroundings, hands: Array, i: int, out: Array) -> None:
+def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i (see `Grasp.hand_rotations`); hands, array of shape (n_arms, 3)."""
     c, s = 1.0, 0.0
     if around.turning[i] and around.first != around.second:
@@ -211,7 +211,7 @@ def _blend(a: Array, b: Array, share: float, out: Array) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _cost_of_contact(around: Surroundings, lacking: float) -> float:
+def _cost_of_contact(around: LinkSurroundings, lacking: float) -> float:
     """Return the cost of links that miss the wished clearance by `lacking` [m]; it jumps where they miss the required
     one.
     """

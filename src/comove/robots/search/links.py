@@ -29,7 +29,7 @@ ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 
 
-class Surroundings(NamedTuple):
+class LinkSurroundings(NamedTuple):
     """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it.
 
     Attributes
@@ -298,7 +298,7 @@ def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
 
 @numba.njit(cache=True, error_model="numpy")
 def links_clearance(
-    links: Links, around: Surroundings, start: Array, end: Array, nodes: Array, cap: float
+    links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
     """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
 
@@ -312,7 +312,7 @@ def links_clearance(
 
 @numba.njit(cache=True, error_model="numpy")
 def clearance_around(
-    links: Links, around: Surroundings, start: Array, end: Array, nodes: Array, cap: float
+    links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
     obstacles, edges, radii, least = around.obstacles, around.edges, around.radii, cap

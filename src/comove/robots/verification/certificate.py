@@ -103,7 +103,7 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClear
         enough = np.where(upper < bodies.required, upper - LOOSE, enough)[kind]
         spare = np.where(distance > 0, distance - enough, 0.0)
         bound = distance - nearing.improved(
-            change, spare, cells.pair, _middle(cells.stretch, width), width / 2
+            change, spare, cells.pair, (cells.stretch.astype(float) + 0.5) * width, width / 2
         )
         done = bound >= enough
         computed += len(distance)
@@ -140,11 +140,6 @@ def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -
     )
 
 
-def _middle(stretch: NDArray[np.int64], width: float) -> Array:
-    """Return the middle of intervals of a given width [s]."""
-    return ((stretch + 0.5) * width).astype(np.float64)
-
-
 class _Distances:
     """Computes distances of pairs at the middle of time intervals, and how much they can change within these."""
 
@@ -162,7 +157,7 @@ class _Distances:
         width : length of the intervals [s]
         """
         stretches, first, counts = np.unique(cells.stretch, return_index=True, return_counts=True)
-        time = _middle(stretches, width)
+        time = (stretches.astype(float) + 0.5) * width
         configurations, nodes = self.curve(time), self.carried.nodes(time)
         rods = [(rod, *placements(nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed

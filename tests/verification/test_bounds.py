@@ -6,8 +6,7 @@ import pytest
 from comove.coordination import CoordinatedMotion
 from comove.scenes import Scene
 from comove.verification import verify
-from comove.verification.bounds import node_bounds
-from comove.verification.rates import largest_jerk, largest_rates
+from comove.verification.bounds import largest_jerk, largest_rates, node_bounds
 from tests.verification.random_motions import random_motion
 
 PLACES = (np.arange(800)[:, None] + [0.02, 0.25, 0.5, 0.75, 0.98]).ravel() / 800  # within the intervals

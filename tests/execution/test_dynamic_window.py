@@ -7,11 +7,12 @@ import pytest
 
 from benchmarks.random_scenes import moving_scene
 from comove.coordination import load_coordinates
-from comove.execution.evasion import MOMENT, N_MOMENTS, _followed, _hands, evasive_course, prospect
+from comove.execution.dynamic_window import DynamicWindow, WindowStart
 from comove.planning.objective import Objective
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
 from tests.execution.test_executor import crossing, disc
 
+WINDOW = DynamicWindow()
 FEW = SimpleNamespace(  # draws nothing but standing still
     standard_normal=np.zeros,
     uniform=lambda low, high, n: np.full(n, high),
@@ -25,7 +26,8 @@ def evaded(scene, rng, before=None):
     start, goal = poses_of(scene, "start"), poses_of(scene, "goal")
     still = np.zeros((len(scene.groups), 6))
     objective = Objective(scene, load_coordinates(scene))
-    return evasive_course(objective, start, still, goal, scene.offsets(prospect()), rng, before)
+    here = WindowStart(scene, start, still)
+    return WINDOW.best_course(here, objective, goal, scene.offsets(WINDOW.instants), rng, before)
 
 
 def test_with_nothing_in_the_way_it_is_that_to_the_goal():
@@ -47,7 +49,7 @@ def test_what_comes_is_avoided_by_going_aside(seed):
 
 def test_what_moves_gets_more_room_than_what_stands():
     """A disc 4 cm beside the way: what stands is passed as the straight way does, what creeps in a bow, if known."""
-    bow = np.zeros((N_MOMENTS, 1, 6))
+    bow = np.zeros((WINDOW.n_moments, 1, 6))
     bow[:, 0, :2] = np.repeat([[0.4, -0.3], [0.49, 0.0], [0.4, 0.3]], [3, 9, 3], axis=0)
     known = np.concatenate([bow[:1], bow[:-1]])
     stands, creeps = (crossing(disc([0.4, 0.71], m)) for m in (None, {"velocity": [1e-3, 0.0]}))
@@ -58,23 +60,23 @@ def test_what_moves_gets_more_room_than_what_stands():
 def least(scene, course):
     """Clearance at the ends of the moments of a load that changes its twist as fast as it may, step by step."""
     poses, twists, found, dt = poses_of(scene, "start"), np.zeros((1, 6)), [], 1e-3
-    for k in range(round(prospect()[-1] / dt)):
-        change = course[int(k * dt / MOMENT + 1e-9)] - twists
+    for k in range(round(WINDOW.instants[-1] / dt)):
+        change = course[int(k * dt / WINDOW.moment + 1e-9)] - twists
         hands = np.linalg.norm(hand_velocities(scene, poses, change), axis=1).max()
         twists = twists + change * min(1.0, scene.acceleration_limit * dt / max(hands, 1e-12))
         poses = advanced(poses, twists, dt)
         found.append(scene.clearance_at(nodes_of(scene, poses), (k + 1) * dt)[0])
-    return min(found[round(MOMENT / dt) - 1 :: round(MOMENT / dt)])
+    return min(found[round(WINDOW.moment / dt) - 1 :: round(WINDOW.moment / dt)])
 
 
 def test_a_course_is_followed_as_small_steps_say():
     """Velocities grow at the limit of accelerations; hands' directions hardly turn within a moment."""
     scene = crossing(disc([0.5, 0.5], {"velocity": [-0.3, 0.0]}, radius=0.1))
     poses, still = poses_of(scene, "start"), np.zeros((1, 6))
-    course = np.zeros((N_MOMENTS, 1, 6))
+    course = np.zeros((WINDOW.n_moments, 1, 6))
     course[:, 0, 1], course[7:, 0, 0] = 0.4, 0.3
-    nodes = _followed(scene, poses, still, course[None], _hands(scene, poses))[0]
-    clearances = [scene.clearance_at(n, t)[0] for n, t in zip(nodes, prospect(), strict=True)]
+    nodes = WindowStart(scene, poses, still).nodes_along(course[None], WINDOW.moment)[0]
+    clearances = [scene.clearance_at(n, t)[0] for n, t in zip(nodes, WINDOW.instants, strict=True)]
     assert min(clearances) == pytest.approx(least(scene, course), abs=2e-3)
 
 

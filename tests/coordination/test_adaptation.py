@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination.motion import carried_to_hands
-from comove.coordination.poses import hands_of_poses
+from comove.coordination.adaptation import carried_to_hands, hands_of_poses
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.geometry.rotations import exponential

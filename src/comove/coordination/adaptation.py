@@ -1,11 +1,13 @@
-"""The taught movement of a load that turns, converted to movements of the hands that hold it."""
+"""Demonstrated movements of a hand or of the load, adapted to the hands of a scene."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import modulate
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import OptionError
 from comove.geometry.rotations import (
@@ -17,16 +19,76 @@ from comove.geometry.rotations import (
 )
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import Pose, PoseDMP
+from comove.primitives.variants import Variant
 from comove.scenes.groups import RigidGroup
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_STEPS, N_BASIS = 401, 50
+
+def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
+    """Return a movement, or one for each manipulator, modulated to the hands' ends.
+
+    Parameters
+    ----------
+    s : array, shape (n_steps,), shares of the duration
+
+    Returns
+    -------
+    array, shape (n_steps, n_manipulators, n_dims) [m]
+    """
+    each = [dmp] * len(scene.start) if isinstance(dmp, DMP) else dmp
+    return np.stack(
+        [
+            modulate(own, start, goal).at(s * own.duration).position
+            for own, start, goal in zip(each, scene.start, scene.goal, strict=True)
+        ],
+        axis=1,
+    )
 
 
-def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
-    """Return the movements of all hands that carry the load as it was taught, from the scene's start to its goal.
+def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
+    """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
+
+    The similarity is a rotation and a scale.
+
+    Where its own start and goal coincide there is no such map: then it is only shifted. The result starts at rest.
+
+    Parameters
+    ----------
+    start, goal : arrays, shape (n_dims,), [m]
+
+    Raises
+    ------
+    OptionError
+        If the movement is rhythmic.
+    """
+    if dmp.variant is Variant.RHYTHMIC:
+        raise OptionError(
+            "a rhythmic movement leads from no start to no goal",
+            key="demonstration",
+            way_out="give one that ends",
+        )
+    own, wanted = dmp.goal - dmp.start, goal - start
+    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
+    turn = np.eye(len(start)) if closed else similarity(own, wanted)
+    still = np.zeros_like(start)
+    # The classic form scales along the axes and cannot be turned; for these ends the closed form is the same.
+    classic = dmp.variant is Variant.CLASSIC
+    return replace(
+        dmp,
+        variant=Variant.CLOSED_FORM if classic else dmp.variant,
+        weights=turn @ dmp.shape_weights,
+        learned=wanted,
+        start=start,
+        goal=goal,
+        start_velocity=still,
+        goal_velocity=still,
+    )
+
+
+def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: int = 50) -> tuple[DMP, ...]:
+    """Return the movements of all hands that carry the load as demonstrated, from the scene's start to its goal.
 
     The path is carried to the load's start and goal by a similarity, as that of a single hand is (paper, III-B), and
     the axes of rotation turn with it; then the rotation is adapted to the load's own start and goal. Rotations that
@@ -35,6 +97,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
     Parameters
     ----------
     dmp : poses of the load; of the orientations, only the rotation since the start matters
+    n_steps, n_basis : samples between, and basis functions of the hands' movements
 
     Raises
     ------
@@ -55,7 +118,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
         )
     group, n_dims = scene.groups[0], scene.n_dims
     start, goal = group.start.center[:n_dims], group.goal.center[:n_dims]
-    s = np.linspace(0.0, 1.0, N_STEPS)
+    s = np.linspace(0.0, 1.0, n_steps)
     middle = modulate(dmp.translation, start, goal).at(s * dmp.duration).position
     along, frame = dmp.goal.position - dmp.start.position, np.eye(3)
     if n_dims == 3 and np.linalg.norm(along) > 0 and np.linalg.norm(goal - start) > 0:
@@ -71,7 +134,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene) -> tuple[DMP, ...]:
     away = scene.nodes_at("start")[: len(scene.manipulators)] - group.start.center
     hands = middle[:, None] + np.einsum("tab,ib->tia", matrices(turns), away)[..., :n_dims]
     time = s * dmp.duration
-    return tuple(DMP.fit(Demonstration(time, hands[:, i]), n_basis=N_BASIS) for i in range(len(away)))
+    return tuple(DMP.fit(Demonstration(time, hands[:, i]), n_basis=n_basis) for i in range(len(away)))
 
 
 def _turned(group: RigidGroup) -> Array:
