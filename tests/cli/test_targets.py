@@ -50,7 +50,7 @@ def place(tmp_path, monkeypatch):
 
     for name in ("planning.solve", "planning.load_kernels", "planning.combine", "primitives.learn"):
         monkeypatch.setattr(f"comove.{name}", working)
-    for name in ("execution.Executor", "robots.carry", "experiments.paper.reproduce"):
+    for name in ("execution.Executor", "robots.carry", "experiments.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("sets.draw_scene", "scaling.measure"):
         monkeypatch.setattr(f"comove.experiments.bench.{name}", working)

@@ -99,11 +99,11 @@ def solve(
     OptionError
         If an argument is out of range.
     """
-    functions = own(objective, listed(constraints), scene)
-    if functions is not None:
-        checks = (*checks, functions.reasons) if functions.constraints else checks
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
+    functions = own(objective, listed(constraints), scene)
+    if functions is not None and functions.constraints:
+        checks = (*checks, functions.reasons)
     method = method or Comove()
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
