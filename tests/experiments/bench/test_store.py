@@ -161,7 +161,8 @@ def test_a_store_that_is_cut_off_is_told(tmp_path, length):
 def test_many_at_once_make_one_store(tmp_path):
     """No matter who is first; each adds a row of its own and one that all add."""
     code = (
-        "import sys\nfrom dataclasses import replace\nfrom tests.experiments.bench.test_store import RUN, WHAT, RunStore\n"
+        "import sys\nfrom dataclasses import replace\n"
+        "from tests.experiments.bench.test_store import RUN, WHAT, RunStore\n"
         "sys.stdin.read()\nstore = RunStore.create(sys.argv[1])\nstore.add(RUN)\n"
         "store.add(replace(RUN, configuration=replace(WHAT, seed=1 + int(sys.argv[2]))))"
     )
