@@ -89,6 +89,8 @@ class Comove(Method):
     n_drawn : plans from which each path to be smoothed is chosen
     n_met : paths that lead to a motion as good as the best after which smoothing ends
     polishing : schedule by which a verified motion is improved
+    before : array, shape (n_before, n_columns), earlier path in load coordinates, at even times, with which plans
+        among moving obstacles begin; None for none
     """
 
     name: ClassVar[str] = "comove"
@@ -107,6 +109,7 @@ class Comove(Method):
     n_drawn: int = 3
     n_met: int = 3
     polishing: Schedule = POLISHING
+    before: Array | None = field(default=None, compare=False)
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
@@ -160,7 +163,7 @@ class Comove(Method):
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
-            _planner_in_time(search, space, ends, self._before) if in_time else _planner(search, space, ends)
+            _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
         )
         if not isinstance(search.aim, PaperCost):
             if self._smooth(search, space, targets_of, ends):
@@ -243,18 +246,12 @@ class Comove(Method):
             met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
             if search.best_cost < (1 + WORTH_ANOTHER) * least_worth(search):
                 break
-        if (
-            search.best_motion is not None and hasty and search.carrier is None
-        ):  # of which arms know other limits
+        # Arms have other limits than the scene's.
+        if search.best_motion is not None and hasty and search.carrier is None:
             hurry(search, search.best_motion, FASTEST)
         if search.carrier is not None:
             return smooth > 0
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
-
-    @property
-    def _before(self) -> Array | None:
-        """Return an earlier path in load coordinates that may still be useful, (n_before, n_columns)."""
-        return None
 
     def _will_do(self, search: Search) -> bool:
         """Return whether the best motion that is not verified is good enough."""
@@ -378,18 +375,12 @@ class Guide(Quick):
 
     Attributes
     ----------
-    before : array, shape (n_before, n_columns), earlier path in load coordinates that may still be useful
     excess : largest accepted ratio of a rate to its limit
     """
 
     name: ClassVar[str] = "guide"
     n_unfit: float = np.inf
-    before: Array | None = field(default=None, compare=False)
     excess: float = 2.0
-
-    @property
-    def _before(self) -> Array | None:
-        return self.before
 
     def will_do(self, report: Report, scene: Scene) -> bool:
         """Return whether a motion with this report is good enough."""

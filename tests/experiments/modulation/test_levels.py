@@ -22,7 +22,7 @@ from comove.experiments.modulation import (
 )
 from comove.geometry.distances import point_distance
 from comove.scenes.scene import Scene
-from tests.reaction.bodies import bodies, cases, on_surface, rotations, vectors
+from tests.experiments.modulation.bodies import bodies, cases, on_surface, rotations, vectors
 
 
 def test_levels_of_spheres_and_ellipsoids_are_those_of_the_paper():

@@ -20,7 +20,7 @@ from comove.experiments.modulation import (
     modulated,
     united,
 )
-from tests.reaction.bodies import bodies, cases, on_surface, vectors, velocity_of
+from tests.experiments.modulation.bodies import bodies, cases, on_surface, vectors, velocity_of
 
 modulations = st.builds(
     Modulation,

@@ -1,4 +1,4 @@
-"""Obstacles for the tests of the reaction, drawn at random: every shape, anywhere, turned and moving anyhow."""
+"""Obstacles for the tests of modulation, drawn at random: every shape, anywhere, turned and moving anyhow."""
 
 import numpy as np
 from hypothesis import strategies as st
