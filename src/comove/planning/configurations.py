@@ -27,8 +27,15 @@ from comove.coordination.coordinates import (
     Coordinates,
 )
 from comove.geometry.distances import CENTER, point_distance, segment_distance
-from comove.geometry.solids import border_distance, empty_solid, solid_at, solid_distance
-from comove.geometry.surfaces import Surfaces, signed_distance
+from comove.geometry.solids import (
+    border_distance,
+    count_solids,
+    empty_solid,
+    solid_at,
+    solid_distance,
+    solids_or_none,
+)
+from comove.geometry.surfaces import Surfaces, count_meshes, signed_distance, surfaces_or_none
 from comove.planning import trees
 from comove.planning.clock import clock_until, worked
 from comove.scenes.scene import Scene
@@ -50,10 +57,11 @@ class Space(NamedTuple):
     ----------
     blocks : map from a configuration to nodes
     reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
-    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n)
+    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n); no
+        solids are None
     obstacles : array, shape (n_rows, n_columns), table of obstacles
     convex : array of int, rows that are obstacles; the other rows belong to meshes and only guide the sampling
-    surfaces : meshes
+    surfaces : meshes; None where there is none
     lower, upper : arrays, shape (3,), corners of the workspace [m]
     pairs, least : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and their separations [m]
     required : clearance that the scene asks for [m]
@@ -66,10 +74,10 @@ class Space(NamedTuple):
     reach: Array
     edges: NDArray[np.int64]
     radii: Array
-    solids: NDArray[np.int64]
+    solids: NDArray[np.int64] | None
     obstacles: Array
     convex: NDArray[np.int64]
-    surfaces: Surfaces
+    surfaces: Surfaces | None
     lower: Array
     upper: Array
     pairs: NDArray[np.int64]
@@ -89,10 +97,10 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         reach,
         body.edges,
         body.radii,
-        body.solids,
+        solids_or_none(body.solids),
         scene.obstacles,
         np.flatnonzero(scene.convex_rows),
-        scene.surfaces,
+        surfaces_or_none(scene.surfaces),
         *scene.workspace,
         *scene.kept_apart,
         scene.clearance,
@@ -108,8 +116,8 @@ def clearance_of(space, q, nodes, floor=0.0):
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    bodies = space.edges.shape[0] + space.solids.shape[0] * SOLID_WORK
-    obstacles = space.convex.shape[0] + MESH_WORK * space.surfaces.root.shape[0]
+    bodies = space.edges.shape[0] + count_solids(space.solids) * SOLID_WORK
+    obstacles = space.convex.shape[0] + MESH_WORK * count_meshes(space.surfaces)
     if worked(space.clock, 1 + bodies * (1 + obstacles)):
         return -np.inf
     place_one(space.blocks, q, 1.0, nodes)
@@ -136,42 +144,64 @@ def clearance_of(space, q, nodes, floor=0.0):
             clearance = min(clearance, distance - TOLERANCE - radius)
             if clearance <= floor:
                 return clearance
-    for s in range(space.solids.shape[0]):
-        solid, normal = empty_solid(space.solids), np.array([1.0, 0.0, 0.0])
-        solid_at(nodes, space.solids[s], solid)
+    clearance = _of_solids(space.solids, space, nodes, clearance, floor)
+    return _from_meshes(space.surfaces, space, nodes, clearance, floor)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_solids(solids, space, nodes, clearance, floor):
+    """Return the clearance [m] of solids, at most `clearance`, which is that of the rest of the body."""
+    if solids is None:
+        return clearance
+    for s in range(solids.shape[0]):
+        solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
+        solid_at(nodes, solids[s], solid)
         clearance = min(clearance, border_distance(solid, space.lower, space.upper))
         for j in space.convex:
             if clearance <= floor:
                 return clearance
             clearance = min(clearance, solid_distance(space.obstacles, j, solid, clearance, normal)[0])
-    for mesh in range(space.surfaces.root.shape[0]):
-        if clearance <= floor:
-            return clearance
-        clearance = min(clearance, _from_mesh(space, nodes, mesh, clearance))
     return clearance
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _from_mesh(space, nodes, mesh, cutoff):
-    """Return the distance [m] of the body from a mesh at its place in the table, at most `cutoff`."""
-    row = space.surfaces.row[mesh]
-    points = np.empty((2, 3))
-    for e in range(space.edges.shape[0]):
-        for i in range(2):
-            for axis in range(3):
-                moved = space.obstacles[row, CENTER + axis] - space.surfaces.center[mesh, axis]
-                points[i, axis] = nodes[space.edges[e, i], axis] - moved
-        radius = space.radii[e]
-        cutoff = min(cutoff, signed_distance(space.surfaces, mesh, points, cutoff + radius) - radius)
-    if space.solids.shape[0] > 0:
-        points = np.empty((space.solids.shape[1], 3))
-    for s in range(space.solids.shape[0]):
-        for i in range(points.shape[0]):
-            for axis in range(3):
-                moved = space.obstacles[row, CENTER + axis] - space.surfaces.center[mesh, axis]
-                points[i, axis] = nodes[space.solids[s, i], axis] - moved
-        cutoff = min(cutoff, signed_distance(space.surfaces, mesh, points, cutoff))
-    return cutoff
+def _from_meshes(surfaces, space, nodes, clearance, floor):
+    """Return the clearance [m] of the body from meshes at their places in the table, at most `clearance`."""
+    if surfaces is None:
+        return clearance
+    for mesh in range(surfaces.root.shape[0]):
+        for e in range(space.edges.shape[0]):
+            if clearance <= floor:
+                return clearance
+            r = space.radii[e]
+            hull = _seen_from(surfaces, mesh, space.obstacles, nodes, space.edges[e])
+            clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance + r) - r)
+        clearance = _solids_from_mesh(space.solids, surfaces, mesh, space, nodes, clearance, floor)
+    return clearance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solids_from_mesh(solids, surfaces, mesh, space, nodes, clearance, floor):
+    """Return the clearance [m] of solids from a mesh, at most `clearance`."""
+    if solids is None:
+        return clearance
+    for s in range(solids.shape[0]):
+        if clearance <= floor:
+            return clearance
+        hull = _seen_from(surfaces, mesh, space.obstacles, nodes, solids[s])
+        clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance))
+    return clearance
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _seen_from(surfaces, mesh, obstacles, nodes, corners):
+    """Return the corners of a part of the body as seen from a mesh at its place in the table; shape (n, 3) [m]."""
+    hull, row = np.empty((corners.shape[0], 3)), surfaces.row[mesh]
+    for i in range(corners.shape[0]):
+        for axis in range(3):
+            moved = obstacles[row, CENTER + axis] - surfaces.center[mesh, axis]
+            hull[i, axis] = nodes[corners[i], axis] - moved
+    return hull
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -24,8 +24,16 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
 from comove.geometry.distances import REACH, point_distance, segment_distance
-from comove.geometry.solids import border_distance, empty_solid, move_solid, solid_at, solid_distance
-from comove.geometry.surfaces import signed_distance
+from comove.geometry.solids import (
+    border_distance,
+    count_solids,
+    empty_solid,
+    move_solid,
+    solid_at,
+    solid_distance,
+    solids_or_none,
+)
+from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_or_none
 from comove.planning.objectives.paper import PaperCost
 from comove.scenes.scene import Scene
 
@@ -72,6 +80,34 @@ class ContactPenalty:
     step: float = 10.0
     along_path: bool = False
     limits: float = 1.0
+
+
+class Scenery(NamedTuple):
+    """A load and all that it must not touch, in the form that the kernels of the objective take.
+
+    Attributes
+    ----------
+    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n); no
+        solids are None
+    obstacles : array, shape (n_rows, n_columns), table of obstacles
+    owners : array of int, shape (n_rows,), obstacle to which each row of the table belongs
+    convex : array of int, rows that are obstacles themselves and not parts of meshes
+    surfaces : meshes; None where there is none
+    lower, upper : arrays, shape (3,), corners of the workspace [m]
+    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
+    """
+
+    edges: NDArray[np.int64]
+    radii: Array
+    solids: NDArray[np.int64] | None
+    obstacles: Array
+    owners: NDArray[np.int64]
+    convex: NDArray[np.int64]
+    surfaces: Surfaces | None
+    lower: Array
+    upper: Array
+    pairs: NDArray[np.int64]
+    separations: Array
 
 
 class Evaluation(NamedTuple):
@@ -144,24 +180,27 @@ class Objective:
             if none moves
         """
         scene, w, p = self.scene, self.weights, self.penalty
+        world = Scenery(
+            scene.body.edges,
+            scene.body.radii,
+            solids_or_none(scene.body.solids),
+            scene.obstacles,
+            scene.owners,
+            np.flatnonzero(scene.convex_rows),
+            surfaces_or_none(scene.surfaces),
+            *scene.workspace,
+            *scene.kept_apart,
+        )
         n_hands = len(scene.manipulators)
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
             taught, c_res = self.demonstration, w.resemblance
         return Evaluation(
             *_evaluate(
+                world,
                 nodes,
                 n_hands,
-                scene.body.edges,
-                scene.body.radii,
-                scene.body.solids,
-                scene.obstacles,
-                scene.owners,
-                np.flatnonzero(scene.convex_rows),
-                scene.surfaces,
                 offsets,
-                *scene.workspace,
-                *scene.kept_apart,
                 taught,
                 np.array([w.goal, w.velocity, c_res, scene.duration]),
                 np.array([p.margin + scene.clearance, p.slope, p.step, scene.clearance]),
@@ -204,26 +243,7 @@ class Objective:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _evaluate(
-    nodes,
-    n_hands,
-    edges,
-    radii,
-    solids,
-    obstacles,
-    owners,
-    convex,
-    surfaces,
-    offsets,
-    lower,
-    upper,
-    pairs,
-    separations,
-    taught,
-    cost_weights,
-    penalty_weights,
-    along_path,
-):
+def _evaluate(world, nodes, n_hands, offsets, taught, cost_weights, penalty_weights, along_path):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
     terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
@@ -253,176 +273,213 @@ def _evaluate(
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
-        penalty[k], clearance[k], hits[k] = _obstacle_penalty(
-            x,
-            edges,
-            radii,
-            solids,
-            obstacles,
-            owners,
-            convex,
-            surfaces,
-            offsets,
-            lower,
-            upper,
-            pairs,
-            separations,
-            penalty_weights,
-            along_path,
-        )
+        penalty[k], clearance[k], hits[k] = _obstacle_penalty(world, x, offsets, penalty_weights, along_path)
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _obstacle_penalty(
-    x,
-    edges,
-    radii,
-    solids,
-    obstacles,
-    owners,
-    convex,
-    surfaces,
-    offsets,
-    lower,
-    upper,
-    pairs,
-    separations,
-    penalty_weights,
-    along_path,
-):
+def _obstacle_penalty(world, x, offsets, penalty_weights, along_path):
     """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
     Parameters
     ----------
+    world : Scenery
+    x : array, shape (n_steps, n_nodes, 3) [m]
     offsets : array, shape (n_steps, n_rows, 3), displacements of the obstacles; n_steps = 0 if none moves [m]
-    owners : array, shape (n_rows,), obstacle to which each row of the table belongs
-    convex : array of int, rows that are obstacles themselves and not parts of meshes
     """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
-    n_steps, n_nodes, n_obstacles = x.shape[0], x.shape[1], obstacles.shape[0]
-    near = np.empty(n_obstacles, dtype=np.int64)
-    touched = np.zeros(n_obstacles, dtype=np.int64)  # last sample at which each was touched, counted from 1
-    here, there, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
-    near_meshes = np.empty(surfaces.root.shape[0], dtype=np.int64)
-    rod, hull = np.empty((2, 3)), np.empty((solids.shape[1], 3))
-    normals = np.empty((solids.shape[0], n_obstacles, 3))  # the directions that parted them last
-    normals[:] = 1.0 / sqrt(3.0)
+    n_steps, n_rows = x.shape[0], world.obstacles.shape[0]
+    near, near_meshes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows, dtype=np.int64)
+    pose, shift = np.empty((x.shape[1], 3)), np.zeros((n_rows, 3))
+    normals = np.full((count_solids(world.solids), n_rows, 3), 1.0 / sqrt(3.0))  # that parted them last
+    # The last sample, counted from 1, at which each obstacle was touched; in the end, how often any was.
+    touched = np.zeros(n_rows + 1, dtype=np.int64)
     cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
-    total, least, hits = 0.0, cap, 0
-    thickest = 0.0
-    for e in range(radii.shape[0]):
-        thickest = max(thickest, radii[e])
+    total, least, thickest = 0.0, cap, 0.0
+    for e in range(world.radii.shape[0]):
+        thickest = max(thickest, world.radii[e])
     for t in range(n_steps):
         after = min(t + 1, n_steps - 1)
-        longest = 0.0
-        for n in range(n_nodes):
-            moved = 0.0
-            for axis in range(3):
-                moved += (x[after, n, axis] - x[t, n, axis]) ** 2
-            longest = max(longest, moved)
-            if not moved < 1e12:  # not finite, or as good as
-                return np.inf, -np.inf, float(n_obstacles)
-        longest = sqrt(longest)
+        longest = _longest(x, t, after)
+        if not longest < 1e6:  # not finite, or as good as
+            return np.inf, -np.inf, float(n_rows)
         relative = longest + _farthest(offsets, t, after)
         parts = min(1 + int(relative / SUB_STEP), MAX_SUB_STEPS)
-        n_near, at_border = _near_obstacles(
-            x, t, cap + thickest + relative, obstacles, convex, offsets, lower, upper, near
-        )
-        n_meshes = _near_meshes(x, t, cap + thickest + relative, surfaces, offsets, near_meshes)
+        reach = cap + thickest + relative
+        n_near, at_border = _near_obstacles(world, x, t, reach, offsets, near)
+        n_meshes = _near_meshes(world.surfaces, x, t, reach, offsets, near_meshes)
         apart = cap
-        for i in range(separations.shape[0]):
-            spare = chord_distance(x, t, after, pairs[i, 0], pairs[i, 1]) - separations[i]
+        for i in range(world.separations.shape[0]):
+            spare = chord_distance(x, t, after, world.pairs[i, 0], world.pairs[i, 1]) - world.separations[i]
             apart = min(apart, needed + spare)
         if n_near == 0 and n_meshes == 0 and not at_border and apart >= cap:
             continue
         weight = (longest if along_path else 1.0 / n_steps) / parts
         for part in range(parts):
-            f = part / parts
-            d = apart
-            for e in range(edges.shape[0]):
-                m, n, r = edges[e, 0], edges[e, 1], radii[e]
-                px = x[t, m, 0] + f * (x[after, m, 0] - x[t, m, 0])
-                py = x[t, m, 1] + f * (x[after, m, 1] - x[t, m, 1])
-                pz = x[t, m, 2] + f * (x[after, m, 2] - x[t, m, 2])
-                qx = x[t, n, 0] + f * (x[after, n, 0] - x[t, n, 0])
-                qy = x[t, n, 1] + f * (x[after, n, 1] - x[t, n, 1])
-                qz = x[t, n, 2] + f * (x[after, n, 2] - x[t, n, 2])
-                if at_border:
-                    low = min(min(px, qx) - lower[0], min(py, qy) - lower[1], min(pz, qz) - lower[2])
-                    high = min(upper[0] - max(px, qx), upper[1] - max(py, qy), upper[2] - max(pz, qz))
-                    d = min(d, low - r, high - r)
-                for i in range(n_near):
-                    ox, oy, oz = _offset(offsets, t, after, f, near[i])
-                    distance = (
-                        segment_distance(
-                            obstacles,
-                            near[i],
-                            px - ox,
-                            py - oy,
-                            pz - oz,
-                            qx - ox,
-                            qy - oy,
-                            qz - oz,
-                            cap + r,
-                            TOLERANCE,
-                        )
-                        - r
-                    )
-                    d = min(d, distance)
-                    if distance <= 0.0 and part == 0 and touched[owners[near[i]]] != t + 1:
-                        touched[owners[near[i]]] = t + 1
-                        hits += 1
-                for i in range(n_meshes):
-                    mesh = near_meshes[i]
-                    ox, oy, oz = _offset(offsets, t, after, f, surfaces.row[mesh])
-                    rod[0, 0], rod[0, 1], rod[0, 2] = px - ox, py - oy, pz - oz
-                    rod[1, 0], rod[1, 1], rod[1, 2] = qx - ox, qy - oy, qz - oz
-                    distance = signed_distance(surfaces, mesh, rod, cap + r) - r
-                    d = min(d, distance)
-                    owner = surfaces.owner[mesh]
-                    if distance <= 0.0 and part == 0 and touched[owner] != t + 1:
-                        touched[owner] = t + 1
-                        hits += 1
-            for s in range(solids.shape[0]):
-                for i in range(n_meshes):
-                    mesh = near_meshes[i]
-                    ox, oy, oz = _offset(offsets, t, after, f, surfaces.row[mesh])
-                    for corner in range(hull.shape[0]):
-                        p, q = x[t, solids[s, corner]], x[after, solids[s, corner]]
-                        hull[corner, 0] = p[0] + f * (q[0] - p[0]) - ox
-                        hull[corner, 1] = p[1] + f * (q[1] - p[1]) - oy
-                        hull[corner, 2] = p[2] + f * (q[2] - p[2]) - oz
-                    distance = signed_distance(surfaces, mesh, hull, cap)
-                    d = min(d, distance)
-                    owner = surfaces.owner[mesh]
-                    if distance <= 0.0 and part == 0 and touched[owner] != t + 1:
-                        touched[owner] = t + 1
-                        hits += 1
-                if part == 0:
-                    solid_at(x[t], solids[s], here)
-                    solid_at(x[after], solids[s], there)
-                for row in range(solid.shape[0]):
-                    for axis in range(3):
-                        solid[row, axis] = here[row, axis] + f * (there[row, axis] - here[row, axis])
-                if at_border:
-                    d = min(d, border_distance(solid, lower, upper))
-                for i in range(n_near):
-                    ox, oy, oz = _offset(offsets, t, after, f, near[i])
-                    move_solid(solid, -ox, -oy, -oz)
-                    distance = solid_distance(obstacles, near[i], solid, cap, normals[s, near[i]])[0]
-                    move_solid(solid, ox, oy, oz)
-                    d = min(d, distance)
-                    if distance <= 0.0 and part == 0 and touched[owners[near[i]]] != t + 1:
-                        touched[owners[near[i]]] = t + 1
-                        hits += 1
+            _between(x, t, after, part / parts, pose)
+            if offsets.shape[0] > 0:
+                _between(offsets, t, after, part / parts, shift)
+            sample, d = t + 1 if part == 0 else 0, apart
+            if at_border:
+                d = min(d, _from_border(world, pose))
+            d = min(d, _of_rods(world, pose, shift, near[:n_near], cap, sample, touched))
+            d = min(
+                d, _of_solids(world.solids, world, pose, shift, near[:n_near], cap, sample, touched, normals)
+            )
+            d = min(
+                d,
+                _from_meshes(
+                    world.surfaces, world, pose, shift, near_meshes[:n_meshes], cap, sample, touched
+                ),
+            )
             if d < margin:
                 total += weight * slope * (margin - d)
             if d <= needed:
                 total += weight * step
             least = min(least, d)
-    return total, least, hits / n_steps
+    return total, least, touched[n_rows] / n_steps
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _longest(x, t, after):
+    """Return the largest distance that any node moves between two samples [m]."""
+    longest = 0.0
+    for n in range(x.shape[1]):
+        moved = 0.0
+        for axis in range(3):
+            moved += (x[after, n, axis] - x[t, n, axis]) ** 2
+        if not moved < np.inf:
+            return np.inf
+        longest = max(longest, moved)
+    return sqrt(longest)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _between(x, t, after, f, out):
+    """Write the points of x at a share f of the time between two samples."""
+    for n in range(x.shape[1]):
+        for axis in range(3):
+            out[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _note(distance, owner, sample, touched):
+    """Note that an obstacle is touched at a sample, once; sample 0 is none."""
+    if distance <= 0.0 and sample > 0 and touched[owner] != sample:
+        touched[owner] = sample
+        touched[-1] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _from_border(world, pose):
+    """Return the distance [m] of the body from the border of the workspace."""
+    d = np.inf
+    for e in range(world.edges.shape[0]):
+        for i in range(2):
+            for axis in range(3):
+                at = pose[world.edges[e, i], axis]
+                d = min(d, at - world.lower[axis] - world.radii[e], world.upper[axis] - at - world.radii[e])
+    return min(d, _solids_from_border(world.solids, pose, world.lower, world.upper))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solids_from_border(solids, pose, lower, upper):
+    """Return the distance [m] of solids from the border of the workspace."""
+    d = np.inf
+    if solids is None:
+        return d
+    solid = empty_solid(solids)
+    for s in range(solids.shape[0]):
+        solid_at(pose, solids[s], solid)
+        d = min(d, border_distance(solid, lower, upper))
+    return d
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_rods(world, pose, shift, near, cap, sample, touched):
+    """Return the clearance [m] of the load's rods from the obstacles that are near."""
+    d = cap
+    for e in range(world.edges.shape[0]):
+        p, q, r = pose[world.edges[e, 0]], pose[world.edges[e, 1]], world.radii[e]
+        for j in near:
+            x, y, z = shift[j, 0], shift[j, 1], shift[j, 2]
+            distance = (
+                segment_distance(
+                    world.obstacles,
+                    j,
+                    p[0] - x,
+                    p[1] - y,
+                    p[2] - z,
+                    q[0] - x,
+                    q[1] - y,
+                    q[2] - z,
+                    cap + r,
+                    TOLERANCE,
+                )
+                - r
+            )
+            d = min(d, distance)
+            _note(distance, world.owners[j], sample, touched)
+    return d
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _of_solids(solids, world, pose, shift, near, cap, sample, touched, normals):
+    """Return the clearance [m] of the load's solids from the obstacles that are near."""
+    d = cap
+    if solids is None:
+        return d
+    solid = empty_solid(solids)
+    for s in range(solids.shape[0]):
+        solid_at(pose, solids[s], solid)
+        for j in near:
+            move_solid(solid, -shift[j, 0], -shift[j, 1], -shift[j, 2])
+            distance = solid_distance(world.obstacles, j, solid, cap, normals[s, j])[0]
+            move_solid(solid, shift[j, 0], shift[j, 1], shift[j, 2])
+            d = min(d, distance)
+            _note(distance, world.owners[j], sample, touched)
+    return d
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _from_meshes(surfaces, world, pose, shift, near, cap, sample, touched):
+    """Return the clearance [m] of the whole load from the meshes that are near."""
+    d = cap
+    if surfaces is None:
+        return d
+    for mesh in near:
+        x, owner = shift[surfaces.row[mesh]], surfaces.owner[mesh]
+        for e in range(world.edges.shape[0]):
+            hull, r = _seen_from(x, pose, world.edges[e]), world.radii[e]
+            distance = signed_distance(surfaces, mesh, hull, cap + r) - r
+            d = min(d, distance)
+            _note(distance, owner, sample, touched)
+        distance = _solids_from_mesh(world.solids, surfaces, mesh, pose, x, cap)
+        d = min(d, distance)
+        _note(distance, owner, sample, touched)
+    return d
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solids_from_mesh(solids, surfaces, mesh, pose, shift, cap):
+    """Return the clearance [m] of the load's solids from a mesh that has moved."""
+    d = cap
+    if solids is None:
+        return d
+    for s in range(solids.shape[0]):
+        d = min(d, signed_distance(surfaces, mesh, _seen_from(shift, pose, solids[s]), cap))
+    return d
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _seen_from(shift, pose, corners):
+    """Return corners of the body as seen from an obstacle that has moved; shape (n_corners, 3) [m]."""
+    hull = np.empty((corners.shape[0], 3))
+    for i in range(corners.shape[0]):
+        for axis in range(3):
+            hull[i, axis] = pose[corners[i], axis] - shift[axis]
+    return hull
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -442,16 +499,11 @@ def chord_distance(x, t, after, i, j):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _offset(offsets, t, after, f, j):
-    """Return the displacement of an obstacle's centre at a share f of the time between two samples [m]."""
+def _offset(offsets, t, j):
+    """Return the displacement of an obstacle's centre at a sample [m]."""
     if offsets.shape[0] == 0:
         return 0.0, 0.0, 0.0
-    here, there = offsets[t, j], offsets[after, j]
-    return (
-        here[0] + f * (there[0] - here[0]),
-        here[1] + f * (there[1] - here[1]),
-        here[2] + f * (there[2] - here[2]),
-    )
+    return offsets[t, j, 0], offsets[t, j, 1], offsets[t, j, 2]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -467,12 +519,14 @@ def _farthest(offsets, t, after):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near_meshes(x, t, cutoff, surfaces, offsets, near):
+def _near_meshes(surfaces, x, t, cutoff, offsets, near):
     """Write into `near` the meshes whose boxes are within `cutoff` of the body's box; return their number."""
     count = 0
+    if surfaces is None:
+        return count
     for mesh in range(surfaces.root.shape[0]):
         box, away = surfaces.root[mesh], 0.0
-        ox, oy, oz = _offset(offsets, t, t, 0.0, surfaces.row[mesh])
+        ox, oy, oz = _offset(offsets, t, surfaces.row[mesh])
         for axis in range(3):
             shift = ox if axis == 0 else (oy if axis == 1 else oz)
             low, high = x[t, :, axis].min() - shift, x[t, :, axis].max() - shift
@@ -484,7 +538,7 @@ def _near_meshes(x, t, cutoff, surfaces, offsets, near):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near_obstacles(x, t, cutoff, obstacles, convex, offsets, lower, upper, near):
+def _near_obstacles(world, x, t, cutoff, offsets, near):
     """Write into `near` the obstacles within `cutoff` of the body's bounding ball.
 
     Returns
@@ -502,9 +556,9 @@ def _near_obstacles(x, t, cutoff, obstacles, convex, offsets, lower, upper, near
     for n in range(n_nodes):
         reach = max(reach, (x[t, n, 0] - cx) ** 2 + (x[t, n, 1] - cy) ** 2 + (x[t, n, 2] - cz) ** 2)
     reach = sqrt(reach) + cutoff
-    count = 0
-    for j in convex:
-        ox, oy, oz = _offset(offsets, t, t, 0.0, j)
+    count, obstacles, lower, upper = 0, world.obstacles, world.lower, world.upper
+    for j in world.convex:
+        ox, oy, oz = _offset(offsets, t, j)
         px, py, pz = cx - ox, cy - oy, cz - oz
         dx, dy, dz = px - obstacles[j, 1], py - obstacles[j, 2], pz - obstacles[j, 3]
         far = obstacles[j, REACH] + reach

@@ -55,11 +55,11 @@ def answers(question: Callable, kind: type) -> Callable[[Callable], Callable]:
     """Return a decorator that makes a compiled function the answer to a question about worlds of one kind."""
 
     def register(kernel: Callable) -> Callable:
-        @overload(question, jit_options={"error_model": "numpy"})
-        def choose(world, *args):  # numba compares signatures, annotations too
-            if getattr(world, "instance_class", None) is not kind:
-                return None
-            return lambda world, *args: kernel(world, *args)
+        answer = getattr(kernel, "py_func", kernel)  # compiled for itself, it would be compiled twice
+
+        @overload(question, jit_options={"error_model": "numpy"}, strict=False)
+        def choose(world, *args):
+            return answer if getattr(world, "instance_class", None) is kind else None
 
         return kernel
 
@@ -106,7 +106,9 @@ def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
             if extend(world, trees[this, last], before[row], WHOLE, margin, new) != ARRIVED:
                 break
             counts[this] = _added(trees, parents, counts, this, new, last)
-    this = 0
+    this = np.int64(
+        0
+    )  # a plain 0 is a type of its own, for which all that takes it would be compiled once more
     for _ in range(max_draws):
         if counts[0] + counts[1] + 2 >= max_nodes or worked(world.clock, counts[this]):
             break

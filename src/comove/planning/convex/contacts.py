@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.geometry.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
-from comove.geometry.surfaces import Surfaces, near_on_surface
+from comove.geometry.solids import count_solids, solids_or_none
+from comove.geometry.surfaces import Surfaces, count_meshes, near_on_surface, surfaces_or_none
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -39,13 +40,13 @@ class Surroundings(NamedTuple):
     Attributes
     ----------
     edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), end nodes and radii [m] of the load's rods
-    solids : array of int, shape (n_solids, n), corner nodes of the load's solids
+    solids : array of int, shape (n_solids, n), corner nodes of the load's solids; None where it has none
     block : array of int, shape (n_nodes,), block of the coordinates that moves each node
     thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
         solid alone; -1 for nodes of neither
     table : array, shape (n_rows, n_columns), convex obstacles
     rows, owner : arrays of int, shape (n_rows,), rows of `table` in the scene's table, and obstacles they belong to
-    surfaces : meshes
+    surfaces : meshes; None where there is none
     lower, upper : arrays, shape (3,), corners of the workspace [m]
     pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
     n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
@@ -53,13 +54,13 @@ class Surroundings(NamedTuple):
 
     edges: Integers
     radii: Array
-    solids: Integers
+    solids: Integers | None
     block: Integers
     thickness: Array
     table: Array
     rows: Integers
     owner: Integers
-    surfaces: Surfaces
+    surfaces: Surfaces | None
     lower: Array
     upper: Array
     pairs: Integers
@@ -81,13 +82,13 @@ def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
     return Surroundings(
         body.edges,
         body.radii,
-        body.solids,
+        solids_or_none(body.solids),
         block,
         thickness,
         scene.obstacles[rows],
         rows,
         np.asarray(scene.owners)[rows],
-        scene.surfaces,
+        surfaces_or_none(scene.surfaces),
         *scene.workspace,
         *scene.kept_apart,
         int(scene.owners.max(initial=len(scene.file.obstacles) - 1)) + 1,  # more where some were only seen
@@ -109,8 +110,8 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
         from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
-    n_samples, n_rods, n_solids = nodes.shape[0], around.edges.shape[0], around.solids.shape[0]
-    n_rows, n_meshes = around.table.shape[0], around.surfaces.root.shape[0]
+    n_samples, n_rows, n_meshes = nodes.shape[0], around.table.shape[0], count_meshes(around.surfaces)
+    n_parts = around.edges.shape[0] + count_solids(around.solids)
     way = np.zeros(n_samples)  # sum, since the first sample, of the largest displacement of any node
     for s in range(1, n_samples):
         moved = 0.0
@@ -121,8 +122,9 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
             moved = max(moved, square)
         way[s] = way[s - 1] + sqrt(moved)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
-    contact, n, points = np.zeros(N_FIELDS), 0, np.empty((max(2, around.solids.shape[1]) + 2, 3))
-    for part in range(n_rods + n_solids):
+    contact, points = np.zeros(N_FIELDS), np.empty((_most_corners(around.solids) + 2, 3))
+    n = np.int64(0)  # a plain 0 is a type of its own, for which all that takes it would be compiled once more
+    for part in range(n_parts):
         for thing in range(n_rows + n_meshes):
             row, owner = _whose(around, thing)
             moves = _moves(offsets, row)
@@ -160,10 +162,12 @@ def _kept(s, distance, nearest):
 
 @numba.njit(cache=True, error_model="numpy")
 def _written(contact, found, n):
-    if n < found.shape[0]:
-        found[n] = contact
-        n += 1
-    return n
+    """Append a contact where there is room; return the new number of contacts."""
+    if n == found.shape[0]:
+        return n
+    for field in range(N_FIELDS):  # assigning the array would take a second more to compile
+        found[n, field] = contact[field]
+    return n + 1
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -172,8 +176,31 @@ def _whose(around, thing):
     n_rows = around.table.shape[0]
     if thing < n_rows:
         return around.rows[thing], around.owner[thing]
-    mesh = thing - n_rows
-    return around.surfaces.row[mesh], around.surfaces.owner[mesh]
+    return _whose_mesh(around.surfaces, thing - n_rows)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _whose_mesh(surfaces, mesh):
+    """Return row and owner of a mesh."""
+    if surfaces is None:
+        return -1, -1
+    return surfaces.row[mesh], surfaces.owner[mesh]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _most_corners(solids):
+    """Return the largest number of corners of a part of the load."""
+    if solids is None:
+        return 2
+    return max(2, solids.shape[1])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _corners(solids, edges, part):
+    """Return the nodes at the corners of a part of the load: a rod, or a solid, which are numbered next."""
+    if solids is None:
+        return edges[part]
+    return edges[part] if part < edges.shape[0] else solids[part - edges.shape[0]]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -233,37 +260,40 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
 def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
     n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
-    middle, reach = np.zeros(3), 0.0
-    if part < n_rods:
-        p, q = nodes[s, around.edges[part, 0]], nodes[s, around.edges[part, 1]]
+    middle, reach, corners = np.zeros(3), 0.0, _corners(around.solids, around.edges, part)
+    for i in corners:
         for axis in range(3):
-            middle[axis] = 0.5 * (p[axis] + q[axis])
-            reach += (0.5 * (p[axis] - q[axis])) ** 2
-        reach = sqrt(reach) + around.radii[part]
-    else:
-        corners = around.solids[part - n_rods]
-        for i in corners:
-            middle += nodes[s, i] / corners.shape[0]
-        for i in corners:
-            square = 0.0
-            for axis in range(3):
-                square += (nodes[s, i, axis] - middle[axis]) ** 2
-            reach = max(reach, square)
-        reach = sqrt(reach)
-    square = 0.0
-    if thing < n_rows:
+            middle[axis] += nodes[s, i, axis] / corners.shape[0]
+    for i in corners:
+        square = 0.0
         for axis in range(3):
-            middle[axis] -= offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
-            square += (middle[axis] - around.table[thing, CENTER + axis]) ** 2
-        bound = sqrt(square) - reach - around.table[thing, REACH]
-        if bound >= enough:
-            return bound
-        return point_distance(around.table, thing, middle[0], middle[1], middle[2]) - reach
-    root = around.surfaces.root[thing - n_rows]
+            square += (nodes[s, i, axis] - middle[axis]) ** 2
+        reach = max(reach, square)
+    reach = sqrt(reach) + (around.radii[part] if part < n_rods else 0.0)
     for axis in range(3):
-        x = middle[axis] - (offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0)
-        square += max(around.surfaces.lower[root, axis] - x, x - around.surfaces.upper[root, axis], 0.0) ** 2
-    return sqrt(square) - reach
+        middle[axis] -= offsets[s, row, axis] if offsets.shape[0] > 0 else 0.0
+    if thing >= n_rows:
+        return _from_box_of_mesh(around.surfaces, thing - n_rows, middle) - reach
+    square = 0.0
+    for axis in range(3):
+        square += (middle[axis] - around.table[thing, CENTER + axis]) ** 2
+    bound = sqrt(square) - reach - around.table[thing, REACH]
+    if bound >= enough:
+        return bound
+    return point_distance(around.table, thing, middle[0], middle[1], middle[2]) - reach
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _from_box_of_mesh(surfaces, mesh, point):
+    """Return the distance [m] of a point from the box that contains all of a mesh."""
+    if surfaces is None:
+        return np.inf
+    root, square = surfaces.root[mesh], 0.0
+    for axis in range(3):
+        square += (
+            max(surfaces.lower[root, axis] - point[axis], point[axis] - surfaces.upper[root, axis], 0.0) ** 2
+        )
+    return sqrt(square)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -275,7 +305,7 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
     """
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
-    corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
+    corners = _corners(around.solids, around.edges, part)
     n_corners = corners.shape[0]
     for axis in range(3):
         moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
@@ -284,8 +314,8 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
     near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
     radius = around.radii[part] if part < n_rods else 0.0
     if thing >= n_rows:
-        distance = near_on_surface(
-            around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, -np.inf, near, normal
+        distance = _near_mesh(
+            around.surfaces, thing - n_rows, points[:n_corners], cutoff + radius, near, normal
         )
     elif part < n_rods:
         p, q = points[0], points[1]
@@ -297,11 +327,28 @@ def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
         for axis in range(3):
             near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
     else:
-        corners = np.arange(n_corners)
-        distance = near_on_hull(around.table, thing, points, corners, cutoff, near)
-        if distance <= 0.0:  # boxes that penetrate each other: their edges give the depth
-            distance = near_on_solid(around.table, thing, points, corners, cutoff, near)
+        distance = _near_solid(around.solids, around.table, thing, points, cutoff, near)
     return min(distance - radius, cutoff)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _near_mesh(surfaces, mesh, points, cutoff, near, normal):
+    """Return the distance [m] of the hull of points from a mesh; write nearest point and direction from the mesh."""
+    if surfaces is None:
+        return cutoff
+    return near_on_surface(surfaces, mesh, points, cutoff, -np.inf, near, normal)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _near_solid(solids, table, thing, points, cutoff, near):
+    """Return the distance [m] of the solid with corners `points` from an obstacle; write its nearest point."""
+    if solids is None:
+        return cutoff
+    corners = np.arange(solids.shape[1])
+    distance = near_on_hull(table, thing, points, corners, cutoff, near)
+    if distance <= 0.0:  # boxes that penetrate each other: their edges give the depth
+        distance = near_on_solid(table, thing, points, corners, cutoff, near)
+    return distance
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -315,9 +362,9 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
             around.table, thing, near[0], near[1], near[2]
         )
     elif thing < n_rows:
-        _, normal[0], normal[1], normal[2] = solid_gradient(around.table, thing, near[0], near[1], near[2])
-    first = around.edges[part, 0] if part < n_rods else around.solids[part - n_rods, 0]
-    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, around.block[first], -1
+        _away_from_solid(around.solids, around.table, thing, near, normal)
+    block = around.block[_corners(around.solids, around.edges, part)[0]]
+    contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, block, -1
     for axis in range(3):
         moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
         contact[PLACE + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
@@ -325,13 +372,20 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _away_from_solid(solids, table, thing, near, normal):
+    """Write the direction that leads from an obstacle to a solid's nearest point."""
+    if solids is None:
+        return
+    _, normal[0], normal[1], normal[2] = solid_gradient(table, thing, near[0], near[1], near[2])
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
-    n_rods = around.edges.shape[0]
-    corners = around.edges[part] if part < n_rods else around.solids[part - n_rods]
-    radius = around.radii[part] if part < n_rods else 0.0
+    corners = _corners(around.solids, around.edges, part)
+    radius = around.radii[part] if part < around.edges.shape[0] else 0.0
     x, apart = np.empty(3), np.empty(3)
     near = contact[PLACE : PLACE + 3].copy()
     for i in corners:

@@ -1,0 +1,80 @@
+"""Which compiled functions a first run waits for, and how long each takes to compile.
+
+The command runs in this process with an empty cache of kernels; numba's own events tell when the compilation of a
+function for one signature begins and ends. A function's time is without the functions that it calls. A function that
+stands in the table with several signatures is compiled once for each.
+
+To repeat: ``pip install comove``, ``python benchmarks/compiling.py solve narrow.yaml``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+
+
+def exclusive_times(events) -> dict[str, list[float]]:
+    """Compilation time of every function and signature without the functions it calls [s], by function."""
+    times, stack = defaultdict(list), []
+    for at, event in events:
+        if event.is_start:
+            stack.append([at, 0.0])
+        else:
+            begun, inner = stack.pop()
+            function = event.data["dispatcher"].py_func
+            times[f"{function.__module__.removeprefix('comove.')}.{function.__name__}"].append(
+                at - begun - inner
+            )
+            if stack:
+                stack[-1][1] += at - begun
+    return times
+
+
+def main() -> None:
+    """Run the command and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rows", type=int, default=40)
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="of comove, such as: solve narrow.yaml")
+    options = parser.parse_args()
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}
+        os.environ["COMOVE_COMPILERS"] = "0"
+        from numba.core import event
+
+        from comove.cli import main as comove
+
+        started = time.perf_counter()
+        with event.install_recorder("numba:compile") as recorder:
+            try:
+                sys.argv = ["comove", *options.arguments, "--out", f"{folder}/result"]
+                comove()
+            except SystemExit as left:
+                if left.code:
+                    sys.exit(left.code)
+        wall = time.perf_counter() - started
+
+    times = exclusive_times(recorder.buffer)
+    total = sum(map(sum, times.values()))
+    signatures = sum(map(len, times.values()))
+    print(f"{wall:.1f} s, of which {total:.1f} s compile {len(times)} functions for {signatures} signatures")
+    rooms = defaultdict(float)
+    for name, each in times.items():
+        rooms[name.rsplit(".", 1)[0]] += sum(each)
+    for title, table in (("module", rooms), ("function", {name: sum(each) for name, each in times.items()})):
+        print(f"\n| {title} | seconds | signatures |\n|---|---|---|")
+        for name, seconds in sorted(table.items(), key=lambda row: -row[1])[: options.rows]:
+            count = (
+                len(times[name])
+                if title == "function"
+                else sum(len(each) for key, each in times.items() if key.rsplit(".", 1)[0] == name)
+            )
+            print(f"| {name} | {seconds:.2f} | {count} |")
+
+
+if __name__ == "__main__":
+    main()
