@@ -43,7 +43,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}
-        os.environ["COMOVE_COMPILERS"] = "0"
+        os.environ["COMOVE_COMPILE_ALONE"] = "1"  # all in this process
         from numba.core import event
 
         from comove.cli import main as comove

@@ -28,7 +28,7 @@ from random_scenes import moving_scene
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
 from comove.experiments.modulation import Sharing
 from comove.experiments.modulation.comparison import MODULATED, loose_run
-from comove.planning import load_kernels
+from comove.planning import SceneKind, load_kernels
 from comove.scenes import Scene
 from comove.verification.record import Record, verify_execution
 
@@ -99,7 +99,7 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     for n_dims in (2, 3):
-        load_kernels(n_dims, True)
+        load_kernels(SceneKind(n_dims, moving=True))
     seeds = range(options.first, options.first + options.scenes)
     scenes = {seed: moving_scene(seed, options.share) for seed in seeds}
     taken = [seed for seed, scene in scenes.items() if is_taken(scene)]

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.planning import load_kernels
+from comove.planning import SceneKind, load_kernels
 from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
 from comove.scenes import Scene, demonstration_of
 from comove.simulators import Friction, Perturbation, Weld, simulate
@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--only", choices=("solve", "simulate"))
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    load_kernels(3)
+    load_kernels(SceneKind(3))
     for path in SCENES:  # compiled kernels and meshes in memory
         scene = Scene.load(path)
         RobotCarrier(Robot.load(scene.file.robot), scene).prepare()

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from timing import number, on_one_thread, print_table
 
-from comove.planning import load_kernels, movements_of
+from comove.planning import SceneKind, load_kernels, movements_of
 from comove.robots import JointMotion, Robot, carry
 from comove.scenes import Scene, demonstration_of
 from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
@@ -41,7 +41,7 @@ def main() -> None:
     count = parser.parse_args().perturbed
     on_one_thread()
     scene, robot = Scene.load(SCENE), Robot.load("baxter")
-    load_kernels(scene.n_dims, False)
+    load_kernels(SceneKind.of(scene))
     found = carry(scene, robot, demonstration=movements_of(demonstration_of(scene), scene))
     if not found.verified:
         raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.solution.reasons)}")

@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from comove.execution import Executor, Functions
-from comove.planning import load_kernels
+from comove.planning import SceneKind, load_kernels
 from comove.scenes import Scene
 from comove.verification.record import Record, verify_execution
 
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--dimensions", type=int, choices=(2, 3), default=2)
     options = parser.parse_args()
     scene = endless(options.dimensions)
-    load_kernels(options.dimensions, True)
+    load_kernels(SceneKind(options.dimensions, moving=True))
     executor = Executor(scene, Functions.of_motions(scene))
     error, clearance, memory, control, begun = 0.0, np.inf, [], [], time.perf_counter()
     for k in range(options.steps // WINDOW):

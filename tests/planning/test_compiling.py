@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from comove.coordination import load_coordinates
-from comove.planning import Comove, load_kernels, solve
+from comove.planning import Comove, SceneKind, load_kernels, solve
 from comove.planning.clock import LEFT
 from comove.planning.compiling import Compiled, compiling
 from comove.planning.configurations import configuration_space
@@ -57,7 +57,7 @@ def test_it_can_be_added_up():
 
 def test_nothing_is_compiled_once_kernels_are_loaded():
     """Neither for a scene with a demonstration nor for one without."""
-    load_kernels(2)
+    load_kernels(SceneKind(2))
     scene = example("narrow")
     dmp = demonstration_of(scene)
     with compiling() as compiled:

@@ -67,7 +67,7 @@ def solve(
     from comove.cli.solve import exit_code, write_result
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import load_kernels, movements_of
+    from comove.planning import SceneKind, load_kernels, movements_of
     from comove.primitives import Library
     from comove.results import RESULT
     from comove.robots import carry, write_joints
@@ -90,7 +90,7 @@ def solve(
             source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(demonstration, loaded)
         o.require_demonstration(resemblance, movements, scene)
-        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        load_kernels(SceneKind.of(loaded))
         try:
             found = carry(
                 loaded,

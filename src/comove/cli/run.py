@@ -49,7 +49,7 @@ def run(
     from comove.experiments.modulation.comparison import compare as compare_all
     from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import load_kernels, solve
+    from comove.planning import SceneKind, load_kernels, solve
     from comove.results import RESULT
     from comove.scenes import Scene, demonstration_of
     from comove.verification.record import verify_execution
@@ -65,7 +65,7 @@ def run(
     if loaded.is_timed or budget is not None:
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
-        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=demonstration_of(loaded), seed=seed, budget=PLANNING)
             if planned.interrupted:

@@ -80,7 +80,7 @@ def solve(
     from comove.cli.texts import in_rows, summary_text
     from comove.experiments.compared import Single
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import load_kernels, movements_of, solve
+    from comove.planning import SceneKind, load_kernels, movements_of, solve
     from comove.primitives import Library
     from comove.results import RESULT
     from comove.results.solution import SCENE
@@ -111,7 +111,7 @@ def solve(
             source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(demonstration, chosen.scene_of(loaded))
         o.require_demonstration(resemblance, movements, scene)
-        load_kernels(loaded.n_dims, bool(loaded.moving.any()))
+        load_kernels(SceneKind.of(loaded))
         solution = solve(
             loaded,
             demonstration=movements,

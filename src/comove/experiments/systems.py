@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.bench.store import Figures
 from comove.experiments.examples import scene_contents
-from comove.planning.kernels import load_kernels
+from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Progress
@@ -116,7 +116,7 @@ class OwnSystem(System):
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Compile the kernels, including those of the method itself."""
-        load_kernels(problem.scene.n_dims, bool(problem.scene.moving.any()))
+        load_kernels(SceneKind.of(problem.scene))
         _first_look(self, problem.scene.n_dims)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:

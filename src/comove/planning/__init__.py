@@ -3,7 +3,7 @@
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.combination import Combination, combine
-from comove.planning.kernels import load_kernels
+from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.methods import Comove, Projection
 from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
@@ -27,6 +27,7 @@ __all__ = [
     "Progress",
     "Projection",
     "Samples",
+    "SceneKind",
     "Solution",
     "best_movement",
     "carried_demonstration",

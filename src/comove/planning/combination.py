@@ -27,7 +27,7 @@ from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.compiling import compiling
-from comove.planning.kernels import load_kernels
+from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.search import OutOfTime, Search, stricter
@@ -119,7 +119,7 @@ def combine(
     if not 0 < budget < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     suited = suitable(movements, scene, plane)
-    load_kernels(scene.n_dims, bool(scene.moving.any()))
+    load_kernels(SceneKind.of(scene))
     started = time.perf_counter()
     coordinates = load_coordinates(scene)
     search = Search(

@@ -1,61 +1,106 @@
-"""The compilation or loading of kernels, before the time of a search is measured."""
+"""The compilation or loading of kernels, before the time of a search is measured.
+
+Compilation happens once after installation. Where there are processor cores for it, a second process compiles what a
+search needs last, while this one compiles what it needs first and then finds the rest in the cache on disk.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
 from comove.demonstrations.demonstration import Demonstration
 from comove.planning.clock import STRIDE, clock_until, worked
+from comove.planning.compiling import compiling
 from comove.planning.configurations import configuration_space
 from comove.planning.convex.limits import Limits
 from comove.planning.methods import Quick
-from comove.planning.objective import Objective
+from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastJerk, PaperCost
 from comove.planning.planner import forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
+from comove.planning.smooth import smooth_way
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
 
+ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no second process compiles
+LAST = """
+import json, sys
+from comove.planning.kernels import SceneKind, load_last_kernels
+load_last_kernels(SceneKind(**json.loads(sys.argv[1])))
+"""
+TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
-@lru_cache(maxsize=4)
-def load_kernels(n_dims: int, moving: bool = False) -> None:
-    """Compile, or load from the cache, all kernels needed to solve a scene of `n_dims` dimensions.
 
-    Parameters
+@dataclass(frozen=True)
+class SceneKind:
+    """What a scene has that kernels are compiled for.
+
+    Attributes
     ----------
+    n_dims : 2 or 3
     moving : whether obstacles move
+    solids : whether the load is a box, a mesh or another solid, not only rods
+    meshes : whether obstacles are meshes
     """
 
-    def at(*values: float) -> list[float]:
-        return [*values, *[0.5] * (n_dims - len(values))]
+    n_dims: int
+    moving: bool = False
+    solids: bool = False
+    meshes: bool = False
 
-    load = {"shape": "bar", "length": 0.2}
-    if n_dims == 3:  # a box needs all that a bar needs, and the kernels of solids
-        load = {"shape": "box", "size": [0.2, 0.02, 0.02]}
-    drifts = {"motion": {"velocity": [0.01] * n_dims}} if moving else {}
-    scene = Scene.from_dict(
-        {
-            "name": "kernels",
-            "duration": 1.0,
-            "workspace": {"lower": [0.0] * n_dims, "upper": [1.0] * n_dims},
-            "obstacles": [{"shape": "sphere", "center": at(0.4, 0.4), "radius": 0.05, **drifts}],
-            "load": load,
-            "constraints": [{"type": "upright"}] if n_dims == 3 else [],
-            "manipulators": [
-                {"name": "a", "start": at(0.2, 0.4), "goal": at(0.6, 0.4)},
-                {"name": "b", "start": at(0.2, 0.6), "goal": at(0.6, 0.6)},
-            ],
-        }
-    )
-    worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
-    coordinates, way = load_coordinates(scene), np.linspace(0.0, 1.0, 21)
-    dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(n_dims))))
-    search = Search(
-        objective=Objective(scene, coordinates, PaperCost()),
+    @classmethod
+    def of(cls, scene: Scene) -> SceneKind:
+        """Return the kind of a scene."""
+        return cls(
+            scene.n_dims,
+            bool(scene.moving.any()),
+            len(scene.body.solids) > 0,
+            len(scene.surfaces.root) > 0,
+        )
+
+
+@lru_cache(maxsize=16)
+def load_kernels(kind: SceneKind) -> None:
+    """Compile, or load from the cache, all kernels needed to solve scenes of a kind."""
+    with _a_second_process(kind):
+        search = _stand_in(kind)
+        scene, coordinates = search.scene, search.objective.coordinates
+        worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
+        Quick(n_ways=1).run(search, planner=True)
+        if kind.n_dims == 3:
+            space, ends = configuration_space(scene, coordinates), coordinates.boundary()
+            forest(space, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
+
+
+def load_last_kernels(kind: SceneKind) -> None:
+    """Compile the kernels that a search needs last: those of smooth motions, of the certificate and of the cost."""
+    search = _stand_in(kind)
+    boundary = search.objective.coordinates.boundary()
+    way = boundary[0] + np.linspace(0.0, 1.0, N_STEPS)[:, None] * (boundary[2] - boundary[0])
+    smooth_way(search, way, boundary)
+    search.objective.evaluate(way.T[None])
+
+
+def _stand_in(kind: SceneKind) -> Search:
+    """Return the search for a motion in a small scene of a kind."""
+    scene = _scene(kind)
+    way = np.linspace(0.0, 1.0, 21)
+    dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(kind.n_dims))))
+    return Search(
+        objective=Objective(scene, load_coordinates(scene), PaperCost()),
         taught=(dmp,) * 2,
         hard=True,
         rng=np.random.default_rng(0),
@@ -64,7 +109,52 @@ def load_kernels(n_dims: int, moving: bool = False) -> None:
         aim=LeastJerk(),
         limits=Limits.of(scene, scene.duration),
     )
-    Quick(n_ways=1).run(search, planner=True)
-    if n_dims == 3:
-        space, ends = configuration_space(scene, coordinates), coordinates.boundary()
-        forest(space, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
+
+
+def _scene(kind: SceneKind) -> Scene:
+    def at(*values: float) -> list[float]:
+        return [*values, *[0.5] * (kind.n_dims - len(values))]
+
+    load = {"shape": "box", "size": [0.2, 0.02, 0.02]} if kind.solids else {"shape": "bar", "length": 0.2}
+    drifts = {"motion": {"velocity": [0.01] * kind.n_dims}} if kind.moving else {}
+    obstacles = [{"shape": "sphere", "center": at(0.4, 0.4), "radius": 0.05, **drifts}]
+    with tempfile.TemporaryDirectory() as folder:
+        if kind.meshes:
+            Path(folder, "mesh.obj").write_text(TETRAHEDRON)
+            obstacles.append({"shape": "mesh", "file": "mesh.obj", "center": [0.8, 0.8, 0.8]})
+        return Scene.from_dict(
+            {
+                "name": "kernels",
+                "duration": 1.0,
+                "workspace": {"lower": [0.0] * kind.n_dims, "upper": [1.0] * kind.n_dims},
+                "obstacles": obstacles,
+                "load": load,
+                "constraints": [{"type": "upright"}] if kind.n_dims == 3 else [],
+                "manipulators": [
+                    {"name": "a", "start": at(0.2, 0.4), "goal": at(0.6, 0.4)},
+                    {"name": "b", "start": at(0.2, 0.6), "goal": at(0.6, 0.6)},
+                ],
+            },
+            folder=folder,
+        )
+
+
+@contextmanager
+def _a_second_process(kind: SceneKind) -> Iterator[None]:
+    """Let a second process compile the last kernels as soon as this one has to compile any in this context."""
+    begun: list[subprocess.Popen] = []
+
+    def begin(kernel: str) -> None:
+        if kernel and not begun:
+            command = [sys.executable, "-P", "-c", LAST, json.dumps(asdict(kind))]
+            quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            begun.append(subprocess.Popen(command, **quiet))  # type: ignore[call-overload]
+
+    able = sys.executable and ALONE not in os.environ and (os.cpu_count() or 1) > 1
+    with compiling(begin if able else None):
+        try:
+            yield
+        finally:
+            for process in begun:
+                process.kill()  # a file that it leaves unfinished counts as missing
+                process.wait()

@@ -18,7 +18,7 @@ from comove.planning.arguments import carried_demonstration, check_options, list
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.followed import Followed, followed
-from comove.planning.kernels import load_kernels
+from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
 from comove.planning.objective import ContactPenalty, Objective
@@ -107,7 +107,7 @@ def solve(
     method = method or Comove()
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
-    load_kernels(scene.n_dims, bool(scene.moving.any()))
+    load_kernels(SceneKind.of(scene))
     hard = obstacles == "constraint"
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
     if aim is None:

@@ -25,7 +25,7 @@ from comove.experiments.bench.runner import machine
 from comove.experiments.examples import scene_contents, wall
 from comove.experiments.summaries import Interval, slope_interval, table
 from comove.io.folders import Contents, whole_folder
-from comove.planning.kernels import load_kernels
+from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
@@ -183,8 +183,8 @@ def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[
             raise OptionError(f"there is no curve '{name}'", key="--of", way_out=near_name(name, FAMILIES))
     if repeats < 1:
         raise OptionError(f"repeats = {repeats}", key="--repeats", way_out="give 1 or more")
-    load_kernels(2)
-    load_kernels(3)
+    load_kernels(SceneKind(2))
+    load_kernels(SceneKind(3))
     found = []
     for name in names:
         family = FAMILIES[name]

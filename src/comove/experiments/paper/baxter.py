@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from comove.errors import ComoveError, ExtraError
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import largest_turn
-from comove.planning import LeastJerk, Paper, PaperCost, load_kernels, movements_of
+from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
 from comove.planning.method import Method
 from comove.scenes import demonstration_of
 
@@ -99,7 +99,7 @@ def transport(passage: Passage) -> Transport:
 
     scene, robot = example(f"baxter_{passage.scene}"), Robot.load("baxter")
     method = METHODS[passage.who]
-    load_kernels(scene.n_dims, False)
+    load_kernels(SceneKind.of(scene))
     begun = time.perf_counter()
     found = carry(
         scene,

@@ -13,7 +13,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
-from comove.planning import Comove, Paper, PaperCost, Printed, Projection, load_kernels, solve
+from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
 from comove.planning.method import Method
 from comove.primitives import DMP
 from comove.scenes import Scene
@@ -183,7 +183,7 @@ def _apart(walls: list[dict[str, Any]], gap: float) -> list[dict[str, Any]]:
 
 def warm_up() -> None:
     """Load the compiled code before the runs, so that compilation does not count in their times."""
-    load_kernels(2, False)
+    load_kernels(SceneKind(2))
     for contender in (CONTENDERS | OTHERS).values():
         method, planner = contender.method, contender.planner
         solve(example("narrow"), method=method, planner=planner, budget=0.3)

@@ -20,7 +20,7 @@ from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
 from comove.experiments.paper.measures import Along, Measures, measure_motion
 from comove.experiments.workers import run_all
-from comove.planning import load_kernels
+from comove.planning import SceneKind, load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
 from comove.scenes import recording_of
@@ -370,7 +370,7 @@ def _do(job: Job | baxter.Passage | None) -> Outcome | baxter.Transport | list[C
         return baxter.transport(job)
     if job is not None:
         return run(job)
-    load_kernels(2, True)
+    load_kernels(SceneKind(2, moving=True))
     scene = example("turning")
     budget = MOVING_LIMIT * scene.duration
     return compare(Executor(scene).run(budget), budget)[0]
