@@ -40,7 +40,7 @@ def test_without_a_terminal_one_line_says_that_kernels_are_compiled(monkeypatch,
         with progress_bar(30.0) as callback:
             assert callback is None
             compile_something()
-    assert capsys.readouterr().err.splitlines() == [f"{ONCE}: one to three minutes that do not count"]
+    assert capsys.readouterr().err.splitlines() == [f"{ONCE}: up to a minute that does not count"]
 
 
 def test_without_a_terminal_nothing_else_is_told(capsys):

@@ -85,9 +85,9 @@ def test_a_planner_looks_at_the_time_again_and_again(n_dims):
 def test_nothing_is_free_after_the_deadline():
     space, start, _ = space_of(closed(2), -np.inf)
     scratch, nodes = np.empty_like(start), np.empty((space.blocks.node.shape[0], 3))
-    assert clearance_of(space, start, nodes) > 0
+    assert clearance_of(space, start, nodes, 0.0) > 0
     worked(space.clock, 2 * STRIDE)
-    assert clearance_of(space, start, nodes) == -np.inf
+    assert clearance_of(space, start, nodes, 0.0) == -np.inf
     assert not edge_is_free(space, start, start, 0.0, scratch, nodes)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.coordination import load_coordinates
 from comove.planning.configurations import configuration_space, span
-from comove.planning.planner import _fit, _flat_direction, plan, quaternion_of
+from comove.planning.planner import _fit, flat_direction, plan, quaternion_of
 from comove.scenes import Scene
 from tests import brute_force
 from tests.solved import example, random_scene
@@ -218,7 +218,7 @@ def test_what_is_to_fit_a_slot_lies_flush(seed):
     scene = Scene.from_dict(data)
     space = configuration_space(scene, load_coordinates(scene))
     points, quaternion = space.blocks.point, np.empty(4)
-    flat = _flat_direction(points)
+    flat = flat_direction(points)
     np.testing.assert_allclose((points - points.mean(axis=0)) @ flat, 0.0, atol=1e-12)
     _fit(space, 0, flat, np.random.default_rng(seed), quaternion)
     placed = Rotation.from_quat(quaternion, scalar_first=True).apply(points)

@@ -47,7 +47,7 @@ class _Line:
     def compiling(self, kernel: str) -> None:
         if kernel and not _Line.said:
             _Line.said = True
-            print(f"{ONCE}: one to three minutes that do not count", file=sys.stderr, flush=True)
+            print(f"{ONCE}: up to a minute that does not count", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Do nothing, as there is nothing to remove."""

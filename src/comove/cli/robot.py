@@ -67,10 +67,11 @@ def solve(
     from comove.cli.solve import exit_code, write_result
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, load_kernels, movements_of
+    from comove.planning import SceneKind, movements_of
     from comove.primitives import Library
     from comove.results import RESULT
     from comove.robots import carry, write_joints
+    from comove.robots.kernels import load_robot_kernels
     from comove.scenes import Scene, demonstration_of
     from comove.views import draw_joints, save
 
@@ -90,7 +91,7 @@ def solve(
             source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(demonstration, loaded)
         o.require_demonstration(resemblance, movements, scene)
-        load_kernels(SceneKind.of(loaded))
+        load_robot_kernels(SceneKind.of(loaded))
         try:
             found = carry(
                 loaded,

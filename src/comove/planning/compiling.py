@@ -1,17 +1,28 @@
-"""Counters of the kernels that are compiled, once after installation, which takes a minute or two."""
+"""The compilation of kernels, once after installation: counted, told, and shared between processes."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]
+ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no other process helps to compile
+CALL = """
+import importlib, json, sys
+module, function, arguments = sys.argv[1:]
+getattr(importlib.import_module(module), function)(**json.loads(arguments))
+"""
 
 
 @dataclass
@@ -79,3 +90,42 @@ def compiling(tell: KernelCallback | None = None, compiled: Compiled | None = No
     compiled = Compiled() if compiled is None else compiled
     with event.install_listener("numba:compile", _Listener(compiled, tell)):
         yield compiled
+
+
+@contextmanager
+def meanwhile(load: Callable[..., None], **arguments: Any) -> Iterator[None]:
+    """Let another process load kernels as soon as this one has to compile any, and wait for it in the end.
+
+    What the other process has compiled, this one finds in the cache on disk. Where there is a single processor core,
+    this one does all by itself, later.
+
+    Parameters
+    ----------
+    load, arguments : function of a module, and what it is called with: numbers, texts and truth values
+    """
+    others: list[subprocess.Popen] = []
+
+    def begin(kernel: str) -> None:
+        if kernel and not others:
+            command = [
+                sys.executable,
+                "-P",
+                "-c",
+                CALL,
+                load.__module__,
+                load.__name__,
+                json.dumps(arguments),
+            ]
+            none = subprocess.DEVNULL
+            others.append(subprocess.Popen(command, stdin=none, stdout=none, stderr=none))
+
+    able = sys.executable and ALONE not in os.environ and (os.cpu_count() or 1) > 1
+    try:
+        with compiling(begin if able else None):
+            yield
+        for other in others:
+            other.wait()
+    finally:
+        for other in others:
+            other.kill()  # a file that it leaves unfinished counts as missing
+            other.wait()

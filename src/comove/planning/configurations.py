@@ -111,7 +111,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def clearance_of(space, q, nodes, floor=0.0):
+def clearance_of(space, q, nodes, floor):
     """Return the clearance [m] of configuration q, at most the cap; a result below `floor` need not be exact.
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
@@ -285,12 +285,12 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
     travelled, creeping = 0.0, 0
     while travelled < length:
         interpolate(space, p, q, travelled / length, scratch)
-        clearance = clearance_of(space, scratch, nodes) - margin
+        clearance = clearance_of(space, scratch, nodes, 0.0) - margin
         creeping += clearance < TOLERANCE
         if clearance <= 0.0 or creeping > CREEPING:
             return False
         travelled += max(clearance, TOLERANCE)
-    return clearance_of(space, q, nodes) > margin
+    return clearance_of(space, q, nodes, 0.0) > margin
 
 
 @trees.answers(trees.extend, Space)

@@ -6,41 +6,30 @@ search needs last, while this one compiles what it needs first and then finds th
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
 from comove.demonstrations.demonstration import Demonstration
 from comove.planning.clock import STRIDE, clock_until, worked
-from comove.planning.compiling import compiling
+from comove.planning.compiling import meanwhile
 from comove.planning.configurations import configuration_space
 from comove.planning.convex.limits import Limits
 from comove.planning.methods import Quick
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastJerk, PaperCost
-from comove.planning.planner import forest
+from comove.planning.planner import flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.planning.smooth import smooth_way
 from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
 
-ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no second process compiles
-LAST = """
-import json, sys
-from comove.planning.kernels import SceneKind, load_last_kernels
-load_last_kernels(SceneKind(**json.loads(sys.argv[1])))
-"""
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
@@ -75,23 +64,34 @@ class SceneKind:
 @lru_cache(maxsize=16)
 def load_kernels(kind: SceneKind) -> None:
     """Compile, or load from the cache, all kernels needed to solve scenes of a kind."""
-    with _a_second_process(kind):
-        search = _stand_in(kind)
-        scene, coordinates = search.scene, search.objective.coordinates
+    with meanwhile(load_last_kernels, **asdict(kind)):
         worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
-        Quick(n_ways=1).run(search, planner=True)
-        if kind.n_dims == 3:
-            space, ends = configuration_space(scene, coordinates), coordinates.boundary()
-            forest(space, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
+        Quick(n_ways=1).run(_stand_in(kind), planner=True)
+    _search_by_forest(_stand_in(kind))
 
 
-def load_last_kernels(kind: SceneKind) -> None:
-    """Compile the kernels that a search needs last: those of smooth motions, of the certificate and of the cost."""
+def load_last_kernels(**kind: Any) -> None:
+    """Load the kernels that a search needs last: those of smooth motions, and of the forest."""
+    load_smooth_kernels(SceneKind(**kind))
+    _search_by_forest(_stand_in(SceneKind(**kind)))
+
+
+def load_smooth_kernels(kind: SceneKind) -> None:
+    """Load the kernels that make a path a smooth motion: of the convex programme, of the certificate, of the cost."""
     search = _stand_in(kind)
     boundary = search.objective.coordinates.boundary()
     way = boundary[0] + np.linspace(0.0, 1.0, N_STEPS)[:, None] * (boundary[2] - boundary[0])
     smooth_way(search, way, boundary)
-    search.objective.evaluate(way.T[None])
+    search.objective.evaluate(np.ascontiguousarray(way.T)[None])
+
+
+def _search_by_forest(search: Search) -> None:
+    """Search once by the planner that comes second, which spatial scenes need."""
+    coordinates = search.objective.coordinates
+    if search.scene.n_dims == 3:
+        space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
+        flat = flat_direction(space.blocks.point)
+        forest(space, flat, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
 
 
 def _stand_in(kind: SceneKind) -> Search:
@@ -137,24 +137,3 @@ def _scene(kind: SceneKind) -> Scene:
             },
             folder=folder,
         )
-
-
-@contextmanager
-def _a_second_process(kind: SceneKind) -> Iterator[None]:
-    """Let a second process compile the last kernels as soon as this one has to compile any in this context."""
-    begun: list[subprocess.Popen] = []
-
-    def begin(kernel: str) -> None:
-        if kernel and not begun:
-            command = [sys.executable, "-P", "-c", LAST, json.dumps(asdict(kind))]
-            quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            begun.append(subprocess.Popen(command, **quiet))  # type: ignore[call-overload]
-
-    able = sys.executable and ALONE not in os.environ and (os.cpu_count() or 1) > 1
-    with compiling(begin if able else None):
-        try:
-            yield
-        finally:
-            for process in begun:
-                process.kill()  # a file that it leaves unfinished counts as missing
-                process.wait()

@@ -35,10 +35,9 @@ SURE = 3  # lead of the forest in paths found, after which RRT-Connect is not tr
 N_SHORTCUTS = 100
 N_BRIDGES, BRIDGES = 32, 0.3  # bridges in the forest before other nodes are added, and their share afterwards
 SLIDES = (2.4, 1.8, 1.2, 0.6)  # lengths of slides between two obstacles, in terms of the reach
-RETRACTIONS, SETTLING = (
-    30,
-    16,
-)  # random steps by which a pose in collision may escape; by which a bridge finds room
+# Random steps by which a pose in collision may escape, and by which a bridge finds room. As plain numbers each would
+# be a type of its own, for which a kernel is compiled anew.
+RETRACTIONS, SETTLING = np.int64(30), np.int64(16)
 PROJECTIONS = 4  # onto each of two obstacles, for points that face each other
 IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: limits that keep a bridge in its window
 TOURNAMENT = 2  # nodes drawn to find one worth expanding
@@ -70,11 +69,11 @@ def plan(
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
     scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
-    at_ends = min(clearance_of(space, q, scratch) for q in (start, goal))
+    at_ends = min(clearance_of(space, q, scratch, 0.0) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     for grows_forest, most in _turns(space, max_nodes):
         if grows_forest:
-            path = forest(space, start, goal, margin, rng, most)
+            path = forest(space, flat_direction(space.blocks.point), start, goal, margin, rng, most)
         else:
             path = rrt_connect(space, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
@@ -145,7 +144,7 @@ def along(space, path, shares):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def forest(space, start, goal, margin, rng, max_nodes):
+def forest(space, flat, start, goal, margin, rng, max_nodes):
     """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
 
     In space a bar must enter a window nearly end-on, and a flat body must enter a slot edge-on, which uniform samples
@@ -155,14 +154,14 @@ def forest(space, start, goal, margin, rng, max_nodes):
     n_columns = start.shape[0]
     tree, member = np.empty((max_nodes, n_columns)), np.empty(max_nodes, dtype=np.int64)
     links = np.empty((max_nodes, 2), dtype=np.int64)
-    n_links, count = 0, 2
+    n_links, count = np.int64(0), np.int64(2)  # plain numbers are types of their own: see `trees.rrt_connect`
     copy_to(start, tree[0])
     copy_to(goal, tree[1])
     member[0], member[1] = 0, 1
     room = np.full(max_nodes, space.cap)
     new, ends, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
     along = np.zeros(5)
-    nodes, flat = np.empty((space.blocks.node.shape[0], 3)), _flat_direction(space.blocks.point)
+    nodes = np.empty((space.blocks.node.shape[0], 3))
     if edge_is_free(space, start, goal, margin, scratch, nodes):
         return tree[:2].copy()
     for trial in range(40 * max_nodes):
@@ -175,17 +174,17 @@ def forest(space, start, goal, margin, rng, max_nodes):
             found = between >= 0
         elif draw < BRIDGES + 0.6 * (1.0 - BRIDGES):
             i = _node_to_expand(member, room, count, rng)
-            _perturb(space, tree[i], 1.0, True, rng, new)
+            _perturb(space, tree[i], 1.0, rng.random() < 0.5, rng, new)
             found = _retract(space, new, margin, margin, RETRACTIONS, 1.0, rng, scratch, nodes)
         else:
             random_configuration(space, rng, new)
-            found = clearance_of(space, new, nodes) > margin
+            found = clearance_of(space, new, nodes, 0.0) > margin
         if not found:
             continue
         if between >= 0:
             along = _way_through(space, new, between, margin, ends, scratch, nodes)
         copy_to(new, tree[count])
-        member[count], room[count] = count, clearance_of(space, new, nodes)
+        member[count], room[count] = count, clearance_of(space, new, nodes, 0.0)
         count += 1
         n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
         if between >= 0 and count + 2 <= max_nodes:
@@ -196,7 +195,7 @@ def forest(space, start, goal, margin, rng, max_nodes):
                     continue
                 _slid(space, tree[middle], along, length, new)
                 copy_to(new, tree[count])
-                member[count], room[count] = member[middle], clearance_of(space, new, nodes)
+                member[count], room[count] = member[middle], clearance_of(space, new, nodes, 0.0)
                 links[n_links, 0], links[n_links, 1] = middle, count
                 count, n_links = count + 1, n_links + 1
                 n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
@@ -229,7 +228,7 @@ def _way_through(space, q, j, margin, out, scratch, nodes):
                     break
         far, least = abs(along[3]) + abs(along[4]), min(abs(along[3]), abs(along[4]))
         if least + 1e-3 * far > min(abs(best[3]), abs(best[4])) + 1e-3 * (abs(best[3]) + abs(best[4])):
-            best[:] = along
+            copy_to(along, best)
     return best
 
 
@@ -336,24 +335,38 @@ def _onto(obstacles, j, x, out):
     out[2] = x[2] - d * (point_distance(obstacles, j, x[0], x[1], x[2] + h) - d) / h
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _flat_direction(points):
-    """Return the unit vector along which points, array of shape (n, 3), spread least."""
-    middle, spread = np.zeros(3), np.zeros((3, 3))
-    for i in range(points.shape[0]):
-        middle += points[i] / points.shape[0]
-    for i in range(points.shape[0]):
-        spread += np.outer(points[i] - middle, points[i] - middle)
-    return np.ascontiguousarray(np.linalg.eigh(spread)[1][:, 0])
+def flat_direction(points: Array) -> Array:
+    """Return the unit vector, (3,), along which points, array of shape (n, 3), spread least."""
+    return np.ascontiguousarray(np.linalg.eigh(np.cov(points.T, bias=True))[1][:, 0])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _side(obstacles, j, axis):
-    """Return one of the axes of an obstacle; array, shape (3,)."""
-    out = np.empty(3)
+def _side(obstacles, j, axis, out):
+    """Write one of the axes of an obstacle; array, shape (3,)."""
     for row in range(3):
         out[row] = obstacles[j, ROTATION + 3 * row + axis]
-    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _across(edge, flat, out):
+    """Write the unit vector of the part of an edge that is perpendicular to `flat`; return that part's length [m]."""
+    along, square = 0.0, 0.0
+    for axis in range(3):
+        along += edge[axis] * flat[axis]
+    for axis in range(3):
+        out[axis] = edge[axis] - along * flat[axis]
+        square += out[axis] ** 2
+    for axis in range(3):
+        out[axis] /= max(sqrt(square), 1e-12)
+    return sqrt(square)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _third(frame):
+    """Write the third row of a frame: the cross product of the first two."""
+    frame[2, 0] = frame[0, 1] * frame[1, 2] - frame[0, 2] * frame[1, 1]
+    frame[2, 1] = frame[0, 2] * frame[1, 0] - frame[0, 0] * frame[1, 2]
+    frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[0, 1] * frame[1, 0]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -364,29 +377,29 @@ def _fit(space, j, flat, rng, out):
     """
     points, edge, k = space.blocks.point, np.zeros(3), rng.integers(0, 3)
     if space.edges.shape[0] > 0:
-        first, last = space.edges[rng.integers(0, space.edges.shape[0])]
+        chosen = rng.integers(0, space.edges.shape[0])
         for i in range(points.shape[0]):
-            if space.blocks.node[i] == first:
-                edge -= points[i]
-            elif space.blocks.node[i] == last:
-                edge += points[i]
-    edge -= (edge @ flat) * flat
-    length = sqrt(edge @ edge)
-    if length < 1e-9:
-        edge = np.array([flat[1], flat[2], flat[0]])  # no edge perpendicular to `flat`: any direction will do
-        edge -= (edge @ flat) * flat
-        length = max(sqrt(edge @ edge), 1e-12)
-    own, wanted = np.empty((3, 3)), np.empty((3, 3))
-    own[0], own[1] = flat, edge / length
-    wanted[0] = (1.0 if rng.random() < 0.5 else -1.0) * _side(space.obstacles, j, k)
-    wanted[1] = (1.0 if rng.random() < 0.5 else -1.0) * _side(
-        space.obstacles, j, (k + rng.integers(1, 3)) % 3
-    )
-    for frame in (own, wanted):
-        frame[2, 0] = frame[0, 1] * frame[1, 2] - frame[0, 2] * frame[1, 1]
-        frame[2, 1] = frame[0, 2] * frame[1, 0] - frame[0, 0] * frame[1, 2]
-        frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[0, 1] * frame[1, 0]
-    quaternion_of(wanted.T @ own, out)
+            for end in range(2):
+                if space.blocks.node[i] == space.edges[chosen, end]:
+                    for axis in range(3):
+                        edge[axis] += (2.0 * end - 1.0) * points[i, axis]
+    own, wanted, turn = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3))
+    copy_to(flat, own[0])
+    if _across(edge, flat, own[1]) < 1e-9:  # no edge perpendicular to `flat`: any direction will do
+        edge[0], edge[1], edge[2] = flat[1], flat[2], flat[0]
+        _across(edge, flat, own[1])
+    for row in range(2):
+        sign = 1.0 if rng.random() < 0.5 else -1.0
+        _side(space.obstacles, j, k if row == 0 else (k + rng.integers(1, 3)) % 3, wanted[row])
+        for axis in range(3):
+            wanted[row, axis] *= sign
+    _third(own)
+    _third(wanted)
+    for row in range(3):
+        for column in range(3):
+            for i in range(3):
+                turn[row, column] += wanted[i, row] * own[i, column]
+    quaternion_of(turn, out)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -426,7 +439,7 @@ def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
     for _ in range(n_trials):
         if clearance > wished:
             return True
-        _perturb(space, q, size, False, rng, scratch)
+        _perturb(space, q, size, np.bool_(False), rng, scratch)
         gained = clearance_of(space, scratch, nodes, clearance)
         if gained > clearance:
             copy_to(scratch, q)
@@ -437,21 +450,19 @@ def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _perturb(space, q, size, may_slide, rng, out):
+def _perturb(space, q, size, slides, rng, out):
     """Write a random pose near q; `size` is the step as a share of the usual step.
 
-    If it may slide, it does so half of the time: a bar along its own axis, another body along a side of an obstacle.
+    If it slides, a bar does so along its own axis, another body along a side of an obstacle.
     """
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
     n_obstacles = space.obstacles.shape[0]
-    slide = (
-        may_slide and rng.random() < 0.5 and (kind == DIRECTION or (kind == QUATERNION and n_obstacles > 0))
-    )
+    slide = slides and (kind == DIRECTION or (kind == QUATERNION and n_obstacles > 0))
     along = np.zeros(3)
     if slide and kind == DIRECTION:
-        along[:n_dims] = q[n_dims : 2 * n_dims]
+        copy_to(q[n_dims : 2 * n_dims], along)
     elif slide:
-        along = _side(space.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3))
+        _side(space.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3), along)
     shift = (2.0 * rng.random() - 1.0) * 2.4 * reach if slide else 0.0
     move, turn = (0.004, 0.025) if slide else (0.05 * size, 0.025 * size / reach)
     for c in range(q.shape[0]):

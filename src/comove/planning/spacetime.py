@@ -108,7 +108,7 @@ def plan_in_time(
     at_ends = []
     for q, t in ((start, 0.0), (goal, 1.0)):
         set_time(world, t)
-        at_ends.append(clearance_of(space, q, scratch))
+        at_ends.append(clearance_of(space, q, scratch, 0.0))
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
     world = world._replace(speed=speed)
     before = np.empty((0, len(start))) if before is None else before
@@ -183,13 +183,13 @@ def edge_is_free_in_time(world, p, q, margin):
         f = travelled / length
         interpolate(space, p, q, f, at)
         set_time(world, s + f * (t - s))
-        clearance = clearance_of(space, at, nodes) - margin
+        clearance = clearance_of(space, at, nodes, 0.0) - margin
         creeping += clearance < TOLERANCE
         if clearance <= 0.0 or creeping > CREEPING:
             return False
         travelled += max(clearance, TOLERANCE)
     set_time(world, t)
-    return clearance_of(space, q, nodes) > margin
+    return clearance_of(space, q, nodes, 0.0) > margin
 
 
 @trees.answers(trees.extend, SpaceTime)

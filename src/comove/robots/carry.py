@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from comove.planning.compiling import compiling
+from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
@@ -16,6 +17,7 @@ from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
 from comove.robots.carrying import RobotCarrier
+from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
@@ -91,6 +93,7 @@ def carry(
     """
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
+    load_robot_kernels(SceneKind.of(scene))
     begun = time.perf_counter()
     objective = objective or objective_of_scene(scene.file.objective)
     wanted = {

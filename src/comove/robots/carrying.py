@@ -315,16 +315,21 @@ class RobotCarrier:
         SceneError
             If an arm cannot reach its start or its goal.
         """
+        self.try_planning()
+        self.try_following()
+
+    def try_planning(self) -> None:
+        """Plan from the start to itself."""
+        coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)
+        start = coordinates.boundary()[0]
+        self.plan(configuration_space(self.scene, coordinates), start, start, 0.0, rng, max_nodes=8)
+        for name in ("_tally", "_leniency"):  # that this plan does not count
+            vars(self).pop(name, None)
+
+    def try_following(self) -> None:
+        """Follow the straight motion from start to goal."""
         coordinates = load_coordinates(self.scene)
         straight = CoordinatedMotion.straight(self.scene, coordinates)
-        space, rng, start = (
-            configuration_space(self.scene, coordinates),
-            np.random.default_rng(0),
-            straight.boundary[0],
-        )
-        self.plan(space, start, start, 0.0, rng, max_nodes=8)
-        for name in ("_tally", "_leniency"):  # that plan does not count
-            vars(self).pop(name, None)
         self.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
         self.track(straight)
 

@@ -82,7 +82,7 @@ def test_the_load_keeps_clear_of_obstacles_and_inside_the_workspace(found):
     scene, space = carrying.scene, space_of(carrying.scene)
     nodes = load_coordinates(scene).nodes(np.ascontiguousarray(finely(path).T[None]))[0]
     scratch = np.empty((space.blocks.node.shape[0], 3))
-    at_ends = min(clearance_of(space, q, scratch) for q in (path[0], path[-1]))
+    at_ends = min(clearance_of(space, q, scratch, 0.0) for q in (path[0], path[-1]))
     need = min(margin, 0.5 * at_ends) - 1e-4
     things = [obstacle(part) for part in scene.file.obstacles]
     for at in nodes:

@@ -159,8 +159,10 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     chains, links, around = arms.chains, arms.links, arms.around
     n_steps = q.shape[0]
     ends, load = np.empty((3, 2, links.joint.shape[0], 3)), np.empty_like(nodes[0])  # here, there, in between
-    ends[:, 0] = links.start
-    ends[:, 1] = links.end
+    for k in range(3):
+        for i in range(links.joint.shape[0]):
+            for axis in range(3):
+                ends[k, 0, i, axis], ends[k, 1, i, axis] = links.start[i, axis], links.end[i, axis]
     wished = around.clearance + around.spare
     least, penalty = wished, 0.0
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])

@@ -91,7 +91,7 @@ def plan_with_arms(
     kept = arms.around.clearance + min(margin - lenient, 0.5 * spare if spare > 0.0 else spare - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=kept))
     scratch = np.empty((space.blocks.node.shape[0], 3))
-    at_ends = min(clearance_of(space, q, scratch) for q, _ in (start, goal))
+    at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     world, n_columns = CarriedSpace(space, arms, len(start[0]), space.clock), len(start[0])
     ends = np.concatenate(start), np.concatenate(goal)

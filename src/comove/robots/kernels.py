@@ -1,0 +1,43 @@
+"""The compilation or loading of the kernels of robots, before the time of a search is measured."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from comove.planning.compiling import meanwhile
+from comove.planning.kernels import SceneKind, load_smooth_kernels
+from comove.robots.carrying import RobotCarrier
+from comove.robots.model import Robot
+from comove.scenes.scene import Scene
+
+STAND_IN = {
+    "name": "kernels",
+    "duration": 1.0,
+    "grasp": {"orientation": "down", "yaw": "load"},
+    "workspace": {"lower": [0.25, -0.75, -0.1], "upper": [0.95, 0.75, 0.12]},
+    "obstacles": [{"shape": "sphere", "center": [0.44, 0.0, 0.0], "radius": 0.03}],
+    "manipulators": [
+        {"name": "left", "start": [0.6, 0.4, 0.05], "goal": [0.6, 0.4, 0.0]},
+        {"name": "right", "start": [0.6, 0.1, 0.05], "goal": [0.6, 0.1, 0.0]},
+    ],
+}
+
+
+@lru_cache(maxsize=2)
+def load_robot_kernels(kind: SceneKind) -> None:
+    """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots."""
+    with meanwhile(load_planning_kernels, solids=kind.solids):
+        load_smooth_kernels(kind)
+        _stand_in(kind.solids).try_following()
+    load_planning_kernels(kind.solids)
+
+
+def load_planning_kernels(solids: bool) -> None:
+    """Load the kernels by which arms plan."""
+    _stand_in(solids).try_planning()
+
+
+def _stand_in(solids: bool) -> RobotCarrier:
+    """Return Baxter in a small scene."""
+    load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if solids else {"shape": "bar", "length": 0.3}
+    return RobotCarrier(Robot.load("baxter"), Scene.from_dict({**STAND_IN, "load": load}))
