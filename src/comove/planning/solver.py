@@ -107,7 +107,8 @@ def solve(
     method = method or Comove()
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
-    load_kernels(SceneKind.of(scene))
+    if carrier is None:  # a carrier plans by kernels of its own
+        load_kernels(SceneKind.of(scene))
     hard = obstacles == "constraint"
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
     if aim is None:
