@@ -66,3 +66,13 @@ def test_a_motion_on_a_larger_scene_is_the_motion_made_larger():
     other = motion.on(scene.scaled(20.0))
     s = np.linspace(0, 1, 11)
     assert other.hands(s) == pytest.approx(20.0 * motion.hands(s))
+
+
+@pytest.mark.parametrize("scale", [0.02, 50.0])
+def test_a_wish_for_room_is_in_the_metres_of_the_scene(scale):
+    """A wish that grows with the scene gives the motion that grows with it."""
+    scene = example("narrow")
+    wish = 0.01
+    found = comove.solve(scene, objective=comove.LeastJerk(room=wish))
+    other = comove.solve(scene.scaled(scale), objective=comove.LeastJerk(room=scale * wish))
+    assert other.report.clearance_min == pytest.approx(scale * found.report.clearance_min, rel=0.05)

@@ -103,7 +103,7 @@ def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme
 def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
-    settings = replace(SETTINGS, wish=smooth.room)
+    settings = replace(SETTINGS, wish=smooth.wish)
     cost = squares(search.scene, smooth, search.objective.demonstration, len(programme.coarse.base))
     for attempt in range(ATTEMPTS):
         search.check_time()
@@ -140,7 +140,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
     if taught.demonstration is not None:  # it draws away from the planned path
         free = squares(search.scene, smooth, None, len(anchor))
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
-    settings = replace(SETTINGS, wish=smooth.room)
+    settings = replace(SETTINGS, wish=smooth.wish)
     along: Array | None = reference
     for cost in costs:
         search.check_time()

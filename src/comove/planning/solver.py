@@ -219,6 +219,8 @@ def _searched(problem: Problem) -> Solution:
         asked, scene = _open(scene, problem.carrier)
     if problem.carrier is None:  # arms cannot be scaled
         scene, taught = of_common_size(scene, taught)
+        if isinstance(objective, LeastJerk) and objective.room is not None:
+            objective = replace(objective, room=objective.room * _side(scene) / _side(asked))
     limits = Limits.of(scene, scene.duration)
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)

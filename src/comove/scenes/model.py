@@ -307,7 +307,7 @@ class LeastJerkObjective(Part):
 
     type: Literal["least_jerk"]
     resemblance: Annotated[float, Field(ge=0, le=1)] | None = None
-    room: Length = 0.01
+    room: Length | None = None
 
 
 class LeastTimeObjective(Part):

@@ -9,6 +9,7 @@ import numpy as np
 from comove.errors import OptionError
 
 DEFAULT = 0.7
+ROOM = 0.01  # m, in a scene of some decimetres to a few metres
 LOOSEST, CLOSEST = 2.0, 7.7  # exponents of ten of the pull, for a resemblance just above 0 and of 1
 
 
@@ -29,11 +30,12 @@ class LeastJerk:
         demonstration, unless given
     room : clearance beyond the scene's that is wished for where it costs little [m]. While a path is optimised, each
         obstacle that is touched adds 15 % to the value, and less the more of this clearance is kept; of several
-        paths, the one whose motion has the least value above is taken
+        paths, the one whose motion has the least value above is taken. Unless given it is a centimetre, and in
+        workspaces below 0.3 m or above 5 m a hundredth of the longest side
     """
 
     resemblance: float | None = None
-    room: float = 0.01
+    room: float | None = None
 
     def __post_init__(self) -> None:
         value = self.resemblance
@@ -45,10 +47,15 @@ class LeastJerk:
                 way_out="give 0 for a motion that needs no demonstration, 1 for one as near to it as possible",
             )
         number = isinstance(self.room, (int, float, np.number)) and not isinstance(self.room, bool)
-        if not (number and 0 <= self.room < np.inf):
+        if self.room is not None and not (number and 0 <= self.room < np.inf):
             raise OptionError(
                 f"the wish for room {self.room!r}", key="room", way_out="give a number of metres, 0 for none"
             )
+
+    @property
+    def wish(self) -> float:
+        """Return the wish for room [m], the default one in a scene of some decimetres to a few metres."""
+        return ROOM if self.room is None else float(self.room)
 
     def pull(self, taught: bool) -> float:
         """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used."""
