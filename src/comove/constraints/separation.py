@@ -47,7 +47,9 @@ class SeparationConstraint(PairConstraint):
     def reason(self, error: float, names: Sequence[str]) -> str:
         """Return in words how near the hands come."""
         near = self.least - error
-        return f"{self.pair(names)} come as near as {max(near, 0.0):.4g} m (at least {self.least:g} m asked for)"
+        return (
+            f"{self.pair(names)} come as near as {max(near, 0.0):.4g} m (at least {self.least:g} m asked for)"
+        )
 
     def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
         """Return in words that hands are too near at the start or the goal, and what to write instead."""

@@ -68,6 +68,24 @@ class Surroundings(NamedTuple):
     n_owners: int
 
 
+class Passage(NamedTuple):
+    """A movement through its surroundings.
+
+    Attributes
+    ----------
+    around : the load and its surroundings
+    nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
+    offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
+        n_samples = 0 if none moves
+    way : array, shape (n_samples,), sum, since the first sample, of the largest displacement of any node [m]
+    """
+
+    around: Surroundings
+    nodes: Array
+    offsets: Array
+    way: Array
+
+
 def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
     """Return the load of a scene, as its coordinates move it, and everything around it."""
     body, blocks = scene.body, coordinates.blocks
@@ -110,27 +128,16 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
         from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
+    passage = Passage(around, nodes, offsets, _way(nodes))
     n_samples, n_rows, n_meshes = nodes.shape[0], around.table.shape[0], count_meshes(around.surfaces)
     n_parts = around.edges.shape[0] + count_solids(around.solids)
-    way = np.zeros(n_samples)  # sum, since the first sample, of the largest displacement of any node
-    for s in range(1, n_samples):
-        moved = 0.0
-        for i in range(nodes.shape[1]):
-            square = 0.0
-            for axis in range(3):
-                square += (nodes[s, i, axis] - nodes[s - 1, i, axis]) ** 2
-            moved = max(moved, square)
-        way[s] = way[s - 1] + sqrt(moved)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
     contact, points = np.zeros(N_FIELDS), np.empty((_most_corners(around.solids) + 2, 3))
     n = np.int64(0)  # a plain 0 is a type of its own, for which all that takes it would be compiled once more
     for part in range(n_parts):
         for thing in range(n_rows + n_meshes):
             row, owner = _whose(around, thing)
-            moves = _moves(offsets, row)
-            if not _look_along(
-                around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points
-            ):
+            if not _look_along(passage, part, thing, row, cutoff, distance, tau, points):
                 continue
             for s in range(n_samples):
                 least[owner] = min(least[owner], distance[s])
@@ -140,14 +147,29 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
                 nearest = distance[s] <= distance[s - 1] and distance[s] <= distance[s + 1]
                 if not _kept(s, distance[s], nearest):
                     continue
-                _look(around, part, thing, nodes, offsets, row, s, tau[s], cutoff, points)
-                _describe(around, part, thing, offsets, row, s, tau[s], distance[s], points, contact)
-                contact[OWNER] = owner
+                _look(passage, part, thing, row, s, tau[s], cutoff, points)
+                _describe(passage, part, thing, row, s, tau[s], points, contact)
+                contact[DISTANCE], contact[OWNER] = distance[s], owner
                 n = _written(contact, found, n)
                 if distance[s] < CLOSE and thing < n_rows:
-                    n = _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n)
+                    n = _ends(passage, part, thing, row, cutoff, contact, found, n)
     n = _border(around, nodes, cutoff, found, least, n)
     return _apart(around, nodes, cutoff, found, least, n)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _way(nodes):
+    """Return the sum, since the first sample, of the largest displacement of any node; array, shape (n_samples,)."""
+    way = np.zeros(nodes.shape[0])
+    for s in range(1, nodes.shape[0]):
+        moved = 0.0
+        for i in range(nodes.shape[1]):
+            square = 0.0
+            for axis in range(3):
+                square += (nodes[s, i, axis] - nodes[s - 1, i, axis]) ** 2
+            moved = max(moved, square)
+        way[s] = way[s - 1] + sqrt(moved)
+    return way
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -213,18 +235,19 @@ def _moves(offsets, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, distance, tau, points):
+def _look_along(passage, part, thing, row, cutoff, distance, tau, points):
     """Write the distance of a part from a thing at every sample, and the nearest places between samples.
 
     Returns
     -------
     bool, whether any distance is below `cutoff`
     """
-    n_samples, any_near, far = nodes.shape[0], False, cutoff + CLOSE
+    way, moves = passage.way, _moves(passage.offsets, row)
+    n_samples, any_near, far = way.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
-        if _apart_at_least(around, part, thing, nodes, offsets, row, s, far) < far:
-            distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, far, points)
+        if _apart_at_least(passage, part, thing, row, s, far) < far:
+            distance[s] = _look(passage, part, thing, row, s, 0.0, far, points)
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
         between = min(distance[first], distance[last])
@@ -232,8 +255,8 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
         worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
-            if worth and _apart_at_least(around, part, thing, nodes, offsets, row, s, cutoff) < cutoff:
-                distance[s] = _look(around, part, thing, nodes, offsets, row, s, 0.0, cutoff, points)
+            if worth and _apart_at_least(passage, part, thing, row, s, cutoff) < cutoff:
+                distance[s] = _look(passage, part, thing, row, s, 0.0, cutoff, points)
     for s in range(n_samples):
         distance[s] = min(distance[s], cutoff)
         any_near = any_near or distance[s] < cutoff
@@ -248,7 +271,7 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
                 middle = tau[s]
                 for sign in (-1.0, 1.0):
                     place = middle + sign * step
-                    between = _look(around, part, thing, nodes, offsets, row, s, place, cutoff, points)
+                    between = _look(passage, part, thing, row, s, place, cutoff, points)
                     if between < distance[s]:
                         distance[s], tau[s] = between, place
                 step *= 0.5
@@ -257,8 +280,9 @@ def _look_along(around, part, thing, nodes, offsets, row, moves, way, cutoff, di
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _apart_at_least(around, part, thing, nodes, offsets, row, s, enough):
+def _apart_at_least(passage, part, thing, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
+    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
     n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
     middle, reach, corners = np.zeros(3), 0.0, _corners(around.solids, around.edges, part)
     for i in corners:
@@ -297,12 +321,13 @@ def _from_box_of_mesh(surfaces, mesh, point):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look(around, part, thing, nodes, offsets, row, s, tau, cutoff, points):
+def _look(passage, part, thing, row, s, tau, cutoff, points):
     """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
     Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
     mesh, its direction from the thing.
     """
+    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
     corners = _corners(around.solids, around.edges, part)
@@ -352,8 +377,9 @@ def _near_solid(solids, table, thing, points, cutoff, near):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _describe(around, part, thing, offsets, row, s, tau, distance, points, contact):
-    """Write the contact that `_look` has just found, except its owner."""
+def _describe(passage, part, thing, row, s, tau, points, contact):
+    """Write the contact that `_look` has just found, except its distance and owner."""
+    around, offsets = passage.around, passage.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
     near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
@@ -368,7 +394,6 @@ def _describe(around, part, thing, offsets, row, s, tau, distance, points, conta
     for axis in range(3):
         moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
         contact[PLACE + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
-    contact[DISTANCE] = distance
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -380,8 +405,9 @@ def _away_from_solid(solids, table, thing, near, normal):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ends(around, part, thing, nodes, offsets, row, cutoff, contact, found, n):
+def _ends(passage, part, thing, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
+    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     corners = _corners(around.solids, around.edges, part)
