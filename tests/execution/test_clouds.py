@@ -12,6 +12,8 @@ from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
+from tests.meshes import hull, write_obj
+from tests.verification.random_motions import scene_data
 
 EMPTY = crossing()
 RING = np.stack([np.cos(np.linspace(0, 6.28, 60)), np.sin(np.linspace(0, 6.28, 60))], axis=1)
@@ -243,6 +245,19 @@ def loads():
 
 @pytest.mark.parametrize("scene", loads(), ids=["bar", "plate", "bar in space", "solid"])
 def test_points_of_the_load_and_the_hands_are_left_out(scene):
+    leaves_out_the_load(scene)
+
+
+def test_points_of_a_mesh_that_is_carried_are_left_out(tmp_path):
+    """A wedge, whose six corners are no box."""
+    corners = [[x, y, z] for x in (-0.1, 0.1) for y, z in ((-0.05, 0.0), (0.05, 0.0), (0.0, 0.08))]
+    write_obj(tmp_path / "wedge.obj", *hull(np.array(corners)))
+    wedge = {"shape": "mesh", "file": "wedge.obj", "grasps": {"a": [-0.1, 0, 0], "b": [0.1, 0, 0]}}
+    data = scene_data(in_space(constraints=[{"type": "upright"}])) | {"load": wedge}
+    leaves_out_the_load(Scene.from_dict(data, folder=tmp_path))
+
+
+def leaves_out_the_load(scene):
     """All over the load, against points far from it, by distances that are found by brute force."""
     observer, nodes = Clouds(scene, Scanner(own=0.015)), nodes_of(scene, poses_of(scene, "start"))
     observer.carried(0.0, nodes)

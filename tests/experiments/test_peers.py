@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+import scipy
 
 from comove.errors import ExtraError
 from comove.experiments.peers.common import (
@@ -14,7 +15,7 @@ from comove.experiments.peers.common import (
     timed,
 )
 from comove.experiments.peers.shapes import N_STEPS, Shapes
-from comove.experiments.registry import PEERS
+from comove.experiments.registry import PEERS, SYSTEMS
 from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
 from comove.scenes import Scene
 
@@ -224,3 +225,8 @@ def test_paths_keep_the_speed_limit():
     assert speed.max() <= 0.6
     assert speed[[0, -1]].max() < 1e-3
     np.testing.assert_allclose(hands[-1] - hands[0], [[1.0, 0.0]] * 2)
+
+
+def test_peers_tell_the_versions_of_their_packages():
+    assert SYSTEMS["slsqp"].version == f"scipy {scipy.__version__}"
+    assert SYSTEMS["comove"].version == ""

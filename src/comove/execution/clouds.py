@@ -13,11 +13,13 @@ from math import sqrt
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
 
 from comove.errors import OptionError
 from comove.execution.observers import Observer
 from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.geometry import distances as sd
+from comove.geometry.solids import N_CORNERS
 from comove.primitives.arguments import is_number, numbers
 from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import FAR, Body, Scene
@@ -287,6 +289,12 @@ def _of_body(points: Array, nodes: Array, body: Body, near: float) -> NDArray[np
         if way[1] != 0.0:
             crossings += ((y < 0.0) != (way[1] > y)) & (x < y * way[0] / way[1])
     for corners in body.solids:
+        if (
+            len(corners) != N_CORNERS
+        ):  # a hull: beyond its edges a little more than is within the distance counts
+            planes = ConvexHull(nodes[np.unique(corners)], qhull_options="QJ").equations
+            found |= (points @ planes[:, :3].T + planes[:, 3] <= near).all(axis=1)
+            continue
         halves = 0.5 * (nodes[corners[[1, 2, 4]]] - nodes[corners[0]])
         middle, size = 0.5 * (nodes[corners[7]] + nodes[corners[0]]), lengths(halves)
         out = np.maximum(0.0, np.abs((points - middle) @ halves.T) / size - size)

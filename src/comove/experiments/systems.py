@@ -82,11 +82,14 @@ class System(ABC):
     Attributes
     ----------
     name : name in tables
-    version : version of the tool behind it; empty for comove's own
     """
 
     name: str
-    version: str = ""
+
+    @property
+    def version(self) -> str:
+        """Return the version of the tool behind it, empty for comove's own."""
+        return ""
 
     def refuses(self, scene: Scene) -> str:
         """Return why it is not made for a scene, in words; empty if it is."""

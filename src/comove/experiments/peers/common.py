@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from importlib.metadata import packages_distributions, version
 from types import ModuleType
 from typing import ClassVar
 
@@ -56,6 +57,13 @@ class Peer(System):
     """
 
     modules: ClassVar[tuple[str, ...]]
+
+    @property
+    def version(self) -> str:
+        """Return the versions of the packages behind it, empty where they are not installed."""
+        of_modules = packages_distributions()
+        packages = {p for name in self.modules for p in of_modules.get(name.split(".")[0], ())}
+        return ", ".join(sorted(f"{package} {version(package)}" for package in packages))
 
     def refuses(self, scene: Scene) -> str:
         """Return why peers cannot represent the scene, empty if they can."""
