@@ -105,6 +105,7 @@ def main() -> None:
                 library,
                 reproduce,
                 robot,
+                robot_files,
                 run,
                 show,
                 solve,

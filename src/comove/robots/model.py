@@ -95,7 +95,7 @@ class Robot:
             If the description, a model or a mesh is missing or does not fit.
         """
         path = find_description(robot, folder)
-        return _assemble(load_description(path), path)
+        return assembled(load_description(path), path)
 
     @property
     def name(self) -> str:
@@ -142,7 +142,8 @@ class Robot:
         return self.model.createData()
 
 
-def _assemble(description: RobotFile, file: Path) -> Robot:
+def assembled(description: RobotFile, file: Path) -> Robot:
+    """Return the robot of a description; paths in it are relative to `file`, which errors name."""
     digest = hashlib.sha256(description.model_dump_json().encode())
     sources = tuple(read_source(source, description.limits, file, digest) for source in description.models)
     with errors_in(file):

@@ -68,7 +68,12 @@ def package_folders(file: Path) -> list[str]:
         import cmeel_pth
     except ImportError:
         return folders
-    return [*folders, str(Path(cmeel_pth.__file__).parent / "cmeel.prefix" / "share")]
+    share = Path(cmeel_pth.__file__).parent / "cmeel.prefix" / "share"
+    return [
+        *folders,
+        str(share),
+        str(share / "example-robot-data" / "robots"),
+    ]  # as users write names of packages
 
 
 def resolve(uri: str, file: Path) -> Path:

@@ -1,0 +1,113 @@
+"""The verbs of `comove robot` that make and check descriptions: `new` and `check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
+from comove.cli.robot import group
+from comove.errors import OptionError, RobotError
+
+if TYPE_CHECKING:
+    from comove.robots import Robot
+    from comove.robots.proposal import Examination
+
+MOST_MODELS = 4
+
+
+@verb_of(group)
+def new(
+    urdfs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="URDF...",
+            help="Files, or package://NAME/...; several stand side by side, from left to right. The same twice "
+            "is two robots of a kind.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Description to write (YAML); it must not be there yet.")] = Path(
+        "robot.yaml"
+    ),
+    apart: Annotated[float, typer.Option(help="Distance between the bases of several models [m].")] = 0.8,
+) -> int:
+    """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
+    from comove.io.files import require_target, whole_file
+    from comove.robots.proposal import examine, propose
+
+    if len(urdfs) > MOST_MODELS:
+        raise OptionError(f"{len(urdfs)} models are given", key="URDF", way_out=f"give 1 to {MOST_MODELS}")
+    if not 0 < apart < 100:
+        raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
+    if out.exists():
+        raise OptionError(
+            f"there is a file '{out}' already", key="--out", way_out="name another, or remove it"
+        )
+    require_target(out, RobotError)
+    proposal = propose(urdfs, out, apart=apart)
+    for model in proposal.data["models"]:
+        if model["urdf"] in proposal.srdf:
+            pairs = out.with_name(f"{out.stem}-{Path(model['urdf']).stem}.srdf")
+            with whole_file(pairs, error=RobotError) as draft:
+                draft.write(proposal.srdf[model["urdf"]].encode())
+            model["srdf"] = pairs.name
+    with whole_file(out, error=RobotError, replace=False) as draft:
+        draft.write(proposal.text().encode())
+    print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
+    for note in proposal.notes:
+        print(f"  - {note}")
+    return _told(proposal.robot, examine(proposal.robot), out)
+
+
+@verb_of(group)
+def check(
+    robot: Annotated[
+        str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Picture to write (PNG); beside the description unless given.")
+    ] = None,
+) -> int:
+    """Check a robot's description: what its arms reach and share, what touches at home; draw it."""
+    from comove.robots import Robot, bundled_robots, find_description
+    from comove.robots.proposal import examine
+
+    loaded = Robot.load(robot)
+    path = Path(loaded.name) if robot in bundled_robots() else find_description(robot)
+    return _told(loaded, examine(loaded), path, out)
+
+
+def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = None) -> int:
+    """Print and draw what was found; return the exit code."""
+    import numpy as np
+
+    from comove.cli.texts import in_rows
+    from comove.views import save
+    from comove.views.robot import draw_robot
+
+    print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    rows = [
+        (
+            f"arm {arm.name}",
+            f"{arm.n_joints} joints to '{arm.tip}', reach {arm.reach:.2f} m, at home "
+            f"{np.rad2deg(arm.tilt):.0f} degrees from pointing down",
+        )
+        for arm in found.arms
+    ]
+    rows += [
+        (f"{a} and {b}", f"{share:.0%} of the places of the one's hand are in reach of the other's")
+        for (a, b), share in found.shared.items()
+    ]
+    if np.isfinite(found.clearance):
+        a, b = found.nearest
+        rows.append(("at home", f"'{a}' and '{b}' are nearest: {1e3 * found.clearance:.0f} mm"))
+        rows.append(("random joints", f"nothing touches in {found.free:.0%}"))
+    rows += [("to be mended", fault) for fault in found.faults]
+    rows += [("to be looked at", doubt) for doubt in found.doubts]
+    picture = file.with_suffix(".png") if picture is None else picture
+    save(draw_robot(robot, found), picture)
+    rows.append(("picture", str(picture)))
+    print(*in_rows(rows), sep="\n")
+    return VERIFIED if found.sound else NOT_VERIFIED

@@ -1,0 +1,158 @@
+"""What can be said of a robot before it carries anything: reach, the space that arms share, its home, what lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from comove.robots.model import Arm, Robot
+from comove.robots.proposal.homes import DOWN, base_of
+
+Array = NDArray[np.float64]
+
+N_DRAWN = 2000  # configurations of every arm
+N_TESTED = 200  # configurations of the robot that are tested for contact
+SHARED = 0.05  # m, from a place of another hand, within which a place counts as shared
+FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
+OFTEN = 0.5  # share of random configurations from which on a pair is told
+
+
+@dataclass(frozen=True)
+class ArmFindings:
+    """What was found of an arm.
+
+    Attributes
+    ----------
+    name, tip : of the arm
+    n_joints : number of its joints
+    reach : largest distance of the grasp frame from the first joint [m]
+    places : array, shape (n, 3), places of the grasp frame in random configurations [m]
+    tilt : angle between the approach at home and straight down [rad]
+    """
+
+    name: str
+    tip: str
+    n_joints: int
+    reach: float
+    places: Array
+    tilt: float
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What was found of a robot.
+
+    Attributes
+    ----------
+    arms : of every arm
+    shared : share of the places of one arm's hand that another's reaches too, by pair of arms
+    clearance : least distance of two links at home [m], inf where no two can collide
+    nearest : names of these links
+    free : share of random configurations in which nothing touches
+    faults : what must be mended before it carries, in words
+    doubts : what should be looked at, in words
+    """
+
+    arms: tuple[ArmFindings, ...]
+    shared: dict[tuple[str, str], float]
+    clearance: float
+    nearest: tuple[str, str]
+    free: float
+    faults: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Return whether the robot can be used as it is."""
+        return not self.faults
+
+
+def examine(robot: Robot, seed: int = 0) -> Examination:
+    """Examine a robot in random configurations and at home."""
+    rng = np.random.default_rng(seed)
+    arms = tuple(_arm(robot, arm, rng) for arm in robot.arms)
+    shared = {(a.name, b.name): _shared(a.places, b.places) for a, b in combinations(arms, 2)}
+    clearance, nearest = _at_home(robot)
+    free, often = _contacts(robot, rng)
+    faults, doubts = [], []
+    if clearance <= 0.0:
+        faults.append(
+            f"at home '{nearest[0]}' and '{nearest[1]}' touch: give another home, or name the pair in an SRDF if "
+            "it always touches"
+        )
+    faults += [
+        f"the hands of '{a}' and '{b}' have no place in common: put the bases nearer to each other"
+        for (a, b), share in shared.items()
+        if share == 0.0
+    ]
+    doubts += [
+        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
+        for (a, b), share in often.items()
+    ]
+    for arm in arms:
+        if arm.n_joints < FEW_JOINTS:
+            doubts.append(
+                f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
+                "it shares must leave it the turns that it lacks"
+            )
+    if not len(robot.collision.collisionPairs):
+        doubts.append("no two links are compared: what touches is not known")
+    return Examination(arms, shared, clearance, nearest, free, tuple(faults), tuple(doubts))
+
+
+def _arm(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
+    q = np.repeat(robot.home[None], N_DRAWN, axis=0)
+    q[:, arm.columns] = rng.uniform(
+        robot.lower[arm.columns], robot.upper[arm.columns], (N_DRAWN, len(arm.columns))
+    )
+    places = np.array([robot.tool_pose(each, arm)[:3, 3] for each in q])
+    reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
+    tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(robot.home, arm)[:3, 2], -1.0, 1.0)))
+    return ArmFindings(arm.name, arm.tip, len(arm.columns), reach, places, tilt)
+
+
+def _shared(a: Array, b: Array) -> float:
+    """Return the share of the places of one hand near to a place of another's."""
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=SHARED)
+    return float(np.isfinite(distance).mean())
+
+
+def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
+    """Return the least distance of two links at home [m], and their names."""
+    geometry = robot.collision
+    data, of_geometry = robot.model.createData(), geometry.createData()
+    if not len(geometry.collisionPairs):
+        return np.inf, ("", "")
+    pin.computeDistances(robot.model, data, geometry, of_geometry, robot.home)
+    distances = [result.min_distance for result in of_geometry.distanceResults]
+    pair = geometry.collisionPairs[int(np.argmin(distances))]
+    names = [link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second)]
+    return float(min(distances)), (names[0], names[1])
+
+
+def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
+    """Return the share of random configurations without contact, and pairs that often touch with their share."""
+    geometry = robot.collision
+    data, of_geometry = robot.model.createData(), geometry.createData()
+    touched, free = np.zeros(len(geometry.collisionPairs)), 0
+    for q in rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower))):
+        pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
+        now = np.array([result.isCollision() for result in of_geometry.collisionResults], dtype=float)
+        touched += now
+        free += not now.any()
+    often: dict[tuple[str, str], float] = {}
+    for pair, count in zip(geometry.collisionPairs, touched, strict=True):
+        if count >= OFTEN * N_TESTED:
+            names = sorted(link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second))
+            often[names[0], names[1]] = count / N_TESTED
+    return free / N_TESTED, often
+
+
+def link_of(geometry: str) -> str:
+    """Return the link of a collision body, which Pinocchio numbers."""
+    return geometry.rpartition("_")[0]

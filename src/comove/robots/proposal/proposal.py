@@ -1,0 +1,325 @@
+"""The description that URDFs suggest: arms, tools, homes, limits that are missing, and pairs that always touch."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comove.errors import ComoveWarning, RobotError
+from comove.robots.description import RobotFile
+from comove.robots.model import Arm, Robot, assembled
+from comove.robots.proposal.examination import link_of
+from comove.robots.proposal.homes import Homes, homes_of
+from comove.robots.proposal.tree import Chain, Tree
+from comove.robots.soundness import number
+from comove.robots.urdf import resolve
+
+Array = NDArray[np.float64]
+
+APART = 0.8  # m, between the bases of two models
+SIDES = ("left", "right")
+GUESSED = {"velocity": 1.0, "effort": 50.0}  # rad/s, N m: of joints whose URDF states none or nothing above 0
+ENDLESS = 3.14  # rad, either way, of joints that turn without end
+ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
+N_SAMPLES = 100  # random configurations for pairs that always touch
+TOOLS = re.compile(r"tcp|grasp|tool_frame|gripper$", re.IGNORECASE)  # names of frames between fingers
+SIDE_OF = re.compile(r"(?:^|_)((?i:left|right|l|r))(?=_|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A description for a person to check, with what was guessed.
+
+    Attributes
+    ----------
+    data : contents of the description (`comove.robots.description.RobotFile`)
+    robot : the robot that it describes
+    srdf : text of a file of pairs that always touch, by URDF; where a robot's own is not there
+    notes : what was chosen or guessed, and what is missing, in words
+    """
+
+    data: dict[str, Any]
+    robot: Robot
+    srdf: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """Return the description as YAML, with the notes as comments."""
+        notes = "".join(f"# - {note}\n" for note in self.notes)
+        head = (
+            f"# Proposed from {', '.join(sorted({m['urdf'] for m in self.data['models']}))}. To be checked:\n"
+        )
+        return head + notes + yaml.safe_dump(self.data, sort_keys=False, default_flow_style=None, width=110)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One URDF among the models: its entry in the description, its text and its arms."""
+
+    entry: dict[str, Any]
+    text: str
+    chains: tuple[Chain, ...]
+    notes: tuple[str, ...]
+
+
+def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int = 0) -> Proposal:
+    """Propose the description of a robot that one or several URDFs form.
+
+    Parameters
+    ----------
+    urdfs : paths or ``package://NAME/...``, in the order of their bases from left to right; one URDF given twice is
+        two robots of a kind
+    file : path of the description to be written, to which paths are relative
+    apart : distance between the bases [m]
+    seed : seed of the random configurations, from which home and pairs that always touch are found
+
+    Raises
+    ------
+    RobotError
+        If a URDF is missing or unsound, or there is no arm in it.
+    """
+    parts = tuple(_part(urdf, i, len(urdfs), file, apart) for i, urdf in enumerate(urdfs))
+    data: dict[str, Any] = {"name": _name_of(file), "models": [part.entry for part in parts], "arms": {}}
+    notes = [note for part in parts for note in part.notes]
+    limits: dict[str, dict[str, float]] = {}
+    posture: dict[str, float] = {}
+    for part in parts:
+        prefix = part.entry.get("prefix", "")
+        for chain in part.chains:
+            name = _arm_name(chain, prefix, data["arms"])
+            data["arms"][name] = {"tip": prefix + chain.tip}
+            if chain.fingers:
+                data["arms"][name]["fingers"] = [prefix + finger for finger in chain.fingers]
+            posture |= {prefix + joint: _nearest_to_0(part.text, joint) for joint in chain.trunk}
+            guessed = _limits_of(part.text, chain.joints, prefix)
+            limits |= guessed
+            if guessed:
+                notes.append(
+                    f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
+                    "put the maker's there"
+                )
+    if not data["arms"]:
+        raise RobotError(
+            f"no arm of four joints or more was found in {', '.join(urdfs)}",
+            file=file,
+            way_out="write the description by hand: docs/robots.md",
+        )
+    if posture:
+        data["posture"] = posture
+        notes.append(f"all arms hang on {', '.join(posture)}: `posture` says where that stays")
+    if limits:
+        data["limits"] = limits
+    notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
+    with warnings.catch_warnings():  # they come once, with the last robot
+        warnings.simplefilter("ignore", ComoveWarning)
+        data, more = _with_tools(data, _robot(data, file), parts)
+        robot, notes = _robot(data, file), notes + more
+    srdf, always = _always_touching(robot, parts, seed)
+    notes += [f"'{a}' and '{b}' touch in every configuration: not compared" for a, b in always]
+    robot = robot if not always else _without(robot, always)
+    homes: Homes = homes_of(robot, seed)
+    for arm, home in zip(robot.arms, homes.joints, strict=True):
+        data["arms"][arm.name]["home"] = [round(float(value), 3) for value in home]
+    return Proposal(data, _without(_robot(data, file), always), srdf, (*notes, *homes.notes))
+
+
+def _name_of(file: Path) -> str:
+    return re.sub(r"\W+", "_", file.stem) or "robot"
+
+
+def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
+    """Read one URDF and find its arms."""
+    path = resolve(urdf, file) if "://" in urdf else Path(urdf)
+    try:
+        text = path.read_text(encoding="utf-8")
+        tree = Tree.of(text)
+    except (OSError, UnicodeDecodeError, ET.ParseError, IndexError, AttributeError) as error:
+        raise RobotError(
+            f"'{urdf}' cannot be read: {error}", file=file, way_out="name a URDF; xacro makes one of a .xacro"
+        ) from error
+    entry: dict[str, Any] = {"urdf": urdf if "://" in urdf else os.path.relpath(path, file.absolute().parent)}
+    notes: list[str] = []
+    own = (
+        sorted((path.parent.parent / "srdf").glob("*.srdf")) if (path.parent.parent / "srdf").is_dir() else []
+    )
+    fitting = [srdf for srdf in own if srdf.stem.startswith(path.stem) or path.stem.startswith(srdf.stem)]
+    if fitting:
+        entry["srdf"] = str(entry["urdf"]).replace(
+            f"{path.parent.name}/{path.name}", f"srdf/{fitting[0].name}"
+        )
+        notes.append(
+            f"pairs that need not be kept apart are those of {fitting[0].name}, which lay beside the URDF"
+        )
+    if n > 1:
+        entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
+        entry["base"] = {"position": [0.0, round(apart * (0.5 * (n - 1) - i), 6), 0.0]}
+        notes.append(
+            f"the base of {path.stem} number {i + 1} stands at y = {entry['base']['position'][1]:g} m"
+        )
+    chains = tree.chains()
+    for chain in chains:
+        if chain.is_other:
+            notes.append(
+                f"the chain from '{chain.joints[0]}' to '{chain.tip}' was taken for no arm: it stays"
+            )
+    return _Part(entry, text, tuple(c for c in chains if not c.is_other), tuple(notes))
+
+
+def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
+    """Return the name of an arm: its side where the names tell, else that of the model, else a number."""
+    found = SIDE_OF.search(prefix) or SIDE_OF.search(chain.joints[0]) or SIDE_OF.search(chain.tip)
+    letter = "" if found is None else (found.group(1) or found.group(2))[0].lower()
+    name = {"l": "left", "r": "right"}.get(letter, "arm")
+    while name in taken:
+        stem, _, digits = name.partition("_")
+        name = f"{stem}_{int(digits or 1) + 1}"
+    return name
+
+
+def _limits_of(text: str, joints: Sequence[str], prefix: str) -> dict[str, dict[str, float]]:
+    """Return limits for joints whose URDF states none that can be used."""
+    found: dict[str, dict[str, float]] = {}
+    for joint in ET.fromstring(text).findall("joint"):
+        if joint.get("name") not in joints:
+            continue
+        limit = joint.find("limit")
+        stated = {} if limit is None else {key: number(text) for key, text in limit.attrib.items()}
+        missing = {key: value for key, value in GUESSED.items() if not (stated.get(key) or 0.0) > 0.0}
+        lower, upper = stated.get("lower") or 0.0, stated.get("upper") or 0.0
+        if joint.get("type") == "continuous" or not lower < upper:
+            missing |= {"lower": -ENDLESS, "upper": ENDLESS}
+        if missing:
+            found[prefix + str(joint.get("name"))] = missing
+    return found
+
+
+def _nearest_to_0(text: str, name: str) -> float:
+    """Return the position of a joint within its limits that is nearest to 0."""
+    for joint in ET.fromstring(text).findall("joint"):
+        limit = joint.find("limit")
+        if joint.get("name") == name and limit is not None and joint.get("type") != "continuous":
+            lower, upper = (number(limit.get(key, "0")) or 0.0 for key in ("lower", "upper"))
+            return min(max(0.0, lower), upper)
+    return 0.0
+
+
+def _robot(data: dict[str, Any], file: Path) -> Robot:
+    return assembled(RobotFile.model_validate(data), file)
+
+
+def _with_tools(
+    data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
+    chains = [chain for part in parts for chain in part.chains]
+    arms, notes = dict(data["arms"]), []
+    for arm, chain in zip(robot.arms, chains, strict=True):
+        if TOOLS.search(chain.tip):
+            continue
+        frames = _finger_frames(robot, arm)
+        if not len(frames):
+            notes.append(
+                f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: give the tool that it holds the load "
+                "with, tool: {position: [0, 0, LENGTH]}; z is the direction of approach"
+            )
+            continue
+        from_wrist, middle = (
+            frames[0],
+            frames[1:].mean(axis=0),
+        )  # the tip is at minus the one from the last joint
+        frames = frames[1:]
+        approach = _nearest_axis(middle) if np.linalg.norm(middle) > 1e-3 else np.array([0.0, 0.0, 1.0])
+        spread = np.ptp(frames, axis=0) if len(frames) > 1 else np.array([0.0, 1.0, 0.0])
+        across = _nearest_axis(spread - (spread @ approach) * approach)
+        if abs(across @ approach) > 0.5:
+            across = np.roll(approach, 1)
+        turn = Rotation.from_matrix(np.column_stack([np.cross(across, approach), across, approach]))
+        tool: dict[str, Any] = {}
+        if turn.magnitude() > 1e-6:
+            tool["quaternion_wxyz"] = [round(float(v), 6) for v in turn.as_quat(scalar_first=True)]
+        tool["position"] = [round(float(v), 4) for v in ((middle - from_wrist) @ approach) * approach]
+        arms[arm.name] = arms[arm.name] | {"tool": tool}
+        axis = "xyz"[int(np.abs(approach).argmax())]
+        sign = "-" if approach.sum() < 0 else ""
+        notes.append(
+            f"the tool of '{arm.name}' is where the fingers begin, its approach along {sign}{axis} of '{arm.tip}': "
+            "see the picture, and move it between the finger tips"
+        )
+    return data | {"arms": arms}, notes
+
+
+def _finger_frames(robot: Robot, arm: Arm) -> Array:
+    """Return the places of the tip and of the fingers' joints from the arm's last joint, along the axes of the tip.
+
+    Returns
+    -------
+    array, shape (1 + n_fingers, 3) [m]; empty without fingers
+    """
+    model = robot.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, robot.home)
+    wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
+    frames = [tip, *(data.oMf[model.getFrameId(finger)] for finger in arm.fingers)]
+    places = np.array([tip.rotation.T @ (frame.translation - wrist) for frame in frames])
+    return places if arm.fingers else np.zeros((0, 3))
+
+
+def _nearest_axis(vector: Array) -> Array:
+    """Return the signed axis that is nearest to a vector; array, shape (3,)."""
+    axis, k = np.zeros(3), int(np.abs(vector).argmax())
+    axis[k] = 1.0 if vector[k] >= 0.0 else -1.0
+    return axis
+
+
+def _always_touching(
+    robot: Robot, parts: Sequence[_Part], seed: int
+) -> tuple[dict[str, str], list[tuple[str, str]]]:
+    """Find the pairs of links that touch in nearly all configurations, and write them as SRDF, by URDF."""
+    rng, geometry = np.random.default_rng(seed), robot.collision
+    data, of_geometry = robot.model.createData(), geometry.createData()
+    touched = np.zeros(len(geometry.collisionPairs))
+    for q in rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower))):
+        pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
+        touched += [result.isCollision() for result in of_geometry.collisionResults]
+    links = [link_of(item.name) for item in geometry.geometryObjects]
+    pairs = sorted(
+        {
+            tuple(sorted((links[pair.first], links[pair.second])))
+            for pair, count in zip(geometry.collisionPairs, touched, strict=True)
+            if count >= ALWAYS * N_SAMPLES
+        }
+    )
+    texts: dict[str, str] = {}
+    for part in parts:
+        prefix = part.entry.get("prefix", "")
+        mine = [(a, b) for a, b in pairs if a.startswith(prefix) and b.startswith(prefix)]
+        if mine and "srdf" not in part.entry:
+            lines = [
+                f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="Always"/>'
+                for a, b in mine
+            ]
+            name = ET.fromstring(part.text).get("name", "robot")
+            texts[part.entry["urdf"]] = f'<robot name="{name}">\n' + "\n".join(lines) + "\n</robot>\n"
+    return texts, [(a, b) for a, b in pairs]
+
+
+def _without(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
+    """Return a robot that does not compare some pairs of links."""
+    geometry, known = robot.collision.copy(), {frozenset(pair) for pair in pairs}
+    for pair in list(geometry.collisionPairs):
+        names = (link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second))
+        if frozenset(names) in known:
+            geometry.removeCollisionPair(pair)
+    return replace(robot, collision=geometry)
