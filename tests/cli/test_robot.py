@@ -12,12 +12,12 @@ import yaml
 from typer.testing import CliRunner
 
 from comove.cli import app as _  # noqa: F401
-from comove.cli import demo, learn, library, robot, show, solve, verify  # noqa: F401  registers the verbs
+from comove.cli import demo, learn, library, robot, robot_files, show, solve, verify  # noqa: F401  registers the verbs
 from comove.cli.app import app
 from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
-from comove.robots import description as robot_files
+from comove.robots import description as descriptions
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
@@ -103,7 +103,7 @@ def edited(folder, **changes):
 
 
 def test_the_robot_is_the_scenes_or_the_commands_whatever_the_folder_says(copy, tmp_path):
-    looser = yaml.safe_load((robot_files.BUNDLED / "baxter.yaml").read_text(encoding="utf-8"))
+    looser = yaml.safe_load((descriptions.BUNDLED / "baxter.yaml").read_text(encoding="utf-8"))
     looser["springs"] = dict.fromkeys(looser.get("springs", {}), 0.9)
     (tmp_path / "looser.yaml").write_text(yaml.safe_dump(looser))
     edited(copy, robot_file=str(tmp_path / "looser.yaml"))
@@ -121,7 +121,7 @@ def test_a_folder_cannot_bring_a_robot_of_its_own(copy, tmp_path):
     out = tmp_path / "out"
     assert run("robot", "solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
     assert run("verify", nameless, out).exit_code == 0
-    shutil.copy(robot_files.BUNDLED / "baxter.yaml", tmp_path / "mine.yaml")
+    shutil.copy(descriptions.BUNDLED / "baxter.yaml", tmp_path / "mine.yaml")
     edited(out, robot_file=str(tmp_path / "mine.yaml"))
     refused = run("verify", nameless, out)
     assert refused.exit_code == 2
@@ -323,3 +323,51 @@ def test_a_robot_that_is_not_there(solved, monkeypatch):
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     result = run("robot", "send", solved, "--timeout", "1")
     assert result.exit_code == 2 and "ros" in text_of(result).lower()
+
+
+XARM = "package://xarm_description/urdf/xarm7.urdf"
+
+
+def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
+    file = tmp_path / "xarms.yaml"
+    made = run("robot", "new", XARM, XARM, "--out", file)
+    assert made.exit_code == 0, text_of(made)
+    assert "to be checked" in made.output
+    assert Robot.load(file).joint_names[0].startswith("left_")
+    assert (tmp_path / "xarms.png").stat().st_size > 10_000
+    before = file.read_bytes()
+    checked = run("robot", "check", file, "--out", tmp_path / "other.png")
+    assert checked.exit_code == 0
+    assert "in reach of the other's" in checked.output
+    assert (tmp_path / "other.png").is_file()
+    again = run("robot", "new", XARM, "--out", file)
+    assert again.exit_code == 2
+    assert "already" in text_of(again)
+    assert file.read_bytes() == before
+
+
+def test_bases_that_stand_in_each_other_are_no_sound_robot(tmp_path):
+    made = run("robot", "new", XARM, XARM, "--apart", "0.02", "--out", tmp_path / "robot.yaml")
+    assert made.exit_code == 1
+    assert "NOT SOUND" in made.output
+    assert "touch" in made.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((XARM, "--apart", "-1"), "apart"),
+        ((XARM, "--apart", "nan"), "apart"),
+        ((XARM,) * 5, "5 models"),
+        (("nothing.urdf",), "nothing.urdf"),
+        (("package://xarm_description/urdf",), "no file"),
+        (("package://../secret.urdf",), "package"),
+        ((XARM, "--out", "no/folder/robot.yaml"), "no/folder"),
+    ],
+)
+def test_what_is_no_model(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused = run("robot", "new", *arguments)
+    assert refused.exit_code == 2
+    assert words in text_of(refused)
+    assert not list(tmp_path.iterdir())

@@ -9,7 +9,7 @@ import pinocchio as pin
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.views.style import COLOURS, new_figure
+from comove.views.style import new_figure
 
 if TYPE_CHECKING:
     from comove.robots.model import Robot
@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2))
 AXIS = 0.1  # m, length of the axes of a grasp frame that are drawn
 AXES = (("#c0392b", "x"), ("#27ae60", "y: fingers open"), ("#2c5fb3", "z: approach"))
+OF_ARMS = ("#8e44ad", "#d68910", "#16a085", "#7f8c8d")  # none of them the colour of an axis
 SHOWN = 600  # places of each hand
 
 
@@ -31,9 +32,9 @@ def draw_robot(robot: Robot, found: Examination) -> Figure:
     lines, bodies = _skeleton(robot), _bodies(robot)
     for panel, (title, i, j) in zip(panels, VIEWS, strict=True):
         for k, of_arm in enumerate(found.arms):
-            colour = COLOURS[k % len(COLOURS)]
+            colour = OF_ARMS[k % len(OF_ARMS)]
             places = of_arm.places[:SHOWN]
-            panel.scatter(places[:, i], places[:, j], s=3, color=colour, alpha=0.25, linewidths=0)
+            panel.scatter(places[:, i], places[:, j], s=5, color=colour, alpha=0.4, linewidths=0)
             panel.plot([], [], "o", color=colour, label=f"{of_arm.name}: reach {of_arm.reach:.2f} m")
         for center, radius in bodies:
             panel.add_patch(_circle(center[[i, j]], radius))

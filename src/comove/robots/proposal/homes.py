@@ -39,7 +39,8 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
     rng = np.random.default_rng(seed)
     for k, arm in enumerate(robot.arms):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
-        best = [_turned_down(robot, arm, each) for each in _drawn(robot, arm, q, rng)[:N_TRIED]]
+        drawn = [*_as_before(robot, q, k), *_drawn(robot, arm, q, rng)[:N_TRIED]]
+        best = [_turned_down(robot, arm, each) for each in drawn]
         near = (each for margin in (FREE, 0.0) for each in best if _is_free(robot, each, margin, later))
         found = next(near, None)
         q = best[0] if found is None else found
@@ -54,6 +55,18 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
                 f"its {len(arm.columns)} joints were seen to come"
             )
     return Homes(tuple(q[arm.columns] for arm in robot.arms), tuple(notes))
+
+
+def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
+    """Return the configurations in which arm k is at home as an earlier arm of its kind is."""
+    found, columns = [], robot.arms[k].columns
+    for other in robot.arms[:k]:
+        if len(other.columns) == len(columns) and all(
+            np.array_equal(limit[other.columns], limit[columns]) for limit in (robot.lower, robot.upper)
+        ):
+            found.append(q.copy())
+            found[-1][columns] = q[other.columns]
+    return found
 
 
 def _drawn(robot: Robot, arm: Arm, q: Array, rng: np.random.Generator) -> Array:

@@ -286,7 +286,7 @@ def _nearest_axis(vector: Array) -> Array:
 def _always_touching(
     robot: Robot, parts: Sequence[_Part], seed: int
 ) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Find the pairs of links that touch in nearly all configurations, and write them as SRDF, by URDF."""
+    """Find the pairs of links of one model that touch in nearly all configurations; as SRDF by URDF, and as pairs."""
     rng, geometry = np.random.default_rng(seed), robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
     touched = np.zeros(len(geometry.collisionPairs))
@@ -302,9 +302,11 @@ def _always_touching(
         }
     )
     texts: dict[str, str] = {}
+    own: list[tuple[str, str]] = []  # those of different models must not touch, wherever the bases stand
     for part in parts:
         prefix = part.entry.get("prefix", "")
         mine = [(a, b) for a, b in pairs if a.startswith(prefix) and b.startswith(prefix)]
+        own += mine
         if mine and "srdf" not in part.entry:
             lines = [
                 f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="Always"/>'
@@ -312,7 +314,7 @@ def _always_touching(
             ]
             name = ET.fromstring(part.text).get("name", "robot")
             texts[part.entry["urdf"]] = f'<robot name="{name}">\n' + "\n".join(lines) + "\n</robot>\n"
-    return texts, [(a, b) for a, b in pairs]
+    return texts, own
 
 
 def _without(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:

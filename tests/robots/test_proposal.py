@@ -1,0 +1,209 @@
+"""Proposed descriptions: arms that the tree of links has, tools, homes, limits and pairs of links."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from comove.errors import RobotError
+from comove.robots import Robot
+from comove.robots.description import load_description
+from comove.robots.proposal import examine, propose
+from comove.robots.proposal.tree import Tree
+
+ROBOTS = "package://example-robot-data/robots"
+LIMIT = '<limit lower="-2" upper="2" velocity="2" effort="40"/>'
+
+
+def link(name, size=(0.05, 0.05, 0.05), at=(0, 0, 0)):
+    shape = f'<geometry><box size="{size[0]} {size[1]} {size[2]}"/></geometry>'
+    place = f'<origin xyz="{at[0]} {at[1]} {at[2]}"/>'
+    mass = '<inertial><mass value="1"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+    return f'<link name="{name}">{mass}<collision>{place}{shape}</collision></link>'
+
+
+def joint(name, parent, child, at=(0, 0, 0.15), axis=(0, 1, 0), kind="revolute", more=LIMIT):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at[0]} {at[1]} {at[2]}"/><axis xyz="{axis[0]} {axis[1]} {axis[2]}"/>{more}</joint>'
+    )
+
+
+def arm(prefix, base, at=(0, 0, 0.15), n=6, gripper=None):
+    """An arm of n joints about y and z in turn, with two sliding fingers along an axis of its last link."""
+    text, before = "", base
+    for k in range(n):
+        text += link(f"{prefix}link{k}")
+        axis = (0, 1, 0) if k % 2 == 0 else (0, 0, 1)
+        text += joint(f"{prefix}joint{k}", before, f"{prefix}link{k}", at if k == 0 else (0, 0, 0.15), axis)
+        before = f"{prefix}link{k}"
+    if gripper is not None:
+        across = np.roll(gripper, 1)
+        for side, name in ((1, "a"), (-1, "b")):
+            place = 0.1 * np.array(gripper) + 0.03 * side * across
+            text += link(f"{prefix}finger_{name}", (0.01, 0.01, 0.01))
+            slides = '<limit lower="0" upper="0.03" velocity="1" effort="10"/>'
+            text += joint(
+                f"{prefix}slide_{name}", before, f"{prefix}finger_{name}", place, across, "prismatic", slides
+            )
+    return text
+
+
+def urdf(*parts):
+    return f'<robot name="made">{"".join(parts)}</robot>'
+
+
+def written(tmp_path, text, name="made.urdf"):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    return str(tmp_path / name)
+
+
+@pytest.mark.parametrize("n", [4, 6, 7])
+def test_an_arm_ends_where_its_fingers_begin(n):
+    (chain,) = Tree.of(urdf(link("base"), arm("", "base", n=n, gripper=(0, 0, 1)))).chains()
+    assert chain.joints == tuple(f"joint{k}" for k in range(n))
+    assert chain.fingers == ("slide_a", "slide_b")
+    assert chain.trunk == ()
+
+
+def test_what_arms_hang_on_is_a_trunk_and_belongs_to_none():
+    trunk = link("base") + link("chest") + joint("waist", "base", "chest")
+    head = link("face") + joint("nod", "chest", "face")
+    both = arm("left_", "chest", (0, 0.2, 0)) + arm("right_", "chest", (0, -0.2, 0))
+    left, right = Tree.of(urdf(trunk, head, both)).chains()
+    assert left.trunk == right.trunk == ("waist",)
+    assert {name.partition("_")[0] for name in left.joints} == {"left"}
+    assert len(left.joints) == len(right.joints) == 6
+
+
+def test_legs_are_no_arms_and_short_chains_are_none():
+    (chain,) = Tree.of(urdf(link("base"), arm("left_leg_", "base"))).chains()
+    assert chain.is_other
+    assert Tree.of(urdf(link("base"), arm("", "base", n=3))).chains() == ()
+
+
+def test_the_arms_of_a_known_robot(tmp_path):
+    """As in the description that somebody wrote by hand."""
+    proposal = propose([f"{ROBOTS}/baxter_description/urdf/baxter.urdf"], tmp_path / "baxter.yaml")
+    known = Robot.load("baxter")
+    for arm in known.arms:
+        found = proposal.robot.arm(arm.name)
+        assert found.tip == arm.tip
+        assert [proposal.robot.joint_names[c] for c in found.columns] == [
+            known.joint_names[c] for c in arm.columns
+        ]
+        assert set(found.fingers) == set(arm.fingers)
+
+
+def test_two_of_a_kind_stand_apart_and_are_ready(tmp_path):
+    panda = f"{ROBOTS}/panda_description/urdf/panda.urdf"
+    file = tmp_path / "pandas.yaml"
+    proposal = propose([panda, panda], file, apart=0.7)
+    file.write_text(proposal.text(), encoding="utf-8")
+    robot = Robot.load(file)
+    assert [arm.name for arm in robot.arms] == ["left", "right"]
+    assert robot.arms[0].home == pytest.approx(robot.arms[1].home)
+    for arm in robot.arms:
+        pose = robot.tool_pose(robot.home, arm)
+        assert pose[:3, 2] == pytest.approx([0, 0, -1], abs=0.1), "the hand points down"
+        assert pose[1, 3] * (1 if arm.name == "left" else -1) > 0, "on its own side"
+    found = examine(robot)
+    assert found.sound
+    assert found.clearance > 0
+    assert 0.5 < found.arms[0].reach < 1.2
+
+
+def test_the_hands_share_less_where_bases_are_further_apart_and_nothing_beyond_their_reach(tmp_path):
+    panda = f"{ROBOTS}/panda_description/urdf/panda.urdf"
+    shares = []
+    for apart in (0.4, 0.9, 2.5):
+        found = examine(propose([panda, panda], tmp_path / "pandas.yaml", apart=apart).robot)
+        shares.append(found.shared["left", "right"])
+    assert shares[0] > shares[1] > shares[2] == 0.0
+    assert any("no place in common" in fault for fault in found.faults)
+
+
+@pytest.mark.parametrize("approach", [(0, 0, 1), (1, 0, 0), (0, -1, 0)])
+def test_the_approach_leads_from_the_wrist_to_the_fingers(tmp_path, approach):
+    path = written(tmp_path, urdf(link("base"), arm("", "base", gripper=approach)))
+    proposal = propose([path], tmp_path / "made.yaml")
+    (found,) = proposal.robot.arms
+    assert found.tool[:3, 2] == pytest.approx(approach, abs=1e-5)
+    assert np.abs(found.tool[:3, 1] @ np.roll(approach, 1)) == pytest.approx(1.0, abs=1e-5), (
+        "fingers open along y"
+    )
+    assert found.tool[:3, 3] == pytest.approx(0.1 * np.array(approach), abs=1e-3)
+
+
+def test_a_bare_flange_is_told(tmp_path):
+    path = written(tmp_path, urdf(link("base"), arm("", "base")))
+    assert any("without fingers" in note for note in propose([path], tmp_path / "made.yaml").notes)
+
+
+def test_pairs_that_always_touch_are_not_compared(tmp_path):
+    """A link so fat that it always holds the base."""
+    text = urdf(link("base"), arm("", "base")).replace(link("link2"), link("link2", (1.0, 1.0, 1.0)))
+    proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
+    (pairs,) = proposal.srdf.values()
+    assert 'link1="base" link2="link2"' in pairs
+    (tmp_path / "made.srdf").write_text(pairs, encoding="utf-8")
+    for model in proposal.data["models"]:
+        model["srdf"] = "made.srdf"
+    (tmp_path / "made.yaml").write_text(proposal.text(), encoding="utf-8")
+    robot = Robot.load(tmp_path / "made.yaml")
+    names = [item.name for item in robot.collision.geometryObjects]
+    compared = {frozenset((names[p.first], names[p.second])) for p in robot.collision.collisionPairs}
+    assert frozenset(("base_0", "link2_0")) not in compared
+
+
+def test_limits_that_no_motor_has_are_guessed_and_told(tmp_path):
+    text = urdf(link("base"), arm("", "base")).replace(
+        'velocity="2" effort="40"', 'velocity="0" effort="0"', 1
+    )
+    proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
+    assert proposal.data["limits"] == {"joint0": {"velocity": 1.0, "effort": 50.0}}
+    assert any("joint0" in note and "guesses" in note for note in proposal.notes)
+
+
+def test_a_trunk_stays_within_its_limits(tmp_path):
+    lift = '<limit lower="0.1" upper="0.4" velocity="1" effort="100"/>'
+    trunk = (
+        link("base") + link("chest") + joint("lift", "base", "chest", (0, 0, 0), (0, 0, 1), "prismatic", lift)
+    )
+    both = arm("left_", "chest", (0, 0.4, 0)) + arm("right_", "chest", (0, -0.4, 0))
+    proposal = propose([written(tmp_path, urdf(trunk, both))], tmp_path / "made.yaml")
+    assert proposal.data["posture"] == {"lift": 0.1}
+
+
+def test_what_is_written_is_a_description(tmp_path):
+    path = written(tmp_path, urdf(link("base"), arm("", "base", gripper=(0, 0, 1))))
+    file = tmp_path / "deep" / "made.yaml"
+    file.parent.mkdir()
+    proposal = propose([path], file)
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert load_description(file).models[0].urdf == str(Path("..") / "made.urdf")
+    assert Robot.load(file).arms[0].name == "arm"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (urdf(link("base")), "no arm of four joints"),
+        (urdf(link("base"), arm("leg_", "base")), "no arm of four joints"),
+        ("<robot", "cannot be read"),
+        ("", "cannot be read"),
+        ("<mujoco/>", "cannot be read"),
+        (urdf(), "cannot be read"),
+    ],
+)
+def test_what_is_no_robot(tmp_path, text, words):
+    with pytest.raises(RobotError, match=words):
+        propose([written(tmp_path, text)], tmp_path / "made.yaml")
+
+
+def test_a_model_that_is_not_there(tmp_path):
+    for name in ("none.urdf", "package://nothing/none.urdf", "."):
+        with pytest.raises(RobotError):
+            propose([name], tmp_path / "made.yaml")
