@@ -306,8 +306,8 @@ def _always_touching(
     for part in parts:
         prefix = part.entry.get("prefix", "")
         mine = [(a, b) for a, b in pairs if a.startswith(prefix) and b.startswith(prefix)]
-        own += mine
         if mine and "srdf" not in part.entry:
+            own += mine
             lines = [
                 f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="Always"/>'
                 for a, b in mine
