@@ -269,16 +269,16 @@ coordinates hold it, to {exact.error:.0e} m.
 ![States with the bar, with and without the constraint, and in the complex environment]({folder}/figure6.png)
 
 Two hands at {N_STATES} equal times; "verified" with the band of {1e3 * BAND:g} mm. (a) Paper's
-method: {verdict(paper["narrow"].measures)}. (b) Both hands taught at once in the wide passage, optimised in the narrow
-one without the constraint, after [22]: {verdict(free)}. Their teacher is comove, whose motion of Figure 4a stands in
-for a person with two hands. (c) The complex environment, from the combination of Figure 3: {verdict(complex_paper)} by
-the paper's method, {verdict(complex_comove)} by comove.
+method: {verdict(paper["narrow"].measures)}. (b) Both hands taught at once in the wide passage, optimised in the
+narrow one without the constraint, after [22]: {verdict(free)}. Their teacher is comove, whose motion of Figure 4a
+stands in for a person with two hands. (c) The complex environment, from the combination of Figure 3:
+{verdict(complex_paper)} by the paper's method, {verdict(complex_comove)} by comove.
 
 ### Figures 3 to 6 by hand
 
 In a folder with the package's scenes (`comove demo` leaves them in `demo`):
 
-```sh
+```bash
 {_by_hand()}
 ```
 
@@ -395,7 +395,8 @@ def _movements(runs: Runs) -> str:
 ## Several movements
 
 A straight line of minimum jerk, a smooth synthetic curve, and recorded handwriting (LASA), on the same scenes:
-verified runs (a distance may be off by {TOLERANCE}) and the median of J over them. `comove` keeps the movement's shape where it can (`--objective
+verified runs (a distance may be off by {TOLERANCE}) and the median of J over them.
+`comove` keeps the movement's shape where it can (`--objective
 paper --resemblance {RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the
 paper's method, the movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the
 wall. {_stopped(runs)}
@@ -421,17 +422,19 @@ def _recordings(runs: Runs, folder: str) -> str:
     return f"""
 ## Any recording
 
-The paper's method from ten recordings that nobody chose, the first of the set in alphabetical order, with the settings
-and the time of the table before. On `triangle` three hands begin with the recording laid into the plane of x and y.
+The paper's method from ten recordings that nobody chose, the first of the set in alphabetical order, with the
+settings and the time of the table before. On `triangle` three hands begin with the recording laid into the
+plane of x and y.
 Verified runs, and the median of J over them; a distance may be off by a thousandth of it. By hand: `comove solve
 complex.yaml --out one --method paper --budget {runs.of("recordings")[0].job.budget:g}`, with `demonstration: {{lasa:
 LShape}}` in the file; in space `{{lasa: LShape, plane: xy}}`.
 
 {tables.recordings_table(runs)}
 
-Failed attempts are drawn, of each recording the first: what the search had when time was up, thick where it is deepest
-in something and where a distance is most off; `triangle` is seen from above. The tables say of each what the judge says.
-Where generations are 0, no way of the middle of the hands through the environment was found ("threading" in [the list
+Failed attempts are drawn, of each recording the first: what the search had when time was up, thick where it is
+deepest in something and where a distance is most off; `triangle` is seen from above. The tables say of each what the
+judge says. Where generations are 0, no way of the middle of the hands through the environment was found
+("threading" in [the list
 of repairs](ablation.md)); otherwise the band was still being narrowed, or the load did not get free.
 
 {text}
@@ -443,7 +446,8 @@ def _sensitivity(runs: Runs) -> str:
 ## Sensitivity of the paper's method
 
 In the narrow passage from the recorded movement, with one thing changed at a time, {SENSITIVITY_SEEDS} seeds each at
-most, as long as above; medians over what is verified, with the band of its line as tolerance. Unchanged: a band of {TOLERANCE}, a gap of half the length,
+most, as long as above; medians over what is verified, with the band of its line as tolerance.
+Unchanged: a band of {TOLERANCE}, a gap of half the length,
 8 basis functions, c_vel = 0.01.
 
 {tables.sensitivity_table(runs)}

@@ -152,13 +152,8 @@ def recordings_table(runs: Runs) -> str:
 def failures_table(runs: Runs, scene: str) -> str:
     """Return the table of what failed on a scene from recordings: which constraint, and by how much."""
     rows = [
-        [
-            outcome.job.movement,
-            str(outcome.job.seed),
-            what_failed(outcome.measures),
-            str(outcome.measures.generations),
-        ]
-        for outcome in failures(runs, scene)
+        [o.job.movement, str(o.job.seed), what_failed(o.measures), str(o.measures.generations)]
+        for o in failures(runs, scene)
     ]
     return table(["recording", "seed", "what failed", "generations"], rows)
 
