@@ -353,6 +353,8 @@ The narrow passage from straight lines, [each system](compared.md) as the comman
 `--method unconstrained`, `leader-follower`, `speed-scaled`, `task-priority` on `narrow` without its demonstration).
 The coupling of [7] is learned over 20 epochs. In the table the other columns begin with the scene's recorded
 movement, at the same settings as the [large comparison](#over-seeds). A distance may be off by {TOLERANCE}.
+Hands are free in all of them: the source of [5] has a robot's joints as well, which is not reproduced. [8] beside a
+human whose effort and variance change over 100 cycles: [compared](compared.md#speed-scaled).
 
 {tables.systems_table(runs)}
 
@@ -461,7 +463,8 @@ Quotes are the paper's. A verdict is what a function of this run's numbers retur
 "Reproduced with a remark": it holds, but not as it is said, or not by the paper's method alone. "Holds by
 construction": it cannot be otherwise, and a run only shows that nothing is broken. What no
 software can test is called
-so. "Verified" is with 0.2 mm of 200 mm over seeds and movements, and with 2 mm in Figures 3 to 6.
+so. "Verified" is with a thousandth of the distance (0.2 mm of 200 mm) over seeds, movements and recordings, and with
+2 mm in Figures 3 to 6.
 """.strip()
 
 ERRATA = """
