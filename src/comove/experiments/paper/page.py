@@ -289,7 +289,8 @@ Comove's own rows: the same without `--method paper`. `taught` is Figure 4a by c
 def _by_hand() -> str:
     """Return the commands that print the numbers of Figures 3 to 6."""
     return f"""
-how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --acceleration {GAIT["acceleration"]:g} --budget {LONGEST:g}"
+how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {LONGEST:g}"
+how="$how --acceleration {GAIT["acceleration"]:g}"
 banded() {{  # a scene with the band of the figures, and the movement of an earlier result to begin with
   grep -v ^demonstration $1.yaml
   echo "demonstration: {{file: $2/solution.npz}}"
