@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
 N_FINE = 801  # among which the worst state is found
-SMALL = 3.4  # size of a panel among many [inches]
+SMALL, HEADED = 2.6, 1.0  # size of a panel among many, and its room for titles and labels [inches]
 WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
 BROKEN = 1e-12  # m, above rounding
 
@@ -108,12 +108,12 @@ def draw_failures(motions: Sequence[CoordinatedMotion], titles: Sequence[str], *
     """
     columns = min(columns, len(motions))
     rows = -(-len(motions) // columns)
-    figure = new_figure(SMALL * columns + 0.4, (SMALL + 0.3) * rows + 0.6)
+    figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.8)
     for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, i + 1)
         draw_panel(axes, motion, (0, 1))
         _draw_worst(axes, motion, (0, 1))
-        axes.set_title(title, fontsize="medium")
+        axes.set_title(title, fontsize="small")
         if i % columns:
             axes.set_ylabel("")
         if i + columns < len(motions):

@@ -208,7 +208,7 @@ def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, colu
 def _failures(drawn: list[Outcome]) -> Figure:
     return draw_failures(
         [outcome.motion for outcome in drawn if outcome.motion is not None],
-        [f"{o.job.movement}, seed {o.job.seed}\n{verdict(o.measures)}" for o in drawn],
+        [f"{o.job.movement}, seed {o.job.seed}\n" + verdict(o.measures).replace(", ", "\n") for o in drawn],
     )
 
 
