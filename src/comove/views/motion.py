@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
 N_FINE = 801  # among which the worst state is found
-SMALL, HEADED = 2.6, 1.0  # size of a panel among many, and its room for titles and labels [inches]
+SMALL, HEADED = 2.2, 0.8  # size of a panel among many, and its room for titles and labels [inches]
 WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
 BROKEN = 1e-12  # m, above rounding
 
