@@ -10,7 +10,7 @@ PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
 	$(BIN)/comove demo --out demo
 
-reproduce: $(VENV)/core.stamp  ## run every experiment of the paper and write docs/paper.md; ten minutes
+reproduce: $(VENV)/core.stamp  ## run every experiment of the paper and write docs/paper.md; about twenty minutes on two cores
 	$(BIN)/comove reproduce --out reproduced
 	rm -rf docs/paper && cp -r reproduced/paper reproduced/paper.md docs/
 

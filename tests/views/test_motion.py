@@ -13,6 +13,7 @@ from comove.primitives import DMP
 from comove.scenes import recording_of
 from comove.views import (
     Panel,
+    draw_failures,
     draw_measures,
     draw_motion,
     draw_pipeline,
@@ -45,6 +46,34 @@ def test_the_load_is_coloured_where_it_touches_and_where_it_is_off(apart):
     assert OFF in colours(right)
     legend = [text.get_text() for text in left.figure.legends[0].get_texts()]
     assert {"load, touching", "load, a distance off"} <= set(legend)
+
+
+def test_failures_show_the_worst_state_of_what_is_broken(apart):
+    straight = CoordinatedMotion.straight(example("narrow"))
+    left, right = draw_failures([straight, apart], ["straight", "apart"]).axes
+    (red,) = [line for line in left.lines if line.get_linewidth() == 3.5]
+    assert to_hex(red.get_color()) == TOUCHES
+    assert (abs(red.get_xdata() - 0.5) <= 0.05).all(), "within the wall"
+    (orange,) = [line for line in right.lines if line.get_linewidth() == 3.5]
+    assert to_hex(orange.get_color()) == OFF
+    errors = np.abs(np.diff(apart.hands(np.linspace(0, 1, 801))[0], axis=1)[:, 0])
+    most = np.abs(np.linalg.norm(errors, axis=1) - 0.2).max()
+    drawn = np.linalg.norm(np.diff(orange.get_xydata(), axis=0))
+    assert abs(drawn - 0.2) == pytest.approx(most, rel=1e-6)
+    legend = [text.get_text() for text in left.figure.legends[0].get_texts()]
+    assert legend[:2] == ["left", "right"] and "load, where a distance is most off" in legend
+
+
+def test_hands_beyond_the_workspace_are_seen_up_to_half_of_it():
+    scene = example("wide")
+    motion = CoordinatedMotion.straight(scene)
+    for lift, reach in ((0.5, 1.1), (40.0, 1.5)):
+        boundary = motion.boundary.copy()
+        boundary[[0, 2], 1] += lift
+        away = CoordinatedMotion(scene, motion.coordinates, motion.basis, boundary, motion.weights)
+        (axes,) = draw_side_by_side([away], ["away"]).axes
+        assert axes.get_xlim() == pytest.approx((-0.02, 1.02))
+        assert axes.get_ylim()[1] == pytest.approx(reach, abs=0.05)
 
 
 def test_goals_are_where_they_should_be_reached():

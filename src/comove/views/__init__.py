@@ -3,6 +3,7 @@
 from comove.views.joints import draw_joints
 from comove.views.measures import Panel, draw_measures
 from comove.views.motion import (
+    draw_failures,
     draw_motion,
     draw_progress,
     draw_progress_side_by_side,
@@ -16,6 +17,7 @@ from comove.views.style import save, save_picture
 __all__ = [
     "Panel",
     "animate_run",
+    "draw_failures",
     "draw_joints",
     "draw_library",
     "draw_measures",

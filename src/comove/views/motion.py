@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
+N_FINE = 801  # among which the worst state is found
+SMALL, HEADED = 2.2, 0.8  # size of a panel among many, and its room for titles and labels [inches]
+WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
+BROKEN = 1e-12  # m, above rounding
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
@@ -93,6 +97,31 @@ def draw_side_by_side(
     return figure
 
 
+def draw_failures(motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, columns: int = 4) -> Figure:
+    """Draw motions that break something next to each other, each with the load where that is worst.
+
+    Of a spatial scene the first two axes are shown.
+
+    Parameters
+    ----------
+    columns : motions in a row at most
+    """
+    columns = min(columns, len(motions))
+    rows = -(-len(motions) // columns)
+    figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.8)
+    for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
+        axes = figure.add_subplot(rows, columns, i + 1)
+        draw_panel(axes, motion, (0, 1))
+        _draw_worst(axes, motion, (0, 1))
+        axes.set_title(title, fontsize="small")
+        if i % columns:
+            axes.set_ylabel("")
+        if i + columns < len(motions):
+            axes.set_xlabel("")
+    draw_legend(figure, columns=3)
+    return figure
+
+
 def draw_panel(
     axes: Axes,
     motion: CoordinatedMotion,
@@ -116,6 +145,7 @@ def draw_panel(
     dense = motion.coordinates.motion(motion.at(np.linspace(0, 1, 401)))[0]
     for hand, name in enumerate(scene.manipulators):
         draw_way(axes, dense[:, hand][:, columns], scene.goal[hand][columns], hand, name)
+    _show_whole(axes, dense[:, : len(scene.manipulators)][:, :, columns])
 
 
 def draw_legend(figure: Figure | SubFigure, columns: int = 4) -> None:
@@ -124,6 +154,7 @@ def draw_legend(figure: Figure | SubFigure, columns: int = 4) -> None:
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
         labelled |= dict(zip(labels, handles, strict=True))
+    labelled = {label: labelled[label] for label in sorted(labelled, key=lambda label: "load" in label)}
     figure.legend(
         list(labelled.values()), list(labelled), loc="outside lower center", ncols=columns, frameon=False
     )
@@ -252,20 +283,63 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
     """
     tones = []
     for state, instant in zip(nodes, time, strict=True):
-        errors = [
-            abs(np.linalg.norm(state[c.first] - state[c.second]) - c.distance) - c.tolerance
-            for c in scene.distances
-        ]
         touches = scene.clearance_at(state, float(instant))[0] < 0.0
-        tones.append(TOUCHES if touches else OFF if max(errors, default=0.0) > 1e-12 else FINE)
+        tones.append(TOUCHES if touches else OFF if _excess(scene, state) > BROKEN else FINE)
     return tones
+
+
+def _excess(scene: Scene, state: Array) -> float:
+    """Return by how much a distance exceeds its tolerance at most in one state [m]; negative where none does."""
+    return max(
+        (
+            abs(float(np.linalg.norm(state[c.first] - state[c.second])) - c.distance) - c.tolerance
+            for c in scene.distances
+        ),
+        default=0.0,
+    )
+
+
+def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) -> None:
+    """Draw the load thick where it is deepest in something, and where a distance is most off."""
+    scene, s = motion.scene, np.linspace(0.0, 1.0, N_FINE)
+    nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
+    depths = [-scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]
+    excesses = [_excess(scene, state) for state in nodes]
+    for values, tone, what in (
+        (excesses, OFF, "load, where a distance is most off"),
+        (depths, TOUCHES, "load, where it is deepest in something"),
+    ):
+        worst = int(np.argmax(values))
+        if values[worst] <= BROKEN:
+            continue
+        state = nodes[worst][:, list(view)]
+        for i, (first, second) in enumerate(_bars(scene)):
+            label = what if i == 0 else None
+            axes.plot(*state[[first, second]].T, color=tone, linewidth=3.5, zorder=6, label=label)
+
+
+def _show_whole(axes: Axes, ways: Array) -> None:
+    """Widen the axes where hands leave the workspace, up to `WIDER`; ways of shape (n_steps, n_hands, 2) [m]."""
+    for limits, place, least, most in (
+        (axes.get_xlim(), axes.set_xlim, ways[..., 0].min(), ways[..., 0].max()),
+        (axes.get_ylim(), axes.set_ylim, ways[..., 1].min(), ways[..., 1].max()),
+    ):
+        size = limits[1] - limits[0]
+        pad, reach = 0.02 * size, WIDER * size
+        low, high = min(limits[0], least - pad), max(limits[1], most + pad)
+        place(max(low, limits[0] - reach), min(high, limits[1] + reach))
+
+
+def _bars(scene: Scene) -> list[tuple[int, int]]:
+    """Return the pairs of nodes between which a load is drawn as bars: its edges, or hands that are tied."""
+    bars = [(int(a), int(b)) for a, b in scene.body.edges if a != b]
+    return bars or [(c.first, c.second) for c in scene.distances]
 
 
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
     """Draw the load's edges, or outlines of its solids, at every state; nodes of shape (n_states, n_nodes, 2)."""
-    bars, solids = [e for e in scene.body.edges if e[0] != e[1]], scene.body.solids
-    if not bars and not len(solids):
-        bars = [(c.first, c.second) for c in scene.distances]
+    solids = scene.body.solids
+    bars = _bars(scene) if not len(solids) else [e for e in scene.body.edges if e[0] != e[1]]
     outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]
     edges = [tone for tone in tones for _ in solids]
     axes.add_collection(
@@ -276,8 +350,8 @@ def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> 
     lines = [state[list(edge)] for state in nodes for edge in bars]
     colours = [tone for tone in tones for _ in bars]
     axes.add_collection(LineCollection(lines, colors=colours, linewidths=1.1, alpha=0.75, zorder=3))
-    for tone, what in ((OFF, "load, a distance off"), (TOUCHES, "load, touching")):
-        if tone in tones:
+    for tone, what in ((FINE, "load"), (OFF, "load, a distance off"), (TOUCHES, "load, touching")):
+        if tone in tones and (bars or len(solids)):
             axes.plot([], [], color=tone, linewidth=2, label=what)
     for hand in range(len(scene.manipulators)):
         axes.plot(*nodes[:, hand].T, "o", color=COLOURS[hand % len(COLOURS)], markersize=2.6, zorder=4)

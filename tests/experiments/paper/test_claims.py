@@ -108,6 +108,13 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
         (claims.almost_unchanged, "figure 4", FIG4, {"turn": 0.5}, None, REMARK, NOT),
         (claims.increasing_difficulty, "story", PAPER, {"verified": False}, None, GOOD, NOT),
         (claims.novel_scenarios, "movements", PAPER, {"verified": False}, None, GOOD, REMARK),
+        (claims.novel_scenarios, "recordings", {"scene": "complex"}, {"verified": False}, None, GOOD, REMARK),
+        (claims.novel_scenarios, "movements", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.more_than_two, "recordings", {"scene": "triangle"}, {"verified": False}, None, GOOD, REMARK),
+        (claims.figure_6c, "recordings", {"scene": "complex"}, {"verified": False}, None, GOOD, REMARK),
+        (claims.figure_6c, "recordings", {"scene": "wide"}, {"verified": False}, None, GOOD, GOOD),
+        (claims.figure_6c, "story", {**PAPER, "scene": "complex"}, {"verified": False}, None, GOOD, REMARK),
+        (claims.figure_6c, "story", {"scene": "complex"}, {"verified": False}, None, GOOD, NOT),
     ],
 )
 def test_a_verdict_turns_with_its_numbers(ideal, judge, purpose, asked, changes, along, before, after):

@@ -1,20 +1,27 @@
 """The page of made-up runs, and a small reproduction from end to end."""
 
+import json
+import os
 import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from comove.cli import reproduce  # noqa: F401  registers the verb
 from comove.cli.app import app
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError
+from comove.experiments.examples import copy_examples, example
 from comove.experiments.paper.claims import ClaimVerdict, judge_all
-from comove.experiments.paper.figures import BAXTER, FIGURES, story_panels
-from comove.experiments.paper.jobs import CONTENDERS, run
-from comove.experiments.paper.page import CONTENTS, Effort, write_page
+from comove.experiments.paper.figures import BAXTER, FAILED, FIGURES, shown_failures, story_panels, verdict
+from comove.experiments.paper.jobs import CONTENDERS, run, scene_of
+from comove.experiments.paper.measures import measure_motion
+from comove.experiments.paper.page import CONTENTS, Effort, _by_hand, write_page
 from comove.experiments.paper.runs import (
     RECORDED,
     SCENES,
@@ -28,7 +35,7 @@ from comove.experiments.paper.runs import (
 from comove.experiments.paper.tables import all_runs
 from comove.io.folders import check_target
 from comove.primitives import DMP
-from tests.experiments.paper.ideal import ideal_runs
+from tests.experiments.paper.ideal import GOOD, changed, ideal_runs
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +56,65 @@ def test_the_page_shows_every_figure_and_every_claim(page):
         assert heading in titles
 
 
+def sections(runs):
+    """The section on recordings in the page of some runs, in one line."""
+    page = write_page(runs, judge_all(runs), Effort(90.0, 150.0, 2), "paper")
+    return page.split("## Any recording")[1].split("## Sensitivity")[0]
+
+
+def test_failures_are_told_and_drawn_and_where_there_are_none_nothing_is():
+    runs, asked = ideal_runs(seeds=20), {"scene": "complex", "movement": "Angle"}
+    none = sections(runs)
+    for scene, name in FAILED.items():
+        assert f"On `{scene}` none of" in " ".join(none.split()) and name not in none
+    wrong = (
+        "the distance between 'left' and 'right' is off by up to 0.005 m (tolerance 0.0002 m)",
+        "a hand moves at up to 2 m/s (limit 1 m/s)",
+    )
+    failed = changed(runs, "recordings", asked, verified=False, distance_error=0.005, reasons=wrong)
+    straight = CoordinatedMotion.straight(example("complex"))
+    failed = replace(
+        failed,
+        outcomes=tuple(o if o.measures.verified else replace(o, motion=straight) for o in failed.outcomes),
+    )
+    section = sections(failed)
+    assert "On `complex` 2 of 20 failed:" in section and "On `wide` none of 20 failed" in section
+    told = "a distance is off by up to 0.005 m; a hand moves at up to 2 m/s (limit 1 m/s)"
+    assert f"| Angle | 0 | {told} |" in section and f"| Angle | 1 | {told} |" in section
+    assert "| all | 20 of 20 | 20 of 20 | 18 of 20 | 10 of 10 |" in section
+    assert f"](paper/{FAILED['complex']})" in section and FAILED["wide"] not in section
+    assert [o.job.seed for o in shown_failures(failed, "complex")] == [0], "the first of each recording"
+
+
+def test_the_border_of_the_workspace_is_no_wall():
+    assert verdict(measure_motion(CoordinatedMotion.straight(example("narrow")))) == "50 mm into a wall"
+    inside = CoordinatedMotion.straight(scene_of("open"))
+    boundary = inside.boundary.copy()
+    boundary[[0, 2], 1] += 0.43  # the upper hand, which was at 0.6 m of 1 m
+    beyond = replace(inside, boundary=boundary)
+    assert verdict(measure_motion(beyond)).startswith("30 mm beyond the border of the workspace")
+    assert "0.2 mm into a wall" in verdict(replace(GOOD, verified=False, clearance=-0.0002))
+
+
+@pytest.mark.slow
+def test_what_is_typed_gives_the_motions_of_the_figures(tmp_path):
+    copy_examples(tmp_path)
+    done = subprocess.run(
+        ["bash", "-c", _by_hand()],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert "error:" not in done.stderr
+    found = {
+        name: json.loads((tmp_path / name / "solution.json").read_text())["verified"]
+        for name in ("initial", "winding", "figure4a", "figure4b", "figure6c", "taught", "figure6b")
+    }
+    assert found == dict.fromkeys(found, True) | {"figure6b": False}
+
+
 def test_tables_have_as_many_cells_in_every_line(page):
     lines = page.splitlines()
     for line, above in zip(lines[1:], lines, strict=False):
@@ -59,7 +125,10 @@ def test_tables_have_as_many_cells_in_every_line(page):
 def test_prose_is_wrapped_and_numbers_are_numbers(page):
     for line in page.splitlines():
         assert len(line) <= 118 or line.startswith(("|", "!"))
-        assert "nan" not in line.lower().split() and "{" not in line
+        assert "nan" not in line.lower().split()
+    assert "{" not in page.replace(_by_hand(), "").replace("`{lasa: LShape, plane: xy}`", "").replace(
+        "`demonstration: {lasa: LShape}`", ""
+    )
 
 
 def test_every_run_is_a_line_of_the_table():
@@ -145,9 +214,8 @@ def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path):
 def test_a_small_reproduction(tmp_path):
     result = invoke("--seeds", 1, "--out", tmp_path / "small")
     assert result.exit_code == 0, result.output
-    assert {
-        p.relative_to(tmp_path / "small").as_posix() for p in (tmp_path / "small").rglob("*.*")
-    } == CONTENTS.names
+    files = {p.relative_to(tmp_path / "small").as_posix() for p in (tmp_path / "small").rglob("*.*")}
+    assert files | {f"paper/{name}" for name in FAILED.values()} == CONTENTS.names
     page = (tmp_path / "small" / "paper.md").read_text(encoding="utf-8")
     for target in re.findall(r"\]\((paper/.+?)\)", page):
         assert 0 < (tmp_path / "small" / target).stat().st_size < 300_000

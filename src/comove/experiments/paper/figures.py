@@ -13,12 +13,21 @@ from comove.experiments.modulation.pictures import draw_comparison
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import GAIT, INITIAL, OTHER_SYSTEMS, ROLES, SCENES, Runs
+from comove.experiments.paper.runs import (
+    GAIT,
+    INITIAL,
+    OTHER_SYSTEMS,
+    RECORDING_SEEDS,
+    ROLES,
+    SCENES,
+    Runs,
+)
 from comove.experiments.summaries import NOTHING, Interval, median_interval, wilson
 from comove.planning import LeastJerk, Solution, carried_demonstration, solve
 from comove.primitives import DMP
 from comove.views import (
     Panel,
+    draw_failures,
     draw_measures,
     draw_pipeline,
     draw_progress,
@@ -34,7 +43,10 @@ BAXTER = {
     for who, letter in zip(baxter.METHODS, "ab", strict=True)
 }
 """Pictures of the robot by passage and method, where it can be simulated and drawn."""
+FAILED = {scene: f"failed_{scene}.png" for scene in RECORDING_SEEDS}
+"""Pictures of failed attempts from recordings by scene, where there are any."""
 REACTIONS = ("nearest hand's matrix", "same matrix on all", "motions known")
+WHOLE = 10.0  # mm, from which on tenths are not told
 OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 
 
@@ -86,9 +98,26 @@ def draw_all(runs: Runs, folder: Path) -> None:
     }
     for name in FIGURES:
         save(pictures[name], folder / name)
+    for scene, name in FAILED.items():
+        if shown := shown_failures(runs, scene):
+            save(_failures(shown), folder / name)
     for t in runs.transports:
         if t.picture:
             (folder / BAXTER[t.passage.scene, t.passage.who]).write_bytes(t.picture)
+
+
+def failures(runs: Runs, scene: str) -> list[Outcome]:
+    """Return the attempts of the paper's method from recordings that failed on a scene."""
+    return [outcome for outcome in runs.of("recordings", scene=scene) if not outcome.measures.verified]
+
+
+def shown_failures(runs: Runs, scene: str) -> list[Outcome]:
+    """Return the failed attempts that are drawn: of each recording the first."""
+    first: dict[str, Outcome] = {}
+    for outcome in failures(runs, scene):
+        if outcome.motion is not None:
+            first.setdefault(outcome.job.movement, outcome)
+    return list(first.values())
 
 
 def draw_demo(folder: Path, solutions: dict[str, Solution], dmp: DMP) -> dict[str, str]:
@@ -176,11 +205,22 @@ def _side_by_side(drawn: list[tuple[str, Outcome]], *, states: bool = True, colu
     )
 
 
+def _failures(drawn: list[Outcome]) -> Figure:
+    return draw_failures(
+        [outcome.motion for outcome in drawn if outcome.motion is not None],
+        [f"{o.job.movement}, seed {o.job.seed}\n" + verdict(o.measures).replace(", ", "\n") for o in drawn],
+    )
+
+
 def verdict(m: Measures) -> str:
     """Return a motion's verdict in a few words."""
     if m.verified:
         return f"verified, clear by {1e3 * m.clearance:.1f} mm"
-    wrong = [f"{-1e3 * m.clearance:.0f} mm into a wall"] if m.clearance < 0 else []
+    wrong = []
+    if m.clearance < 0:
+        depth = -1e3 * m.clearance
+        beyond = "beyond the border of the workspace" if "border" in m.nearest else "into a wall"
+        wrong.append(f"{depth:.{0 if depth >= WHOLE else 1}f} mm {beyond}")
     if m.distance_error > OFF:
         wrong.append(f"distance {1e3 * m.distance_error:.3g} mm off")
     if m.end_error > 1e-3:

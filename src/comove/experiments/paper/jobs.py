@@ -16,9 +16,11 @@ from comove.experiments.paper.measures import Along, Measures, follow, measure
 from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
 from comove.planning.method import Method
 from comove.primitives import DMP
+from comove.primitives.operations import in_space
 from comove.scenes import Scene
 
 LONGEST = 60.0  # s, that a run may take unless it is said
+PLANE = "xy"  # in which planar movements are laid into spatial scenes
 GENTLE = 1.0  # m/s^2, the limit of the gentle variant
 
 
@@ -80,7 +82,8 @@ class Job:
     scene : name of an example; "open" is `wide` without its obstacles
     who : name of a contender
     movement : name of the movement from which it begins
-    taught : this movement, or one for each hand by its name; None for straight lines
+    taught : this movement, or one for each hand by its name; None for straight lines. A planar movement is laid into
+        the plane `PLANE` of a spatial scene
     seed : seed of all random numbers
     budget : time after which the best motion so far is taken [s]
     tolerance : tolerance of distances [m]; by default the scene's own
@@ -90,6 +93,7 @@ class Job:
     resemblance : weight of the movement's shape in the cost
     obstacles : hard constraints, or a term of the cost
     keep : whether the motion itself is kept too
+    keep_failed : whether it is kept where it is not verified
     """
 
     purpose: str
@@ -106,6 +110,7 @@ class Job:
     resemblance: float = 0.0
     obstacles: Literal["constraint", "cost"] = "constraint"
     keep: bool = False
+    keep_failed: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,15 +127,19 @@ class Outcome:
 def run(job: Job) -> Outcome:
     """Solve a job and measure its motion."""
     contender = (CONTENDERS | OTHERS)[job.who]
+    scene = scene_of(
+        job.scene,
+        tolerance=job.tolerance,
+        acceleration=job.acceleration or contender.acceleration,
+        gap=job.gap,
+    )
+    taught = job.taught
+    if isinstance(taught, DMP) and taught.n_dims < scene.n_dims:
+        taught = in_space(taught, PLANE)
     begun = time.process_time()
     solution = solve(
-        scene_of(
-            job.scene,
-            tolerance=job.tolerance,
-            acceleration=job.acceleration or contender.acceleration,
-            gap=job.gap,
-        ),
-        demonstration=job.taught,
+        scene,
+        demonstration=taught,
         seed=job.seed,
         method=contender.method,
         planner=contender.planner,
@@ -143,7 +152,8 @@ def run(job: Job) -> Outcome:
         raise KeyboardInterrupt
     measures = measure(solution, spent)
     if not job.keep:
-        return Outcome(job, measures)
+        failed = job.keep_failed and not measures.verified
+        return Outcome(job, measures, motion=solution.attempt if failed else None)
     return Outcome(job, measures, follow(solution.attempt, job.velocity), solution.attempt, solution.log)
 
 

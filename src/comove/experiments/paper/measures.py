@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.systems import distance_errors
 from comove.planning import Solution
+from comove.verification.certificate import certify
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class Measures:
     total : processor time of the whole search [s]
     reasons : reasons why it is not verified
     generations : number of generations of the search
+    nearest : name of what is nearest at the least clearance, or is entered deepest: an obstacle of the scene's file,
+        or the border of the workspace
     """
 
     verified: bool
@@ -50,6 +53,7 @@ class Measures:
     total: float
     reasons: tuple[str, ...] = ()
     generations: int = 0
+    nearest: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ def _measures(motion: CoordinatedMotion, cost: float, first: float | None, total
         first=first,
         total=total,
         reasons=verdict.reasons,
+        nearest=motion.scene.name_of(certify(motion).nearest),
     )
 
 

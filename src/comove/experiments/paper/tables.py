@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from comove.experiments.paper.claims import Claim, ClaimFinding
-from comove.experiments.paper.figures import median_of, share_of, verdict
+from comove.experiments.paper.figures import failures, median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS, title_of
 from comove.experiments.paper.measures import Measures, count_verified
 from comove.experiments.paper.runs import (
     MOVEMENT_CONTENDERS,
     OTHER_SYSTEMS,
     RECORDED,
+    RECORDING_SEEDS,
     ROLES,
     SCENES,
     SENSITIVITY,
@@ -27,6 +28,8 @@ from comove.experiments.paper.runs import (
 from comove.experiments.summaries import Interval, table
 
 PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "velocity": 0.01}
+DISTANCE = "the distance between"
+"""How reasons about a distance begin."""
 EPOCHS = (1, 2, 4, 8, 20)
 
 
@@ -136,10 +139,31 @@ def sensitivity_table(runs: Runs) -> str:
 def recordings_table(runs: Runs) -> str:
     """Return the table of the paper's method from ten recordings."""
     rows = [
-        [shape, *(_cost(runs.measures("recordings", movement=shape, scene=scene)) for scene in SCENES)]
+        [
+            shape,
+            *(_cost(runs.measures("recordings", movement=shape, scene=scene)) for scene in RECORDING_SEEDS),
+        ]
         for shape in recordings()
     ]
-    return table(["recording", *SCENES], rows)
+    found = [runs.measures("recordings", scene=scene) for scene in RECORDING_SEEDS]
+    return table(["recording", *RECORDING_SEEDS], [*rows, ["all", *map(count_verified, found)]])
+
+
+def failures_table(runs: Runs, scene: str) -> str:
+    """Return the table of what failed on a scene from recordings: which constraint, and by how much."""
+    rows = [
+        [o.job.movement, str(o.job.seed), what_failed(o.measures), str(o.measures.generations)]
+        for o in failures(runs, scene)
+    ]
+    return table(["recording", "seed", "what failed", "generations"], rows)
+
+
+def what_failed(m: Measures) -> str:
+    """Return the constraints that a motion breaks and by how much, in the judge's words; of distances the worst."""
+    others = [reason for reason in m.reasons if not reason.startswith(DISTANCE)]
+    if len(others) < len(m.reasons):
+        others.insert(0, f"a distance is off by up to {m.distance_error:.3g} m")
+    return "; ".join(others)
 
 
 def encounters_table(runs: Runs) -> str:
