@@ -1,6 +1,13 @@
 """Shared by all tests."""
 
+import os
+
 from hypothesis import settings
+
+from comove.planning.compiling import ALONE
+
+# Every core runs tests: helpers that compile would only compile the same twice.
+os.environ.setdefault(ALONE, "1")
 
 # The same examples every time; `pytest --hypothesis-profile=explore` looks for new ones.
 settings.register_profile("explore", deadline=None)
