@@ -35,7 +35,7 @@ TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\
 
 @dataclass(frozen=True)
 class SceneKind:
-    """What a scene has that kernels are compiled for.
+    """The traits of a scene that kernels are compiled for.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ class Surroundings(NamedTuple):
     n_owners: int
 
 
-class Passage(NamedTuple):
+class Transit(NamedTuple):
     """A movement through its surroundings.
 
     Attributes
@@ -128,7 +128,7 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
         from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
-    passage = Passage(around, nodes, offsets, _way(nodes))
+    transit = Transit(around, nodes, offsets, _way(nodes))
     n_samples, n_rows, n_meshes = nodes.shape[0], around.table.shape[0], count_meshes(around.surfaces)
     n_parts = around.edges.shape[0] + count_solids(around.solids)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
@@ -137,7 +137,7 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
     for part in range(n_parts):
         for thing in range(n_rows + n_meshes):
             row, owner = _whose(around, thing)
-            if not _look_along(passage, part, thing, row, cutoff, distance, tau, points):
+            if not _look_along(transit, part, thing, row, cutoff, distance, tau, points):
                 continue
             for s in range(n_samples):
                 least[owner] = min(least[owner], distance[s])
@@ -147,12 +147,12 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
                 nearest = distance[s] <= distance[s - 1] and distance[s] <= distance[s + 1]
                 if not _kept(s, distance[s], nearest):
                     continue
-                _look(passage, part, thing, row, s, tau[s], cutoff, points)
-                _describe(passage, part, thing, row, s, tau[s], points, contact)
+                _look(transit, part, thing, row, s, tau[s], cutoff, points)
+                _describe(transit, part, thing, row, s, tau[s], points, contact)
                 contact[DISTANCE], contact[OWNER] = distance[s], owner
                 n = _written(contact, found, n)
                 if distance[s] < CLOSE and thing < n_rows:
-                    n = _ends(passage, part, thing, row, cutoff, contact, found, n)
+                    n = _ends(transit, part, thing, row, cutoff, contact, found, n)
     n = _border(around, nodes, cutoff, found, least, n)
     return _apart(around, nodes, cutoff, found, least, n)
 
@@ -235,19 +235,19 @@ def _moves(offsets, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look_along(passage, part, thing, row, cutoff, distance, tau, points):
+def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     """Write the distance of a part from a thing at every sample, and the nearest places between samples.
 
     Returns
     -------
     bool, whether any distance is below `cutoff`
     """
-    way, moves = passage.way, _moves(passage.offsets, row)
+    way, moves = transit.way, _moves(transit.offsets, row)
     n_samples, any_near, far = way.shape[0], False, cutoff + CLOSE
     distance[:], tau[:] = far, 0.0
     for s in range(0, n_samples, COARSE):
-        if _apart_at_least(passage, part, thing, row, s, far) < far:
-            distance[s] = _look(passage, part, thing, row, s, 0.0, far, points)
+        if _apart_at_least(transit, part, thing, row, s, far) < far:
+            distance[s] = _look(transit, part, thing, row, s, 0.0, far, points)
     for first in range(0, n_samples - 1, COARSE):
         last = min(first + COARSE, n_samples - 1)
         between = min(distance[first], distance[last])
@@ -255,8 +255,8 @@ def _look_along(passage, part, thing, row, cutoff, distance, tau, points):
         worth = moves or between - 0.5 * (way[last] - way[first]) <= min(CLOSE, cutoff)
         for s in range(first + 1, last):
             distance[s] = between
-            if worth and _apart_at_least(passage, part, thing, row, s, cutoff) < cutoff:
-                distance[s] = _look(passage, part, thing, row, s, 0.0, cutoff, points)
+            if worth and _apart_at_least(transit, part, thing, row, s, cutoff) < cutoff:
+                distance[s] = _look(transit, part, thing, row, s, 0.0, cutoff, points)
     for s in range(n_samples):
         distance[s] = min(distance[s], cutoff)
         any_near = any_near or distance[s] < cutoff
@@ -271,7 +271,7 @@ def _look_along(passage, part, thing, row, cutoff, distance, tau, points):
                 middle = tau[s]
                 for sign in (-1.0, 1.0):
                     place = middle + sign * step
-                    between = _look(passage, part, thing, row, s, place, cutoff, points)
+                    between = _look(transit, part, thing, row, s, place, cutoff, points)
                     if between < distance[s]:
                         distance[s], tau[s] = between, place
                 step *= 0.5
@@ -280,9 +280,9 @@ def _look_along(passage, part, thing, row, cutoff, distance, tau, points):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _apart_at_least(passage, part, thing, row, s, enough):
+def _apart_at_least(transit, part, thing, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
-    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
+    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
     n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
     middle, reach, corners = np.zeros(3), 0.0, _corners(around.solids, around.edges, part)
     for i in corners:
@@ -321,13 +321,13 @@ def _from_box_of_mesh(surfaces, mesh, point):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _look(passage, part, thing, row, s, tau, cutoff, points):
+def _look(transit, part, thing, row, s, tau, cutoff, points):
     """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
     Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
     mesh, its direction from the thing.
     """
-    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
+    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
     corners = _corners(around.solids, around.edges, part)
@@ -377,9 +377,9 @@ def _near_solid(solids, table, thing, points, cutoff, near):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _describe(passage, part, thing, row, s, tau, points, contact):
+def _describe(transit, part, thing, row, s, tau, points, contact):
     """Write the contact that `_look` has just found, except its distance and owner."""
-    around, offsets = passage.around, passage.offsets
+    around, offsets = transit.around, transit.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
     w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
     near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
@@ -405,9 +405,9 @@ def _away_from_solid(solids, table, thing, near, normal):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ends(passage, part, thing, row, cutoff, contact, found, n):
+def _ends(transit, part, thing, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
-    around, nodes, offsets = passage.around, passage.nodes, passage.offsets
+    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     corners = _corners(around.solids, around.edges, part)

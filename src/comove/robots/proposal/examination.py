@@ -1,4 +1,4 @@
-"""What can be said of a robot before it carries anything: reach, the space that arms share, its home, what lacks."""
+"""An examination of a robot before it carries anything: reach, the space that arms share, its home, what lacks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OFTEN = 0.5  # share of random configurations from which on a pair is told
 
 @dataclass(frozen=True)
 class ArmFindings:
-    """What was found of an arm.
+    """The findings about an arm.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class ArmFindings:
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found of a robot.
+    """The findings about a robot.
 
     Attributes
     ----------
