@@ -109,6 +109,7 @@ def main() -> None:
                 show,
                 solve,
                 verify,
+                view,
             )
 
             app()

@@ -73,6 +73,10 @@ class Link:
         }
         return self._put(header)
 
+    def drop(self) -> int:
+        """Take a number that no answer will have, as what is shown is no scene; answers to earlier drafts are old."""
+        return next(self._numbers)
+
     def save(self, of: int, target: Path) -> int:
         """Ask for the result of a draft to be written into a folder; return the number by which the answer names it."""
         return self._put({"kind": "save", "id": next(self._numbers), "of": of, "target": str(target)})
