@@ -130,7 +130,7 @@ def contents_of(scene: Scene) -> Contents:
 
 
 def grips_of(scene: Scene) -> tuple[Grip, ...]:
-    """Return everything in a scene that can be moved: its obstacles, then the starts and goals of its rigid groups."""
+    """Return everything in a scene that can be moved: obstacles, then starts and goals of its rigid groups."""
     found = [
         Grip("obstacle", i, turns=obstacle.shape != "sphere")
         for i, obstacle in enumerate(scene.file.obstacles)

@@ -1,9 +1,9 @@
 """Who may come in: the check of every request before the page's server sees it; knows no viewer.
 
-A page on this machine is reached by any site that the user's browser visits, unless it refuses what other sites send.
-So the host that is asked for must be one of ours (else a name of another's could be led here), and what is opened from a
-page must come from a page of ours. A server that others can reach lets in only those who know its token; it is given once
-in the address, and kept by the browser in a cookie that no other site can send.
+A page on this machine is reached by any site that the user's browser visits, unless it refuses what other sites
+send. So the host that is asked for must be one of ours, else a name of another's could be led here; and what is
+opened from a page must come from a page of ours. A server that others can reach lets in only those who know its
+token; it is given once in the address, and kept by the browser in a cookie that no other site can send.
 """
 
 from __future__ import annotations

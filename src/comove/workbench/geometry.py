@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry import distances as sd
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_faces, outline, support_points
@@ -181,10 +180,9 @@ def workspace_lines(scene: Scene) -> Array:
     """Return the edges of the workspace; array, shape (n_edges, 2, 3) [m]."""
     low, high = np.zeros(3), np.zeros(3)
     low[: scene.n_dims], high[: scene.n_dims] = scene.lower, scene.upper
-    corners = np.array([[(low, high)[(i >> a) & 1][a] for a in range(3)] for i in range(8)])
-    pairs = [(i, i | 1 << a) for i in range(8) for a in range(scene.n_dims) if not i >> a & 1]
-    lines = corners[pairs]
-    return lines[lines[:, 0, 2] == low[2]] if scene.n_dims == 2 else lines
+    numbers = range(2**scene.n_dims)
+    corners = np.array([[(low, high)[(i >> a) & 1][a] for a in range(3)] for i in numbers])
+    return corners[[(i, i | 1 << a) for i in numbers for a in range(scene.n_dims) if not i >> a & 1]]
 
 
 def segments_of(path: Array) -> Array:

@@ -78,7 +78,7 @@ class Link:
         return next(self._numbers)
 
     def save(self, of: int, target: Path) -> int:
-        """Ask for the result of a draft to be written into a folder; return the number by which the answer names it."""
+        """Ask for the result of a draft to be written into a folder; return the number of the answer."""
         return self._put({"kind": "save", "id": next(self._numbers), "of": of, "target": str(target)})
 
     def _put(self, header: dict[str, Any]) -> int:

@@ -43,6 +43,7 @@ class Panels:
         self._plots: dict[str, Any] = {}
         self._data: dict[str, list[Array]] = {}
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        gui.main_panel.dock_right()
         if names:
             self._add("example", gui.add_dropdown("example", names, initial_value=chosen))
         self.verdict = gui.add_markdown("")

@@ -38,7 +38,7 @@ def write_message(stream: IO[bytes], message: Message) -> None:
     header = json.dumps(dict(message.header), allow_nan=True).encode()
     packed = io.BytesIO()
     if message.arrays:
-        np.savez(packed, allow_pickle=False, **message.arrays)  # type: ignore[arg-type]  # stubs know no arrays
+        np.savez(packed, allow_pickle=False, **message.arrays)
     arrays = packed.getvalue()
     stream.write(HEAD.pack(len(header), len(arrays)) + header + arrays)
     stream.flush()

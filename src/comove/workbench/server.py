@@ -11,6 +11,7 @@ import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from comove.errors import ExtraError, OptionError
@@ -121,7 +122,7 @@ def _free_port(host: str, port: int | None) -> int:
 @contextmanager
 def _behind(gate: Gate) -> Iterator[list[int]]:
     """Put servers that are started in this context behind a gate; yields a list of their ports."""
-    from websockets.asyncio import server as websockets
+    websockets: Any = import_module("websockets.asyncio.server")
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 

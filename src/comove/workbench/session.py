@@ -1,7 +1,7 @@
 """One page: its scene, its history, its planner, and what happens when a person drags, presses or waits.
 
-Everything here runs on the viewer's event loop, one step at a time, so nothing is locked. The planner answers from a thread
-of its own, and its answers are handed to the loop.
+Everything here runs on the viewer's event loop, one step at a time, so nothing is locked. The planner answers from a
+thread of its own, and its answers are handed to the loop.
 """
 
 from __future__ import annotations
@@ -93,6 +93,8 @@ class Session:
         self.stage: Stage | None = None
         self.link: Link | None = None
         self.gizmo: Any = None
+        self.selected: Grip | None = None
+        self.grips: dict[Grip, Any] = {}
         self.held: Hold | None = None
         self.asked, self.answered, self.solved = -1, -1, -1
         self.playing, self.pace, self.time = True, 1.0, 0.0
@@ -112,27 +114,30 @@ class Session:
             self.link.close()
         self.link = Link(path.parent, self._hand_over)
         self.history = History((Draft(contents_of(scene)),))
-        self.time = 0.0
+        self.time, self.stage, self.selected = 0.0, None, None
         self.panels.forget_plots()
-        self.client.scene.reset()
         self._lay(scene)
         self._look()
         self._ask()
 
     def _lay(self, scene: Scene) -> None:
         """Draw a scene that has been read."""
-        self._drop_gizmo()
+        selected, self.gizmo, self.selected = self.selected, None, None
         shown = self.stage.recording if self.stage is not None else None
         again = self.stage is not None and self.stage.scene.manipulators == scene.manipulators
         self.client.scene.reset()
         self.scene = scene
         self.stage = Stage(self.client.scene, scene)
         self.stage.draw_scene(_demonstrated(scene))
-        self.stage.on_grip(self._make_draggable)
+        self.grips = self.stage.grips()
+        for grip, handle in self.grips.items():
+            self._make_draggable(grip, handle)
+        if selected is not None and selected in self.grips:
+            self._show_gizmo(selected, self.grips[selected])
         self.panels.fill(self.history.now, scene)
-        if shown is not None and again and shown.nodes.shape[1] == scene.body.n_nodes:
-            if shown.offsets.shape[1] == len(scene.file.obstacles):
-                self.stage.draw_motion(shown, pale=True)
+        alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
+        if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
+            self.stage.draw_motion(shown, pale=True)
 
     def _look(self) -> None:
         if self.stage is None:
@@ -160,17 +165,17 @@ class Session:
             contents = self.history.now.contents
             place, taken = place_of(contents, grip), np.array(event.start_position, dtype=float)
             self.held = Hold(grip, contents, place, taken, np.array([1.0, 0.0, 0.0, 0.0]))
-        pointer = np.array(event.end_position, dtype=float)
-        if self.scene.n_dims == 2:
+        pointer: Array | None = np.array(event.end_position, dtype=float)
+        if self.scene.n_dims == 2 and pointer is not None:
             pointer = _on_plane(np.array(self.client.camera.position), pointer, self.held.taken[2])
         if pointer is None or not np.isfinite(pointer).all():
             return
         to = self.held.place + pointer - self.held.taken
         if self.scene.n_dims == 2:
             to[2] = 0.0
-        self.move(grip, to, None, last=event.phase == "end")
         lift = self.stage.lift if self.stage is not None and grip.kind != "obstacle" else 0.0
         handle.position = tuple(to + [0.0, 0.0, lift])
+        self.move(grip, to, None, last=event.phase == "end")
 
     def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
         """Move a grip, from how it was when it was taken, and ask for the motion.
@@ -194,7 +199,9 @@ class Session:
 
     def _show_gizmo(self, grip: Grip, handle: Any) -> None:
         """Show arrows and rings at something that was clicked."""
-        self._drop_gizmo()
+        if self.gizmo is not None:
+            self.gizmo.remove()
+        self.selected = grip
         planar = self.scene.n_dims == 2
         place = np.array(handle.position, dtype=float)
         side = float((self.scene.upper - self.scene.lower).max())
@@ -222,22 +229,12 @@ class Session:
             self.held = Hold(grip, contents, place_of(contents, grip), place, turn)
         held = self.held
         by = quaternion_product(turn, conjugate(held.quaternion))
-        if abs(by[0]) > 1 - 1e-12 or not grip.turns:
-            by_turn = None
-        else:
-            by_turn = by
+        by_turn = by if grip.turns and abs(by[0]) < 1 - 1e-12 else None
         to = held.place + place - held.taken
+        handle.position = tuple(place)
+        if grip.kind == "obstacle":
+            handle.wxyz = tuple(by)
         self.move(grip, to, by_turn, last=event.phase == "end")
-        if not handle._impl.removed:
-            handle.position = tuple(place)
-            if grip.kind == "obstacle":
-                handle.wxyz = tuple(by)
-
-    def _drop_gizmo(self) -> None:
-        if self.gizmo is not None:
-            with suppress(Exception):
-                self.gizmo.remove()
-            self.gizmo = None
 
     def _name(self, grip: Grip) -> str:
         if grip.kind == "obstacle":
@@ -399,11 +396,11 @@ class Session:
         if not newest:
             return
         self.solved = header["id"] if header["kind"] == "solved" else self.solved
-        self.panels.say(verdict_words(header["kind"], seconds=header["verified_after"]))
-        if self.held is None:
-            self.panels.plot(recording, self.scene.manipulators)
-            words = measures_words(header["report"], self.scene, header["duration"])
-            self.panels.measures.content = words + self._tightest_words(recording)
+        first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
+        self.panels.say(verdict_words(header["kind"], seconds=None if first else header["verified_after"]))
+        self.panels.plot(recording, self.scene.manipulators)
+        words = measures_words(header["report"], self.scene, header["duration"])
+        self.panels.measures.content = words + self._tightest_words(recording)
 
     def _tightest_words(self, recording: Recording) -> str:
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])

@@ -5,7 +5,6 @@ Everything is added under a name; what is added again under the same name takes 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,7 +36,7 @@ BLOCKS = colour_of("#d7263d")
 N_GHOSTS = 9
 COMFORT = 0.05  # of the longest side: clearance from which the path is green
 GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
-ROOM_OF_VIEW = 1.25  # of the workspace's width: how much is seen
+ROOM_OF_VIEW = 0.95  # of the longest side: how far off the camera stands
 
 
 @dataclass(eq=False)
@@ -192,9 +191,9 @@ class Stage:
                 vertices,
                 faces,
                 batched_positions=np.zeros((N_GHOSTS, 3), dtype=np.float32),
-                batched_wxyzs=np.tile(np.float32([1.0, 0.0, 0.0, 0.0]), (N_GHOSTS, 1)),
+                batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (N_GHOSTS, 1)).astype(np.float32),
                 batched_colors=colour,
-                opacity=0.12 if pale else 0.22,
+                opacity=0.15 if pale else 0.4,
                 lod="off",
                 cast_shadow=False,
                 receive_shadow=False,
@@ -252,11 +251,12 @@ class Stage:
             if tuple(handle.color) != wanted:
                 handle.color = wanted
 
-    def on_grip(self, taken: Callable[[Grip, Any], None]) -> None:
-        """Call a function with the grip and the viewer's handle of everything that can be taken."""
-        for grip in grips_of(self.scene):
-            handle = self.obstacles[grip.number] if grip.kind == "obstacle" else self.marks[grip.name]
-            taken(grip, handle)
+    def grips(self) -> dict[Grip, Any]:
+        """Return everything that can be taken, with the viewer's handle of it."""
+        return {
+            grip: self.obstacles[grip.number] if grip.kind == "obstacle" else self.marks[grip.name]
+            for grip in grips_of(self.scene)
+        }
 
     def camera(self) -> tuple[Array, Array, Array]:
         """Return where a camera should stand, what it should look at, and what is up; arrays, shape (3,)."""

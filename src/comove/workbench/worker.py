@@ -3,10 +3,10 @@
 `python -m comove.workbench.worker` reads messages from standard input and answers on standard output, as
 `comove.workbench.protocol` writes them. It ends when the other end closes.
 
-A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified, it
-stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is found,
-better ones follow, and the last answer is the best. A newer draft ends the search, but not before it had `PATIENCE` to
-find its first motion: so a plan follows a hand that never rests.
+A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified,
+it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
+found, better ones follow, and the last answer is the best. A newer draft ends the search, but not before it had
+`PATIENCE` to find its first motion: so a plan follows a hand that never rests.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
@@ -105,7 +106,7 @@ class Mailbox:
 
 
 class Worker:
-    """Answers drafts and keeps the last verified motion, by which the next draft is answered at once if it still holds.
+    """Answers drafts; the last verified motion answers the next draft at once, if it still holds.
 
     Parameters
     ----------
@@ -291,10 +292,8 @@ def main() -> None:
             write_message(answers, message)
 
     threading.Thread(target=read, daemon=True).start()
-    try:
+    with suppress(BrokenPipeError, KeyboardInterrupt):
         Worker(mailbox, tell).run()
-    except (BrokenPipeError, KeyboardInterrupt):
-        pass
     os._exit(0)  # the thread that reads still waits
 
 
