@@ -51,18 +51,21 @@ class Link:
         """Return the number of the process."""
         return self._process.pid
 
-    def submit(self, draft: Draft, *, dragging: bool = False, budget: float = BUDGET) -> int:
+    def submit(
+        self, draft: Draft, *, dragging: bool = False, budget: float = BUDGET, result: Path | None = None
+    ) -> int:
         """Send a draft, which replaces the one before; return the number by which answers name it.
 
         Parameters
         ----------
         dragging : whether more will follow at once: a motion that is still verified is then good enough
         budget : time of the search [s]
+        result : result folder whose motion is wanted instead of a search
         """
         header = {
             "kind": "draft",
             "id": next(self._numbers),
-            "folder": str(self.folder),
+            "folder": str(self.folder.absolute()),
             "contents": draft.contents,
             "method": draft.method,
             "objective": draft.objective,
@@ -70,6 +73,7 @@ class Link:
             "seed": draft.seed,
             "budget": budget,
             "dragging": dragging,
+            "result": None if result is None else str(result.absolute()),
         }
         return self._put(header)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from comove.workbench.server import Guarded, start
-from comove.workbench.session import Session, Shelf
+from comove.workbench.session import Session
+from comove.workbench.shelf import Shelf
 from comove.workbench.words import plain_text
 
 MOST_PAGES = 6  # at once, as each has a planner

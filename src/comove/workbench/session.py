@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveError, ComoveWarning
 from comove.geometry.rotations import conjugate, quaternion_product
-from comove.planning import carried_demonstration, movements_of
-from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.workbench.edits import (
     Draft,
@@ -38,7 +36,8 @@ from comove.workbench.panels import Panels
 from comove.workbench.protocol import Message
 from comove.workbench.recording import Recording
 from comove.workbench.saving import save_scene, target_in
-from comove.workbench.stage import Stage
+from comove.workbench.shelf import Shelf, read_scene
+from comove.workbench.stage import Stage, demonstrated
 from comove.workbench.words import measures_words, plain_text, verdict_words
 
 Array = NDArray[np.float64]
@@ -46,23 +45,7 @@ Array = NDArray[np.float64]
 FRAME = 1 / 30  # s, between states while playing
 POINTED = 6  # frames, after which the plots' line follows
 END_PAUSE = 0.7  # s, at the end before playing begins again
-VERIFIED = ("kept", "found", "solved")
-
-
-@dataclass(frozen=True)
-class Shelf:
-    """The scenes that a page can show.
-
-    Attributes
-    ----------
-    scenes : files by name
-    first : name of the one that is shown first
-    folder : folder that the save buttons write into
-    """
-
-    scenes: Mapping[str, Path]
-    first: str
-    folder: Path
+VERIFIED = ("stored", "kept", "found", "solved")
 
 
 @dataclass
@@ -107,9 +90,7 @@ class Session:
     def open(self, name: str) -> None:
         """Show a scene of the shelf, and ask for its motion."""
         path = self.shelf.scenes[name]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ComoveWarning)
-            scene = Scene.load(path)
+        scene = read_scene(path)
         if self.link is not None:
             self.link.close()
         self.link = Link(path.parent, self._hand_over)
@@ -118,7 +99,7 @@ class Session:
         self.panels.forget_plots()
         self._lay(scene)
         self._look()
-        self._ask()
+        self._ask(result=self.shelf.result)
 
     def _lay(self, scene: Scene) -> None:
         """Draw a scene that has been read."""
@@ -128,7 +109,7 @@ class Session:
         self.client.scene.reset()
         self.scene = scene
         self.stage = Stage(self.client.scene, scene)
-        self.stage.draw_scene(_demonstrated(scene))
+        self.stage.draw_scene(demonstrated(scene))
         self.grips = self.stage.grips()
         for grip, handle in self.grips.items():
             self._make_draggable(grip, handle)
@@ -267,10 +248,10 @@ class Session:
     def _source(self) -> Path:
         return self.link.folder if self.link is not None else self.shelf.folder
 
-    def _ask(self, draft: Draft | None = None, *, dragging: bool = False) -> None:
+    def _ask(self, draft: Draft | None = None, *, dragging: bool = False, result: Path | None = None) -> None:
         if self.link is None:
             return
-        self.asked = self.link.submit(draft or self.history.now, dragging=dragging)
+        self.asked = self.link.submit(draft or self.history.now, dragging=dragging, result=result)
         if self.stage is not None:
             self.stage.blame(None)
         if not dragging:
@@ -443,15 +424,6 @@ class Session:
         self._player.cancel()
         if self.link is not None:
             self.link.close()
-
-
-def _demonstrated(scene: Scene) -> Array | None:
-    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read."""
-    try:
-        taught = movements_of(demonstration_of(scene), scene)
-        return None if taught is None else carried_demonstration(taught, scene)
-    except (ComoveError, OSError):
-        return None
 
 
 def _on_plane(camera: Array, through: Array, height: float) -> Array | None:

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.errors import ComoveError
+from comove.planning import carried_demonstration, movements_of
+from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS, GOAL, MOVING, START
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
@@ -79,6 +82,10 @@ class Stage:
         for grip in grips_of(self.scene):
             if grip.kind != "obstacle":
                 self._draw_mark(grip)
+        for i in np.flatnonzero(self.scene.moving):
+            way = self.scene.offsets(np.linspace(0.0, self.scene.file.duration or 1.0, 101))[:, i]
+            path = self.scene.centers[i] + way + [0.0, 0.0, 0.5 * self.lift]
+            self._lines(f"way_{i}", segments_of(path)[::2], colour_of(MOVING), 1.5)
         if demonstration is not None:
             for hand in range(demonstration.shape[1]):
                 path = demonstration[:, hand] + [0.0, 0.0, 1.1 * self.lift]
@@ -214,6 +221,7 @@ class Stage:
         self._motion["path"] = self._lines("path_load", center, colours, 5.0)
         at = recording.nodes[recording.index_at(float(recording.tightest[0]))]
         edges = [edge for edge in self.scene.body.edges.tolist() if edge[0] != edge[1]]
+        edges = edges or [[hand, hand + 1] for hand in range(recording.speed.shape[1] - 1)]
         if pale or not edges:
             if tightest := self._motion.pop("tightest", None):
                 tightest.remove()
@@ -270,6 +278,15 @@ class Stage:
         heading = float(np.arctan2(way[1], way[0])) - np.radians(62.0)
         away = np.array([np.cos(heading), np.sin(heading), 0.65]) * 1.35 * ROOM_OF_VIEW * self.side
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
+
+
+def demonstrated(scene: Scene) -> Array | None:
+    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read."""
+    try:
+        taught = movements_of(demonstration_of(scene), scene)
+        return None if taught is None else carried_demonstration(taught, scene)
+    except (ComoveError, OSError):
+        return None
 
 
 def _same_bodies(first: tuple[Piece, ...], second: tuple[Piece, ...]) -> bool:

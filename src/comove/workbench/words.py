@@ -30,7 +30,7 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
 
     Parameters
     ----------
-    kind : "kept", "found", "solved", "failed", "waiting", "compiling" or "ended"
+    kind : "stored", "kept", "found", "solved", "failed", "waiting", "compiling" or "ended"
     reasons : why there is no verified motion
     seconds : time from the change to the verified motion [s]
     """
@@ -39,6 +39,8 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
         return f"**Verified**{after}. The search is done."
     if kind == "found":
         return f"**Verified**{after}. Searching for a better one ..."
+    if kind == "stored":
+        return "**Verified**, anew from the result's files."
     if kind == "kept":
         return f"**Verified**{after}: the motion shown still holds."
     if kind == "waiting":
@@ -52,7 +54,15 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
 
 
 def measures_words(report: Mapping[str, float], scene: Scene, duration: float) -> str:
-    """Return what is proved of a motion at every instant, as a table in Markdown.
+    """Return what is proved of a motion at every instant, as a table in Markdown; see `measures_of`."""
+    lines = "\n".join(
+        f"| {name} | {said} | {asked} |" for name, said, asked in measures_of(report, scene, duration)
+    )
+    return f"| at every instant | proved | asked for |\n|---|---|---|\n{lines}"
+
+
+def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> list[tuple[str, str, str]]:
+    """Return what is proved of a motion at every instant: of what, by how much, and what the scene asks for.
 
     Parameters
     ----------
@@ -85,8 +95,7 @@ def measures_words(report: Mapping[str, float], scene: Scene, duration: float) -
     if "height_error_max" in report:
         rows.append(("same height", f"off by {report['height_error_max']:.2g} m at most", ""))
     rows.append(("duration", f"{duration:.4g} s", ""))
-    lines = "\n".join(f"| {name} | {said} | {asked} |" for name, said, asked in rows)
-    return f"| at every instant | proved | asked for |\n|---|---|---|\n{lines}"
+    return rows
 
 
 def _at_least(value: float, factor: float, unit: str) -> str:

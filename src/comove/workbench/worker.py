@@ -45,6 +45,8 @@ from comove.planning import (
 from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import objective_of_scene
 from comove.planning.pace import with_limits
+from comove.results import filled_in, read_result, verify_result
+from comove.results.solution import rebuild
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import Report, VerifiedMotion, verify
@@ -141,9 +143,30 @@ class Worker:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
             scene = Scene.from_dict(header["contents"], folder=header["folder"])
+        if header["result"] is not None:
+            self._stored(scene, header, begun)
+            return
         if self._still_verified(scene, header, begun) and header["dragging"]:
             return
         self._search(scene, header, begun)
+
+    def _stored(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
+        """Judge the motion of a result folder anew, and tell of it.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds no result of this scene.
+        """
+        stored = read_result(header["result"])
+        scene = filled_in(scene, stored)
+        verdict = verify_result(stored, scene)
+        if verdict.verified is None:
+            attempt = Recording.of(rebuild(stored.arrays, scene))
+            self._send(header, "failed", attempt, begun, reasons=list(verdict.reasons))
+            return
+        self.kept = verdict.verified.motion
+        self._found(verdict.verified, header, begun, "stored")
 
     def _still_verified(self, scene: Scene, header: Mapping[str, Any], begun: float) -> bool:
         """Return whether the motion that is shown is verified on a changed scene as well; it is told if it is."""
