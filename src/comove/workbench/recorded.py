@@ -25,7 +25,7 @@ from comove.workbench.words import measures_of
 POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:"
 """Of the page: nothing is loaded from anywhere."""
 STYLE = (
-    "position:fixed;left:12px;top:12px;max-width:22em;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
+    "position:fixed;right:12px;top:12px;max-width:22em;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
     "background:rgba(255,255,255,.9);border-radius:8px;box-shadow:0 1px 6px rgba(0,0,0,.2);"
     "font:13px/1.45 system-ui,sans-serif;color:#1a1a1a"
 )

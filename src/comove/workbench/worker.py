@@ -5,8 +5,8 @@
 
 A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified,
 it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
-found, better ones follow, and the last answer is the best. A newer draft ends the search, but not before it had
-`PATIENCE` to find its first motion: so a plan follows a hand that never rests.
+found, better ones follow, and the last answer is the best. A newer draft ends the search, but while the hand still
+drags not before it had `PATIENCE` to find its first motion: so a plan follows a hand that never rests.
 """
 
 from __future__ import annotations
@@ -100,6 +100,12 @@ class Mailbox:
     def waiting(self) -> bool:
         """Return whether a newer draft waits."""
         return self._draft is not None
+
+    @property
+    def let_go(self) -> bool:
+        """Return whether a newer draft waits after which none follows at once, so that it need not be put off."""
+        draft = self._draft
+        return draft is not None and not draft.header["dragging"]
 
     @property
     def closed(self) -> bool:
@@ -202,7 +208,7 @@ class Worker:
                 self._found(verified, header, begun, "found")
 
         def stop() -> bool:
-            patient = not told and time.perf_counter() - begun < PATIENCE
+            patient = not told and not self.mailbox.let_go and time.perf_counter() - begun < PATIENCE
             return self.mailbox.closed or (self.mailbox.waiting and not patient)
 
         solution = solve(
