@@ -2,10 +2,10 @@
 
     python benchmarks/workbench.py [--drags 100] [SCENE ...]
 
-Every drag takes an obstacle, a start or a goal, and moves it in `STEPS` steps to a random place near its own, as a hand
-would: a step every `PERIOD`. What is timed is what the page does: the draft goes to the planner's process, and its first
-verified answer to the last step comes back with all that is drawn. Drags that end where no scene can be (a start inside
-an obstacle) or where no motion is found are counted apart, with the time after which the page says so.
+Every drag takes an obstacle, a start or a goal, and moves it in `STEPS` steps to a random place near its own, as a
+hand would: a step every `PERIOD`. What is timed is what the page does: the draft goes to the planner's process, and
+its first verified answer to the last step comes back with all that is drawn. Drags that end where no scene can be (a
+start inside an obstacle), or where no motion is found, are counted apart, with the time after which the page says so.
 """
 
 import argparse
@@ -104,7 +104,9 @@ def main():
     print(
         f"{options.drags} drags a scene; times in ms after the last movement: median and 95 %; memory in MB"
     )
-    print("scene          found  med.   95 %   kept   anew  med.   95 %   none  med.   95 %   before  after")
+    print(
+        "scene          found  med.   95 %   kept   anew  med.   95 %   none  med.   95 %   memory: before, after"
+    )
     for path in options.scenes:
         measured(path, options.drags, options.seed)
 

@@ -63,6 +63,9 @@ class Bench:
         self.page.on("console", self._heard)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.goto(self.guarded.address)
+        self.page.add_style_tag(
+            content=".mantine-Notifications-root {display: none}"
+        )  # on software rendering
         self.says("Verified")
 
     def _heard(self, message):
@@ -81,8 +84,6 @@ class Bench:
     def settle(self):
         """Wait until the planner has answered, and the browser has drawn it."""
         self.until(lambda: self.session.solved == self.session.asked and self.session.held is None)
-        with contextlib.suppress(Exception):  # the viewer's remark on software rendering
-            self.page.locator(".mantine-Notification-closeButton").first.click(timeout=500)
         self.page.wait_for_timeout(1500)
 
     def until(self, condition):

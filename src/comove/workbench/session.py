@@ -38,7 +38,7 @@ from comove.workbench.recording import Recording
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Shelf, read_scene
 from comove.workbench.stage import Stage, demonstrated
-from comove.workbench.words import measures_words, plain_text, verdict_words
+from comove.workbench.words import measures_words, plain_text, robot_words, verdict_words
 
 Array = NDArray[np.float64]
 
@@ -381,7 +381,7 @@ class Session:
         self.panels.say(verdict_words(header["kind"], seconds=None if first else header["verified_after"]))
         self.panels.plot(recording, self.scene.manipulators)
         words = measures_words(header["report"], self.scene, header["duration"])
-        self.panels.measures.content = words + self._tightest_words(recording)
+        self.panels.measures.content = words + self._tightest_words(recording) + robot_words(self.scene)
 
     def _tightest_words(self, recording: Recording) -> str:
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])

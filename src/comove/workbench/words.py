@@ -32,11 +32,11 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
     ----------
     kind : "stored", "kept", "found", "solved", "failed", "waiting", "compiling" or "ended"
     reasons : why there is no verified motion
-    seconds : time from the change to the verified motion [s]
+    seconds : time from the change to the first verified motion [s]
     """
     after = "" if seconds is None else f" {1e3 * seconds:.0f} ms after the change"
     if kind == "solved":
-        return f"**Verified**{after}. The search is done."
+        return f"**Verified**{after}. The search is done; this is the best it found."
     if kind == "found":
         return f"**Verified**{after}. Searching for a better one ..."
     if kind == "stored":
@@ -96,6 +96,13 @@ def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> l
         rows.append(("same height", f"off by {report['height_error_max']:.2g} m at most", ""))
     rows.append(("duration", f"{duration:.4g} s", ""))
     return rows
+
+
+def robot_words(scene: Scene) -> str:
+    """Return what must be said where the hands are a robot's; empty where they are not."""
+    if not scene.file.on_robot:
+        return ""
+    return "\n\nThis is the motion of the hands alone: `comove robot solve` finds that of the arms, and proves it."
 
 
 def _at_least(value: float, factor: float, unit: str) -> str:

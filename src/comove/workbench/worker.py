@@ -127,6 +127,7 @@ class Worker:
         self.kept: CoordinatedMotion | None = None
         self.solution: tuple[int, Solution] | None = None
         self._taught: tuple[str, Any] | None = None
+        self._first: tuple[int, float] = (-1, 0.0)
 
     def run(self) -> None:
         """Answer messages until the mailbox is closed."""
@@ -264,9 +265,11 @@ class Worker:
         kind: str,
         **further: Any,
     ) -> None:
-        motion, first = verified.motion, time.perf_counter() - begun
+        motion, now = verified.motion, time.perf_counter() - begun
+        if self._first[0] != header["id"]:
+            self._first = header["id"], now
         recording = Recording.of(motion)
-        further |= {"report": _numbers(verified.report), "verified_after": first}
+        further |= {"report": _numbers(verified.report), "verified_after": self._first[1]}
         self._send(header, kind, recording, begun, duration=motion.scene.duration, **further)
 
     def _send(
