@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/workbench.md with a real browser: `python -m tests.workbench.pictures docs`."""
+"""Draw the pictures of docs/workbench.md with a real browser: `python -m tests.workbench.pictures docs [NAME ...]`."""
 
 import sys
 from pathlib import Path
@@ -34,6 +34,16 @@ def refused(bench):
     bench.page.wait_for_timeout(2500)
 
 
+def compared(bench):
+    """Show the paper's method beside comove's own."""
+    bench.tab("Compare")
+    bench.session.loop.call_soon_threadsafe(bench.session.changed, "beside", "paper")
+    bench.session.panels.controls["beside"].value = "paper"
+    bench.until(lambda: "**paper**: **" in bench.session.panels.beside.content)
+    bench.until(lambda: "Searching" not in bench.session.panels.beside.content)
+    show_at(bench, 4.5)
+
+
 def show_at(bench, time):
     """Stop at an instant."""
     bench.session.loop.call_soon_threadsafe(bench.session.changed, "time", time)
@@ -44,13 +54,15 @@ PICTURES = {
     "workbench_planar": ("narrow", planar),
     "workbench_spatial": ("window", spatial),
     "workbench_refused": ("narrow", refused),
+    "workbench_compared": ("narrow", compared),
 }
 
 
-def main(folder):
-    """Draw all pictures into a folder."""
+def main(folder, *names):
+    """Draw pictures, all unless named, into a folder."""
     with browser() as chromium:
-        for name, (scene, pose) in PICTURES.items():
+        for name in names or PICTURES:
+            scene, pose = PICTURES[name]
             bench = Bench(chromium, shelf_of(example_path(scene), folder))
             try:
                 bench.settle()
@@ -62,4 +74,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:])

@@ -144,6 +144,38 @@ def test_pages_do_not_disturb_each_other(bench):
     second.close()
 
 
+def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    on_loop(session, session.changed, "beside", "projection")
+    assert "erified" in page.verdict("**projection**: **")
+    other = session.comparison.stage
+    assert other.recording is not None
+    assert "/beside/load/rod_0" in {message.get("name") for message in page.messages}
+    assert other.recording.time[-1] == session.stage.recording.time[-1]
+    pid = session.comparison._link.pid
+    on_loop(session, session.changed, "beside", "nothing")
+    soon(lambda: not alive(pid))
+    page.close()
+
+
+def test_what_is_held_stays_while_the_scene_changes(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    on_loop(session, session.changed, "beside", "the motion shown now")
+    held = session.comparison.stage.recording
+    assert held is session.stage.recording
+    on_loop(session, session.changed, "duration", 7.0)
+    soon(lambda: session.solved == session.asked)
+    assert session.comparison.stage.recording is held
+    assert session.stage.recording.time[-1] == pytest.approx(7.0)
+    page.close()
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -156,6 +188,7 @@ def test_pages_do_not_disturb_each_other(bench):
         ("pace", "fast"),
         ("time", "noon"),
         ("example", "../../etc/passwd"),
+        ("beside", "magic"),
         ("no such control", 1.0),
     ],
 )

@@ -35,12 +35,23 @@ class Panels:
     gui : the viewer's controls of one client
     told : function that is called with the name of a control and its value when a person changes it
     names : examples to choose from; none where a scene was named
+    chosen : the example that is shown
+    beside : what can be shown beside the motion
     """
 
-    def __init__(self, gui: Any, told: Told, names: tuple[str, ...] = (), chosen: str = ""):
+    def __init__(
+        self,
+        gui: Any,
+        told: Told,
+        names: tuple[str, ...] = (),
+        chosen: str = "",
+        beside: tuple[str, ...] = (),
+    ):
         self.gui, self._told = gui, told
         self.controls: dict[str, Any] = {}
-        self._plots: dict[str, Any] = {}
+        self._plots: dict[
+            tuple[str, int], Any
+        ] = {}  # by measure and number of series, as these cannot change
         self._data: dict[str, list[Array]] = {}
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.main_panel.dock_right()
@@ -54,6 +65,8 @@ class Panels:
             self.measures = gui.add_markdown("")
         with tabs.add_tab("Steer"):
             self._steer()
+        with tabs.add_tab("Compare"):
+            self._compare(beside)
         with tabs.add_tab("Save"):
             self._save()
 
@@ -102,6 +115,10 @@ class Panels:
         self._add("resemblance", gui.add_slider("resemblance", 0.0, 1.0, 0.05, 0.7))
         self._button("undo", "Undo")
         self._button("redo", "Redo")
+
+    def _compare(self, choices: tuple[str, ...]) -> None:
+        self._add("beside", self.gui.add_dropdown("beside it", choices, initial_value=choices[0]))
+        self.beside = self.gui.add_markdown("")
 
     def _save(self) -> None:
         self._add("name", self.gui.add_text("name", "steered"))
@@ -163,38 +180,38 @@ class Panels:
             self._draw(name, label, series, (low, top))
 
     def _draw(self, name: str, label: str, series: list[dict[str, Any]], reach: tuple[float, float]) -> None:
-        data, plot = tuple(self._data[name]), self._plots.get(name)
-        scales = {
-            "x": {"time": False, "auto": True},
-            "y": {"auto": False, "range": reach},
-        }
-        if plot is not None:
-            plot.data = data
-            plot.scales = scales
+        data, key = tuple(self._data[name]), (name, len(series))
+        for other, plot in self._plots.items():
+            if other[0] == name:
+                plot.visible = other == key
+        if key in self._plots:
+            self._plots[key].data = data
+            self._plots[key].scales = scales_of(reach)
             return
         with self._motion:
-            self._plots[name] = self.gui.add_uplot(
+            self._plots[key] = self.gui.add_uplot(
                 data,
                 tuple(series),
                 title=label,
-                scales=scales,
+                scales=scales_of(reach),
                 axes=({"size": 24, "space": 40}, {"size": 44, "space": 22}),
                 legend={"show": False},
                 height=PLOT_HEIGHT,
             )
 
-    def forget_plots(self) -> None:
-        """Remove the plots, as those of another scene have other hands."""
-        for plot in self._plots.values():
-            plot.remove()
-        self._plots, self._data = {}, {}
-
     def point(self, index: int) -> None:
         """Mark an instant in all plots by a line."""
-        for name, plot in self._plots.items():
+        for (name, count), plot in self._plots.items():
             data = self._data[name]
+            if len(data) != count:  # of a scene with other hands
+                continue
             low, high = plot.scales["y"]["range"]
             line = np.full(len(data[0]), low)
             line[index] = high
             data[-1] = line
             plot.data = tuple(data)
+
+
+def scales_of(reach: tuple[float, float]) -> dict[str, Any]:
+    """Return the scales of a plot over time whose values lie within `reach`."""
+    return {"x": {"time": False, "auto": True}, "y": {"auto": False, "range": reach}}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from comove.errors import ComoveError, ComoveWarning
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
+from comove.workbench.comparison import CHOICES, Comparison
 from comove.workbench.edits import (
     Draft,
     Grip,
@@ -72,7 +73,8 @@ class Session:
     def __init__(self, client: Any, loop: asyncio.AbstractEventLoop, shelf: Shelf):
         self.client, self.loop, self.shelf = client, loop, shelf
         names = tuple(shelf.scenes) if len(shelf.scenes) > 1 else ()
-        self.panels = Panels(client.gui, self.changed, names, shelf.first)
+        self.panels = Panels(client.gui, self.changed, names, shelf.first, CHOICES)
+        self.comparison = Comparison(client, loop, self.panels)
         self.stage: Stage | None = None
         self.link: Link | None = None
         self.gizmo: Any = None
@@ -96,7 +98,6 @@ class Session:
         self.link = Link(path.parent, self._hand_over)
         self.history = History((Draft(contents_of(scene)),))
         self.time, self.stage, self.selected = 0.0, None, None
-        self.panels.forget_plots()
         self._lay(scene)
         self._look()
         self._ask(result=self.shelf.result)
@@ -119,13 +120,20 @@ class Session:
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
             self.stage.draw_motion(shown, pale=True)
+        self.comparison.renew(scene, self.history.now, self._source())
+
+    def _compare(self, choice: Any) -> None:
+        shown = None if self.stage is None else self.stage.recording
+        self.comparison.choose(choice, self.scene, self.history.now, shown, self._source())
+        self._look()
 
     def _look(self) -> None:
         if self.stage is None:
             return
         position, look_at, up = self.stage.camera()
+        look_at = look_at + self.comparison.shift
         self.client.camera.up_direction = up
-        self.client.camera.position = position
+        self.client.camera.position = look_at + self.comparison.farther * (position - self.stage.camera()[1])
         self.client.camera.look_at = look_at
 
     # --- dragging ---
@@ -332,6 +340,7 @@ class Session:
         "pace": _set_pace,
         "time": _scrub,
         "ghosts": _set_ghosts,
+        "beside": _compare,
         "save scene": _save_scene,
         "save result": _save_result,
         "name": lambda self, value: None,
@@ -414,6 +423,7 @@ class Session:
         self.time = self.time if keep else at
         index = self.stage.recording.index_at(at)
         self.stage.show(index)
+        self.comparison.show(at)
         if pointing:
             self.panels.controls["time"].value = round(at, 2)
             self.panels.point(index)
@@ -422,6 +432,7 @@ class Session:
         """Free what the page held: its planner, and its clock."""
         self.closed = True
         self._player.cancel()
+        self.comparison.close()
         if self.link is not None:
             self.link.close()
 
