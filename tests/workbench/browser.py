@@ -120,6 +120,17 @@ class Bench:
             self.page.wait_for_timeout(pause)
         self.page.mouse.up()
 
+    def draw(self, way, pause=50):
+        """Draw with the mouse along points of the scene, array of shape (n, 3)."""
+        pixels = [self.pixel(point) for point in way]
+        self.page.mouse.move(*pixels[0])
+        self.page.wait_for_timeout(800)
+        self.page.mouse.down()
+        for pixel in pixels[1:]:
+            self.page.mouse.move(*pixel)
+            self.page.wait_for_timeout(pause)
+        self.page.mouse.up()
+
     def press(self, label):
         """Press a button of the panel."""
         self.page.get_by_role("button", name=label, exact=True).click()

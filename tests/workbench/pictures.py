@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/workbench.md with a real browser: `python -m tests.workbench.pictures docs [NAME ...]`."""
+"""Draw pictures of docs/workbench.md in a real browser: `python -m tests.workbench.pictures docs [NAME ...]`."""
 
 import sys
 from pathlib import Path
@@ -44,6 +44,20 @@ def compared(bench):
     show_at(bench, 4.5)
 
 
+def taught(bench):
+    """Draw a movement, which is learned and used."""
+    bench.tab("Teach")
+    bench.press("Show a movement")
+    bench.says("Draw now")
+    bench.page.wait_for_timeout(1500)
+    shares = np.linspace(0.0, 1.0, 40)
+    high = 0.5 - 0.3 * np.sin(2 * np.pi * shares)
+    bench.draw(np.stack([0.15 + 0.7 * shares, high, np.full(40, 0.0375)], axis=1))
+    bench.says("Learned")
+    bench.settle()
+    show_at(bench, 6.0)
+
+
 def show_at(bench, time):
     """Stop at an instant."""
     bench.session.loop.call_soon_threadsafe(bench.session.changed, "time", time)
@@ -54,6 +68,7 @@ PICTURES = {
     "workbench_planar": ("narrow", planar),
     "workbench_spatial": ("window", spatial),
     "workbench_refused": ("narrow", refused),
+    "workbench_taught": ("narrow", taught),
     "workbench_compared": ("narrow", compared),
 }
 

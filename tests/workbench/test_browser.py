@@ -111,6 +111,25 @@ def test_an_obstacle_on_the_start_is_told_and_the_old_motion_stays_grey(open_sce
     assert session.stage.recording is not None
 
 
+def test_a_movement_is_drawn_and_learned(open_scene):
+    bench = open_scene("narrow")
+    bench.settle()
+    session = bench.session
+    before = session.stage.recording.center
+    bench.tab("Teach")
+    bench.press("Show a movement")
+    bench.says("Draw now")
+    bench.page.wait_for_timeout(1500)
+    shares = np.linspace(0.0, 1.0, 40)
+    way = np.stack([0.15 + 0.7 * shares, 0.5 + 0.3 * np.sin(2 * np.pi * shares), 0.0375 + 0 * shares], axis=1)
+    bench.draw(way)
+    bench.says("Learned")
+    bench.settle()
+    drawn = np.array(session.history.now.taught)[:, 1:]
+    assert np.abs(drawn[:, 1]).max() > 0.7
+    assert np.abs(session.stage.recording.center - before).max() > 0.05
+
+
 def test_it_plays_pauses_and_is_scrubbed(open_scene):
     bench = open_scene("narrow")
     bench.settle()

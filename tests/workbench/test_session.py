@@ -13,6 +13,7 @@ import comove
 from comove.experiments.examples import example, example_path
 from comove.workbench.edits import contents_of, grips_of, moved, place_of
 from comove.workbench.shelf import shelf_of
+from comove.workbench.teaching import Stroke
 
 viser = pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 
@@ -158,6 +159,37 @@ def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(bench):
     pid = session.comparison._link.pid
     on_loop(session, session.changed, "beside", "nothing")
     soon(lambda: not alive(pid))
+    page.close()
+
+
+def test_a_drawn_movement_is_learned_used_at_once_and_kept(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    before = session.stage.recording.center
+    on_loop(session, session.changed, "draw", True)
+    stroke = Stroke(2)
+    for share in np.linspace(0.0, 1.0, 60):
+        point = np.array([0.15 + 0.7 * share, 0.5 - 0.3 * np.sin(2 * np.pi * share), 0.0])
+        on_loop(session, session._drawn, stroke, point, last=share == 1.0)
+        time.sleep(0.02)
+    assert session.history.now.taught is not None
+    soon(lambda: session.solved == session.asked)
+    after = session.stage.recording.center
+    assert np.abs(after - before).max() > 0.1, "the load moves as was drawn"
+    assert after[:, 1].min() < 0.35
+    session.panels.controls["movement"].value = "../wave"
+    on_loop(session, session.changed, "keep", True)
+    assert not (folder / "library").exists()
+    session.panels.controls["movement"].value = "wave"
+    on_loop(session, session.changed, "keep", True)
+    assert comove.Library(folder / "library").names == ("wave",)
+    assert session.history.now.contents["demonstration"]["library"] == "wave"
+    soon(lambda: session.solved == session.asked)
+    assert np.abs(session.stage.recording.center - after).max() < 0.05, (
+        "the primitive in the library is what was drawn"
+    )
     page.close()
 
 

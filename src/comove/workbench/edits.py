@@ -37,6 +37,7 @@ class Draft:
     method, objective : names from `METHODS` and `OBJECTIVES`
     resemblance : how near to the demonstration, from 0 to 1; None leaves it to the scene
     seed : seed of all random numbers
+    taught : movement that was shown in the page, rows of time [s] and position [m]; None leaves it to the scene
     """
 
     contents: Contents
@@ -44,6 +45,7 @@ class Draft:
     objective: str = OBJECTIVES[0]
     resemblance: float | None = None
     seed: int = 0
+    taught: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         for value, known, key in (

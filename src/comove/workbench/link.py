@@ -71,6 +71,7 @@ class Link:
             "objective": draft.objective,
             "resemblance": draft.resemblance,
             "seed": draft.seed,
+            "taught": draft.taught,
             "budget": budget,
             "dragging": dragging,
             "result": None if result is None else str(result.absolute()),

@@ -65,6 +65,8 @@ class Panels:
             self.measures = gui.add_markdown("")
         with tabs.add_tab("Steer"):
             self._steer()
+        with tabs.add_tab("Teach"):
+            self._teach()
         with tabs.add_tab("Compare"):
             self._compare(beside)
         with tabs.add_tab("Save"):
@@ -116,6 +118,16 @@ class Panels:
         self._button("undo", "Undo")
         self._button("redo", "Redo")
 
+    def _teach(self) -> None:
+        self._button("draw", "Show a movement")
+        self._button("forget", "Forget it")
+        self._add("movement", self.gui.add_text("name", "drawn"))
+        self._button("keep", "Keep it in the library")
+        self.taught = self.gui.add_markdown(
+            "Press the first button, then draw with the mouse in one go; in space, drag the arrows. Where you were "
+            "quick, the load will be too."
+        )
+
     def _compare(self, choices: tuple[str, ...]) -> None:
         self._add("beside", self.gui.add_dropdown("beside it", choices, initial_value=choices[0]))
         self.beside = self.gui.add_markdown("")
@@ -150,7 +162,8 @@ class Panels:
             if self.controls[name].value != value:
                 self.controls[name].value = value
         self.controls["bar"].visible = is_bar
-        self.controls["resemblance"].visible = scene.file.demonstration is not None
+        taught = scene.file.demonstration is not None or draft.taught is not None
+        self.controls["resemblance"].visible = taught
 
     def plot(self, recording: Recording, names: tuple[str, ...]) -> None:
         """Draw the measures over time."""

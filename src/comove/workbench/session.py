@@ -7,6 +7,7 @@ thread of its own, and its answers are handed to the loop.
 from __future__ import annotations
 
 import asyncio
+import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -39,6 +40,7 @@ from comove.workbench.recording import Recording
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Shelf, read_scene
 from comove.workbench.stage import Stage, demonstrated
+from comove.workbench.teaching import Stroke, keep
 from comove.workbench.words import measures_words, plain_text, robot_words, verdict_words
 
 Array = NDArray[np.float64]
@@ -78,6 +80,7 @@ class Session:
         self.stage: Stage | None = None
         self.link: Link | None = None
         self.gizmo: Any = None
+        self.tool: Any = None
         self.selected: Grip | None = None
         self.grips: dict[Grip, Any] = {}
         self.held: Hold | None = None
@@ -104,13 +107,13 @@ class Session:
 
     def _lay(self, scene: Scene) -> None:
         """Draw a scene that has been read."""
-        selected, self.gizmo, self.selected = self.selected, None, None
+        selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
         shown = self.stage.recording if self.stage is not None else None
         again = self.stage is not None and self.stage.scene.manipulators == scene.manipulators
         self.client.scene.reset()
         self.scene = scene
         self.stage = Stage(self.client.scene, scene)
-        self.stage.draw_scene(demonstrated(scene))
+        self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
         self.grips = self.stage.grips()
         for grip, handle in self.grips.items():
             self._make_draggable(grip, handle)
@@ -230,6 +233,81 @@ class Session:
             return self.scene.name_of(grip.number)
         return f"the {grip.kind} of {', '.join(self.scene.manipulators[hand] for hand in grip.hands)}"
 
+    # --- teaching ---
+
+    def _draw(self, _: Any) -> None:
+        """Let a person show a movement: on a sheet above the plane, or by arrows in space."""
+        if self.stage is None:
+            return
+        self._put_down()
+        stroke = Stroke(self.scene.n_dims)
+        self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
+        if self.scene.n_dims == 2:
+            self.tool = self.stage.sheet()
+
+            async def drawn(event: Any) -> None:
+                camera = np.array(self.client.camera.position)
+                point = _on_plane(camera, np.array(event.end_position, dtype=float), event.start_position[2])
+                self._drawn(stroke, point, last=event.phase == "end")
+
+            self.tool.on_drag(drawn)
+            return
+        middle = tuple(self.scene.start.mean(axis=0))
+        side = float((self.scene.upper - self.scene.lower).max())
+        self.tool = self.client.scene.add_transform_controls(
+            "/hand", scale=0.2 * side, disable_rotations=True, depth_test=False, position=middle
+        )
+
+        async def led(event: Any) -> None:
+            self._drawn(stroke, np.array(event.target.position, dtype=float), last=event.phase == "end")
+
+        self.tool.on_update(led)
+
+    def _drawn(self, stroke: Stroke, point: Array | None, *, last: bool) -> None:
+        """Take a point of a movement that is being shown; after the last one, learn it and use it at once."""
+        if self.stage is None or self.tool is None:
+            return
+        if point is not None:
+            stroke.add(time.monotonic(), point)
+            self.stage.draw_stroke(stroke.rows)
+        if not last:
+            return
+        self._put_down()
+        try:
+            taught = stroke.taught(float((self.scene.upper - self.scene.lower).max()))
+        except ComoveError as error:
+            self.panels.taught.content = verdict_words("failed", [str(error)])
+            return
+        self.panels.taught.content = (
+            f"**Learned** from {len(stroke.rows)} points in {taught[-1][0]:.1f} s, {len(taught)} after cleaning; "
+            "the dashed lines are what each hand would do of it."
+        )
+        self.commit(replace(self.history.now, taught=taught))
+
+    def _put_down(self) -> None:
+        """Take the tool away that a movement was shown with."""
+        if self.tool is not None:
+            self.tool.remove()
+            self.tool = None
+
+    def _forget(self, _: Any) -> None:
+        self._put_down()
+        self.panels.taught.content = "The scene's own demonstration counts again."
+        self.commit(replace(self.history.now, taught=None))
+
+    def _keep(self, _: Any) -> None:
+        """Learn a primitive from what was shown, and add it to the library of the folder that was started in."""
+        draft, name = self.history.now, self.panels.controls["movement"].value
+        if draft.taught is None:
+            self.panels.taught.content = "Show a movement first."
+            return
+        target_in(self.shelf.folder, name)
+        keep(draft.taught, name, self.shelf.folder)
+        self.panels.taught.content = f"**Kept** as {plain_text(name)} in the folder library."
+        if self._source().resolve() == self.shelf.folder.resolve():  # where the scene finds it
+            contents = draft.contents | {"demonstration": {"library": name}}
+            self.commit(replace(draft, contents=contents, taught=None))
+
     # --- changes ---
 
     def commit(self, draft: Draft) -> None:
@@ -270,8 +348,9 @@ class Session:
         try:
             self._controls[name](self, value) if name in self._controls else self._set(name, value)
         except ComoveError as error:
-            words = verdict_words("failed", [str(error)])
-            (self.panels.saved if name.startswith("save") else self.panels.verdict).content = words
+            places = {"keep": self.panels.taught}
+            place = places.get(name, self.panels.saved if name.startswith("save") else self.panels.verdict)
+            place.content = verdict_words("failed", [str(error)])
 
     def _set(self, name: str, value: Any) -> None:
         """Change a value of the draft."""
@@ -341,6 +420,10 @@ class Session:
         "time": _scrub,
         "ghosts": _set_ghosts,
         "beside": _compare,
+        "draw": _draw,
+        "forget": _forget,
+        "keep": _keep,
+        "movement": lambda self, value: None,
         "save scene": _save_scene,
         "save result": _save_result,
         "name": lambda self, value: None,

@@ -5,6 +5,7 @@ Everything is added under a name; what is added again under the same name takes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +32,7 @@ from comove.workbench.geometry import (
     workspace_lines,
 )
 from comove.workbench.recording import Recording
+from comove.workbench.teaching import Taught, demonstration_from
 
 Array = NDArray[np.float64]
 
@@ -259,6 +261,34 @@ class Stage:
             if tuple(handle.color) != wanted:
                 handle.color = wanted
 
+    def sheet(self) -> Any:
+        """Return a sheet above the plane on which a person can draw."""
+        low, high = self.scene.lower, self.scene.upper
+        height = 2.5 * self.lift
+        corners = np.array(
+            [
+                [x, y, height]
+                for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
+            ]
+        )
+        return self.api.add_mesh_simple(
+            f"{self.prefix}/sheet",
+            corners.astype(np.float32),
+            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+            color=colour_of("#ffd84d"),
+            opacity=0.18,
+            side="double",
+            cast_shadow=False,
+        )
+
+    def draw_stroke(self, rows: Sequence[Sequence[float]]) -> None:
+        """Draw a movement while it is shown; rows of time and position [m]."""
+        path = np.zeros((len(rows), 3))
+        path[:, : self.scene.n_dims] = np.array(rows)[:, 1:]
+        path[:, 2] += 2.6 * self.lift
+        if len(path) > 1:
+            self._lines("stroke", segments_of(path), colour_of("#e07a00"), 4.0)
+
     def grips(self) -> dict[Grip, Any]:
         """Return everything that can be taken, with the viewer's handle of it."""
         return {
@@ -280,10 +310,15 @@ class Stage:
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
 
 
-def demonstrated(scene: Scene) -> Array | None:
-    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read."""
+def demonstrated(scene: Scene, rows: Taught | None = None) -> Array | None:
+    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read.
+
+    Parameters
+    ----------
+    rows : movement that was taught in its place
+    """
     try:
-        taught = movements_of(demonstration_of(scene), scene)
+        taught = movements_of(demonstration_of(scene) if rows is None else demonstration_from(rows), scene)
         return None if taught is None else carried_demonstration(taught, scene)
     except (ComoveError, OSError):
         return None

@@ -23,8 +23,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ComoveWarning
 from comove.planning import (
@@ -37,7 +35,6 @@ from comove.planning import (
     Progress,
     Projection,
     Solution,
-    carried_demonstration,
     load_kernels,
     movements_of,
     solve,
@@ -52,6 +49,7 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Report, VerifiedMotion, verify
 from comove.workbench.protocol import Message, read_message, write_message
 from comove.workbench.recording import Recording
+from comove.workbench.teaching import demonstration_from
 
 PATIENCE = 0.25  # s, that a search has to find its first motion although a newer draft waits
 PAUSE = 0.4  # s, between better motions that are sent
@@ -195,7 +193,7 @@ class Worker:
     def _search(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
         method, aim = KINDS[header["method"]](), _aim_of(scene, header)
         load_kernels(scene.n_dims, bool(scene.moving.any()))
-        taught = self._movements(scene, method.scene_of(scene))
+        taught = self._movements(scene, method.scene_of(scene), header["taught"])
         told: list[tuple[CoordinatedMotion, float]] = []
 
         def progress(state: Progress) -> None:
@@ -230,11 +228,11 @@ class Worker:
             attempt = Recording.of(solution.attempt)
             self._send(header, "failed", attempt, begun, reasons=list(solution.reasons))
 
-    def _movements(self, scene: Scene, solved: Scene) -> Any:
-        """Return the movement that a scene names, for every hand; it is read once."""
-        key = repr((scene.file.demonstration, scene.turns_as_one))
+    def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
+        """Return the movement that was taught, or that a scene names, for every hand; it is read once."""
+        key = repr((scene.file.demonstration, scene.turns_as_one, rows))
         if self._taught is None or self._taught[0] != key:
-            self._taught = key, demonstration_of(scene)
+            self._taught = key, demonstration_of(scene) if rows is None else demonstration_from(rows)
         return movements_of(self._taught[1], solved)
 
     def save(self, header: Mapping[str, Any]) -> None:
@@ -286,11 +284,6 @@ class Worker:
 
     def _say_compiling(self, kernel: str) -> None:
         self.tell(Message({"kind": "compiling", "id": -1, "kernel": kernel}))
-
-    def taught_path(self, scene: Scene) -> np.ndarray | None:
-        """Return the demonstration, carried to every hand, of a scene; None where it names none."""
-        taught = self._movements(scene, scene)
-        return None if taught is None else carried_demonstration(taught, scene)
 
 
 def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
