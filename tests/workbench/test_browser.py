@@ -204,3 +204,23 @@ def test_the_page_without_a_server_plays(chromium, tmp_path):
     page.close()
     assert not errors
     assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))], "nothing is loaded"
+
+
+def test_a_report_plays_its_motion(chromium, tmp_path):
+    for command in (
+        ["solve", str(example_path("wide")), "--out", "result", "--budget", "5"],
+        ["report", "result", "--html", "report.html"],
+    ):
+        assert (
+            subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=300).returncode
+            == 0
+        )
+    page, errors = chromium.new_page(viewport=chrome.SIZE), []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto((tmp_path / "report.html").as_uri())
+    page.get_by_text("anew from the files").wait_for()
+    page.frame_locator("iframe").locator("canvas").first.wait_for(timeout=chrome.PATIENCE)
+    page.wait_for_timeout(2000)
+    page.screenshot(path=tmp_path / "report.png")
+    page.close()
+    assert not errors

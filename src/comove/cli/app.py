@@ -103,6 +103,7 @@ def main() -> None:
                 demo,
                 learn,
                 library,
+                report,
                 reproduce,
                 robot,
                 run,
