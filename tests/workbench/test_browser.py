@@ -87,6 +87,24 @@ def test_a_dragged_goal_is_reached(open_scene):
     np.testing.assert_allclose(end, session.scene.goal.mean(axis=0), atol=1e-6)
 
 
+def test_what_is_clicked_gets_arrows_that_move_it_along_an_axis(open_scene):
+    bench = open_scene("narrow")
+    bench.settle()
+    session = bench.session
+    bench.tab("Steer")
+    centre, height = session.scene.centers[1].copy(), np.array([0.0, 0.0, 0.03])
+    bench.page.mouse.click(*bench.pixel(centre + height))
+    bench.says("is taken")
+    bench.page.wait_for_timeout(1500)
+    arrow = np.array(session.gizmo.position) + [0.12, 0.0, 0.0]
+    bench.drag(arrow, arrow + [0.08, 0.03, 0.0])
+    bench.until(lambda: session.history.at == 1)
+    bench.settle()
+    moved = session.scene.centers[1] - centre
+    assert 0.03 < moved[0] < 0.13
+    assert abs(moved[1]) < 1e-6, "an arrow moves along its axis only"
+
+
 def test_in_space_too(open_scene):
     bench = open_scene("window")
     bench.settle()

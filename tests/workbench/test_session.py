@@ -130,6 +130,20 @@ def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_sta
     page.close()
 
 
+def test_a_result_takes_the_place_of_no_other_folder(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    (folder / "taken").mkdir()
+    (folder / "taken" / "letter.txt").write_text("mine")
+    session.panels.controls["name"].value = "taken"
+    on_loop(session, session.changed, "save result", True)
+    assert "not empty" in page.verdict("**Not saved.**")
+    assert [entry.name for entry in (folder / "taken").iterdir()] == ["letter.txt"]
+    page.close()
+
+
 def test_pages_do_not_disturb_each_other(bench):
     guarded, sessions, _ = bench
     first, second = (Page(guarded.address.rstrip("/")).appear() for _ in range(2))

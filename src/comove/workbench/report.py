@@ -28,8 +28,8 @@ MEANING = (
     "Verified means that a judge, which knows neither planner nor optimiser, has bounded the exact curve of the "
     "motion between its samples: at every instant the whole load and all hands keep at least the clearance stated "
     "from every obstacle and from the border of the workspace, every constraint holds within its tolerance, no limit "
-    "is exceeded, and start and goal are reached. It says nothing of what the scene does not hold: obstacles that are "
-    "elsewhere than the scene says, or a controller that does not follow."
+    "is exceeded, and start and goal are reached. It says nothing of what the scene does not hold: obstacles that "
+    "are elsewhere than the scene says, or a controller that does not follow."
 )
 
 

@@ -448,6 +448,9 @@ class Session:
         if kind == "saved":
             self.panels.saved.content = f"Saved: {plain_text(Path(header['target']).name)}"
             return
+        if kind == "unsaved":
+            self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(header['reasons']))}"
+            return
         if header["id"] < self.answered:
             return
         self.answered, newest = header["id"], header["id"] == self.asked

@@ -134,7 +134,8 @@ class Worker:
                 try:
                     {"draft": self.answer, "save": self.save}[message.header["kind"]](message.header)
                 except (ComoveError, OSError) as error:
-                    self._send(message.header, "failed", reasons=[str(error)])
+                    kind = "failed" if message.header["kind"] == "draft" else "unsaved"
+                    self._send(message.header, kind, reasons=[str(error)])
 
     def answer(self, header: Mapping[str, Any]) -> None:
         """Answer a draft: judge the motion that is shown, then search.
@@ -248,7 +249,7 @@ class Worker:
         from comove.views import save_result
 
         if self.solution is None or self.solution[0] != header["of"] or not self.solution[1].verified:
-            self._send(header, "failed", reasons=["there is no verified motion of this scene to save yet"])
+            self._send(header, "unsaved", reasons=["there is no verified motion of this scene to save yet"])
             return
         solution, folder = self.solution[1], Path(header["target"])
         with whole_folder(folder, RESULT) as draft:
