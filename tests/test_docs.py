@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -70,8 +72,23 @@ def test_commands(page, code, folder):
         assert words[0] in ("make", "comove"), f"{page}: {line}"
         if words[0] == "make":  # what make does is run by CI; here only that the chore exists
             assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+        elif words[1] in ("view", "report") and importlib.util.find_spec("viser") is None:
+            pytest.skip("the viewer is not installed: pip install 'comove[view]'")
+        elif words[1] == "view" and "--html" not in words:
+            serve(words, folder)
         else:
             run(words, folder)
+
+
+def serve(arguments: list[str], folder: Path) -> None:
+    """Start a command that serves a page until Ctrl-C, and press it once the address is told."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    with subprocess.Popen(
+        arguments, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
+    ) as running:
+        assert "http://127.0.0.1:" in running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(60) == 0
 
 
 @pytest.mark.parametrize(("page", "code"), blocks("python"))

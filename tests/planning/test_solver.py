@@ -522,3 +522,31 @@ def test_slips_are_told(wrong, message):
     arguments = {"scene": example("narrow"), **wrong}
     with pytest.raises(OptionError, match=message):
         comove.solve(arguments.pop("scene"), **arguments)
+
+
+@pytest.mark.parametrize("planner", [True, False])
+def test_the_caller_ends_the_search_at_once_from_any_thread(planner):
+    """Where there is no solution, a search goes on until its budget is spent, unless it is stopped."""
+    import threading
+
+    asked, wished = [], threading.Event()
+    threading.Timer(0.3, wished.set).start()
+
+    def stop():
+        asked.append(wished.is_set())
+        return wished.is_set()
+
+    solution = comove.solve(closed(), planner=planner, budget=600.0, stop=stop)
+    assert solution.interrupted
+    assert not solution.verified
+    assert asked[-1]
+    assert not any(asked[:-1]), "once it is wished for, nobody is asked again"
+
+
+def test_what_was_found_before_the_end_is_kept():
+    found = []
+    solution = comove.solve(
+        example("narrow"), seed=0, progress=lambda p: found.append(p.motion), stop=lambda: any(found)
+    )
+    assert solution.interrupted
+    assert_verified(solution)

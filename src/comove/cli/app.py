@@ -103,6 +103,7 @@ def main() -> None:
                 demo,
                 learn,
                 library,
+                report,
                 reproduce,
                 robot,
                 robot_files,
@@ -110,6 +111,7 @@ def main() -> None:
                 show,
                 solve,
                 verify,
+                view,
             )
 
             app()

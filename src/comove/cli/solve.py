@@ -83,9 +83,7 @@ def solve(
     from comove.planning import SceneKind, load_kernels, movements_of, solve
     from comove.primitives import Library
     from comove.results import RESULT
-    from comove.results.solution import SCENE
     from comove.scenes import Scene, demonstration_of
-    from comove.scenes.model import canonical
     from comove.views import draw_motion  # noqa: F401  what the pictures need is loaded before the search
 
     chosen = o.method_named(method)
@@ -125,8 +123,6 @@ def solve(
         )
     with whole_folder(out, RESULT) as draft:
         summary = write_result(solution, draft, None if smooth and solution.followed is None else movements)
-        if changes or solution.scene is not loaded:  # what was judged
-            (draft / SCENE).write_bytes(canonical(solution.scene.file) + b"\n")
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
@@ -146,13 +142,8 @@ def exit_code(solution: Solution) -> int:
 def write_result(solution: Solution, folder: Path, demonstration: Any = None) -> dict[str, Any]:
     """Write the files and pictures of a solution; return the contents of solution.json."""
     from comove.cli.progress import time_spent
-    from comove.planning import carried_demonstration
-    from comove.results import write_solution
-    from comove.views import draw_motion, draw_progress, save
+    from comove.views import save_result
 
-    scene, motion = solution.scene, solution.attempt
-    title = scene.name if solution.verified else f"{scene.name} (not verified)"
-    carried = None if demonstration is None else carried_demonstration(demonstration, scene)
-    save(draw_motion(motion, title=title, demonstration=carried), folder / "motion.png")
-    save(draw_progress(motion), folder / "progress.png")
-    return write_solution(solution, folder, time_spent())
+    return save_result(
+        solution, folder, wall_time_s=time_spent(), demonstration=demonstration, with_scene=True
+    )

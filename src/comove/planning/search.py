@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -84,10 +84,22 @@ class Carrier(Protocol):
 
 
 class Interruption:
-    """A flag that holds whether Ctrl-C, or a callback that raised `KeyboardInterrupt`, asked the search to end."""
+    """A flag that holds whether Ctrl-C, a callback that raised `KeyboardInterrupt`, or the caller asked for an end.
 
-    def __init__(self) -> None:
-        self.wished = False
+    Parameters
+    ----------
+    stop : function that returns whether the caller wishes the end; never unless given
+    """
+
+    def __init__(self, stop: Callable[[], bool] | None = None) -> None:
+        self._noticed, self._stop = False, stop
+
+    @property
+    def wished(self) -> bool:
+        """Return whether the end is wished for; once it was, it is."""
+        if not self._noticed and self._stop is not None:
+            self._noticed = self._stop()
+        return self._noticed
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
@@ -102,14 +114,14 @@ class Interruption:
         try:
             yield
         except KeyboardInterrupt:
-            self.wished = True
+            self._noticed = True
         finally:
             if held:
                 signal.signal(signal.SIGINT, before)
 
     def _wish(self, *_: object) -> None:
         """Note the wish to end at the first Ctrl-C; the next one raises `KeyboardInterrupt`."""
-        self.wished = True
+        self._noticed = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -25,7 +25,7 @@ from comove.planning.objective import ContactPenalty, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import OwnFunctions, own
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
-from comove.planning.search import Carrier, OutOfTime, Search
+from comove.planning.search import Carrier, Interruption, OutOfTime, Search
 from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
@@ -54,6 +54,7 @@ def solve(
     checks: Sequence[Check] = (),
     carrier: Carrier | None = None,
     progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Solution:
     """Find a verified coordinated motion for a scene.
 
@@ -93,6 +94,8 @@ def solve(
         pass its own check.
     progress
         Function that is called once a generation, and for every motion that is the best so far.
+    stop
+        Function that returns whether the search shall end with the best so far; it is asked often.
 
     Raises
     ------
@@ -135,6 +138,7 @@ def solve(
             carrier,
             progress,
             smooth,
+            stop,
         )
     )
 
@@ -164,6 +168,7 @@ class Problem:
     carrier: Carrier | None
     progress: ProgressCallback | None
     smooth: bool
+    stop: Callable[[], bool] | None = None
 
     @property
     def is_timed(self) -> bool:
@@ -238,6 +243,7 @@ def _searched(problem: Problem) -> Solution:
         checks=problem.checks,
         carrier=problem.carrier,
         progress=problem.progress,
+        interruption=Interruption(problem.stop),
         aim=objective,
         limits=limits,
         own=problem.own,

@@ -11,6 +11,7 @@ from comove.views.motion import (
 )
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
+from comove.views.results import save_result
 from comove.views.run import animate_run, draw_run
 from comove.views.style import save, save_picture
 
@@ -30,4 +31,5 @@ __all__ = [
     "draw_side_by_side",
     "save",
     "save_picture",
+    "save_result",
 ]

@@ -1,0 +1,33 @@
+"""`comove report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.errors import OptionError
+
+
+@verb
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
+    html: Annotated[Path, typer.Option(help="File for the page.")],
+) -> int:
+    """Write a result as one page to read and to send: numbers, what they mean, and the motion to play."""
+    from comove.io.files import require_target
+    from comove.io.folders import require_folder
+    from comove.workbench.recorded import write_page
+    from comove.workbench.report import report_page
+    from comove.workbench.server import viewer
+    from comove.workbench.shelf import shelf_of
+
+    viewer()
+    require_folder(folder, "comove solve SCENE --out DIR")
+    require_target(html, OptionError)
+    page, verified = report_page(shelf_of(folder, Path.cwd()))
+    write_page(html, page)
+    print(f"{folder}: {'verified' if verified else 'NOT VERIFIED'}, {html} ({len(page) / 1e6:.1f} MB)")
+    return VERIFIED if verified else NOT_VERIFIED

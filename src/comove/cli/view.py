@@ -1,0 +1,89 @@
+"""`comove view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from comove.cli import options as o
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.errors import OptionError
+
+if TYPE_CHECKING:
+    from comove.workbench.shelf import Shelf
+
+
+@verb
+def view(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE|DIR]", help="Scene file, or result folder; without, the examples to choose from."
+        ),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to listen at; one that others reach needs the token that is printed."),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Port; the next free one unless given.")
+    ] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    html: Annotated[
+        Path | None, typer.Option(help="Write one page that needs no server to this file, and end.")
+    ] = None,
+    seed: o.Seed = 0,
+    budget: o.Budget = 30.0,
+) -> int:
+    """Show a scene and its motion in the browser, and steer it: drag obstacles, starts and goals."""
+    from comove.workbench.shelf import shelf_of
+
+    shelf = shelf_of(scene, Path.cwd())
+    if html is not None:
+        if scene is None:
+            raise OptionError(
+                "a page shows one scene", key="--html", way_out="name a scene or a result folder"
+            )
+        o.check_budget(budget)
+        return _write(shelf, html, seed, budget)
+    return _serve(shelf, host, port, open_page)
+
+
+def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
+    """Serve pages until Ctrl-C."""
+    import threading
+
+    from comove.workbench.page import serve
+
+    guarded = serve(shelf, host, port)
+    print(f"the workbench is at {guarded.address} (Ctrl-C ends it)", flush=True)
+    if open_page:
+        typer.launch(guarded.address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        return VERIFIED
+    finally:
+        guarded.stop()
+    return VERIFIED
+
+
+def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
+    """Write the motion of a result, or of a scene that is solved now, as one page."""
+    from comove.cli.progress import progress_bar
+    from comove.io.files import require_target
+    from comove.workbench.recorded import motion_page, told, write_page
+    from comove.workbench.recording import Recording
+    from comove.workbench.server import viewer
+
+    viewer()
+    require_target(path, OptionError)
+    with progress_bar(budget) as progress:
+        motion, report, reasons = told(shelf, seed=seed, budget=budget, progress=progress)
+    page = motion_page(motion, Recording.of(motion), report, reasons)
+    write_page(path, page)
+    verdict = "NOT VERIFIED" if reasons else "verified"
+    print(f"{motion.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
+    return NOT_VERIFIED if reasons else VERIFIED

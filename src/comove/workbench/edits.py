@@ -1,0 +1,288 @@
+"""Changes of a scene by hand, as functions from the contents of a scene file to others, and their history.
+
+Nothing here checks a scene: reading the contents anew does, and says in words what is wrong.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError
+from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+Contents = dict[str, Any]
+
+DIGITS = 6  # of metres that are written: a micrometre
+MOST_KEPT = 200  # steps that can be undone
+METHODS = ("comove", "projection", "paper", "printed")
+OBJECTIVES = ("as the scene says", "least_jerk", "least_time", "paper")
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A scene on the bench, and how it shall be solved.
+
+    Attributes
+    ----------
+    contents : contents of the scene file; never changed in place
+    method, objective : names from `METHODS` and `OBJECTIVES`
+    resemblance : how near to the demonstration, from 0 to 1; None leaves it to the scene
+    seed : seed of all random numbers
+    taught : movement that was shown in the page, rows of time [s] and position [m]; None leaves it to the scene
+    """
+
+    contents: Contents
+    method: str = METHODS[0]
+    objective: str = OBJECTIVES[0]
+    resemblance: float | None = None
+    seed: int = 0
+    taught: tuple[tuple[float, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        for value, known, key in (
+            (self.method, METHODS, "method"),
+            (self.objective, OBJECTIVES, "objective"),
+        ):
+            if value not in known:
+                raise OptionError(
+                    f"there is no {key} {value!r}", key=key, way_out=f"take one of: {', '.join(known)}"
+                )
+        if self.resemblance is not None and not _is_share(self.resemblance):
+            raise OptionError(
+                f"the resemblance {self.resemblance!r} is not between 0 and 1",
+                key="resemblance",
+                way_out="give a number from 0 to 1",
+            )
+
+    def with_contents(self, contents: Contents) -> Draft:
+        """Return the draft of another scene, to be solved in the same way."""
+        return replace(self, contents=contents)
+
+
+def _is_share(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0.0 <= value <= 1.0
+
+
+@dataclass(frozen=True)
+class History:
+    """Drafts in their order, with the one that is shown; a new one removes those that were undone."""
+
+    drafts: tuple[Draft, ...]
+    at: int = 0
+
+    @property
+    def now(self) -> Draft:
+        """Return the draft that is shown."""
+        return self.drafts[self.at]
+
+    def then(self, draft: Draft) -> History:
+        """Return the history after a change."""
+        if draft == self.now:
+            return self
+        kept = (*self.drafts[: self.at + 1], draft)[-MOST_KEPT:]
+        return History(kept, len(kept) - 1)
+
+    def undone(self) -> History:
+        """Return the history one step back; itself at the beginning."""
+        return replace(self, at=max(self.at - 1, 0))
+
+    def redone(self) -> History:
+        """Return the history one step forth; itself at the end."""
+        return replace(self, at=min(self.at + 1, len(self.drafts) - 1))
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Something in a scene that can be taken and moved.
+
+    Attributes
+    ----------
+    kind : "obstacle", "start" or "goal"
+    number : of the obstacle, or of the rigid group of hands
+    hands : hands that move along, by number; none for an obstacle
+    turns : whether it may be turned as well
+    """
+
+    kind: str
+    number: int
+    hands: tuple[int, ...] = field(default=())
+    turns: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return a name for paths and tests, such as "obstacle_0"."""
+        return f"{self.kind}_{self.number}"
+
+
+def contents_of(scene: Scene) -> Contents:
+    """Return the contents from which a scene is read again, with its ends as they were moved onto constraints."""
+    contents = scene.file.model_dump(mode="json")
+    for manipulator, start, goal in zip(contents["manipulators"], scene.start, scene.goal, strict=True):
+        manipulator |= {"start": start.tolist(), "goal": goal.tolist()}
+    return contents
+
+
+def grips_of(scene: Scene) -> tuple[Grip, ...]:
+    """Return everything in a scene that can be moved: obstacles, then starts and goals of its rigid groups."""
+    found = [
+        Grip("obstacle", i, turns=obstacle.shape != "sphere")
+        for i, obstacle in enumerate(scene.file.obstacles)
+    ]
+    for kind in ("start", "goal"):
+        found += [
+            Grip(kind, i, hands=group.members, turns=len(group.members) > 1)
+            for i, group in enumerate(scene.groups)
+        ]
+    return tuple(found)
+
+
+def place_of(contents: Contents, grip: Grip) -> Array:
+    """Return where a grip is: an obstacle's centre, or the middle of the hands; array, shape (3,) [m]."""
+    if grip.kind == "obstacle":
+        where = np.array(contents["obstacles"][grip.number]["center"], dtype=float)
+    else:
+        where = _hands(contents, grip).mean(axis=0)
+    return np.append(where, np.zeros(3 - len(where)))
+
+
+def moved(contents: Contents, grip: Grip, to: Array, turn: Array | None = None) -> Contents:
+    """Return the contents after a grip was moved to a place, and turned about it.
+
+    Parameters
+    ----------
+    to : array, shape (3,), the new place of the grip; its height does not count in the plane [m]
+    turn : array, shape (4,), the turn from how it was, w x y z; none unless given
+
+    Raises
+    ------
+    OptionError
+        If these are not finite numbers, as a page might send.
+    """
+    to, turn = _finite(to, 3, "place"), None if turn is None else _finite(turn, 4, "turn")
+    if turn is not None:
+        turn = turn / np.linalg.norm(turn)
+    contents = copy.deepcopy(contents)
+    if grip.kind == "obstacle":
+        _move_obstacle(contents["obstacles"][grip.number], to, turn)
+        return contents
+    hands = _hands(contents, grip)
+    n_dims = hands.shape[1]
+    about = hands - hands.mean(axis=0)
+    if turn is not None:
+        turn = _upright(turn) if n_dims == 2 else turn
+        about = about @ matrices(turn)[:n_dims, :n_dims].T
+    for hand, place in zip(grip.hands, to[:n_dims] + about, strict=True):
+        contents["manipulators"][hand][grip.kind] = _written(place, 12)
+    return contents
+
+
+def _move_obstacle(obstacle: Contents, to: Array, turn: Array | None) -> None:
+    """Move an obstacle in place; the path of one that moves is shifted along."""
+    before = np.array(obstacle["center"], dtype=float)
+    obstacle["center"] = _written(to[: len(before)])
+    waypoints = (obstacle.get("motion") or {}).get("waypoints")
+    if waypoints:
+        shift = to[: len(before)] - before
+        obstacle["motion"]["waypoints"] = [_written(np.array(point) + shift) for point in waypoints]
+        obstacle["center"] = _written(np.array(obstacle["motion"]["waypoints"][0]))
+    if turn is None:
+        return
+    if len(before) == 2:
+        if "rotation_deg" in obstacle:
+            angle = 2.0 * math.atan2(turn[3], turn[0])
+            degrees = (obstacle["rotation_deg"] or 0.0) + math.degrees(angle)
+            obstacle["rotation_deg"] = round(math.remainder(degrees, 360.0), DIGITS)
+    elif "quaternion_wxyz" in obstacle:
+        whole = quaternion_product(turn, np.array(obstacle["quaternion_wxyz"], dtype=float))
+        whole = quaternion_of_rotation(matrices(whole / np.linalg.norm(whole)))
+        obstacle["quaternion_wxyz"] = whole.tolist()
+
+
+def _hands(contents: Contents, grip: Grip) -> Array:
+    return np.array([contents["manipulators"][hand][grip.kind] for hand in grip.hands], dtype=float)
+
+
+def _upright(turn: Array) -> Array:
+    """Return the part of a turn that is about the vertical."""
+    angle = math.atan2(turn[3], turn[0])
+    return np.array([math.cos(angle), 0.0, 0.0, math.sin(angle)])
+
+
+def _finite(values: Sequence[float] | Array, count: int, what: str) -> Array:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.shape != (count,) or not np.isfinite(array).all() or not np.linalg.norm(array) < 1e6:
+        raise OptionError(f"the {what} is not {count} finite numbers", way_out="take hold of it again")
+    return array
+
+
+def _written(values: Array, digits: int = DIGITS) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+def with_limit(contents: Contents, key: str, value: float) -> Contents:
+    """Return the contents with another limit; 0 takes the limit away, but for the clearance.
+
+    Raises
+    ------
+    OptionError
+        If the value is not a number from 0 on.
+    """
+    _require_number(key, value)
+    limits = dict(contents["limits"]) | {key: value if value > 0 or key == "clearance" else None}
+    return contents | {"limits": limits}
+
+
+def with_duration(contents: Contents, value: float) -> Contents:
+    """Return the contents with another duration [s]; 0 leaves it open.
+
+    Raises
+    ------
+    OptionError
+        If the value is not a number from 0 on.
+    """
+    _require_number("duration", value)
+    return contents | {"duration": value if value > 0 else None}
+
+
+def with_bar(contents: Contents, length: float) -> Contents:
+    """Return the contents with another length of the bar, and the hands at both ends moved along their line.
+
+    Raises
+    ------
+    OptionError
+        If the load is no bar, or the length is no positive number.
+    """
+    _require_number("length", length)
+    load = contents.get("load") or {}
+    if load.get("shape") != "bar" or not length > 0:
+        raise OptionError("only a bar has a length, and it is positive", way_out="give a positive length")
+    contents = copy.deepcopy(contents)
+    contents["load"]["length"] = length
+    names = [m["name"] for m in contents["manipulators"]]
+    held_by = load.get("held_by") or names
+    pair = [contents["manipulators"][names.index(name)] for name in held_by]
+    for end in ("start", "goal"):
+        ends = np.array([hand[end] for hand in pair], dtype=float)
+        way = ends - ends.mean(axis=0)
+        grown = ends.mean(axis=0) + way * length / np.linalg.norm(ends[1] - ends[0])
+        for hand, place in zip(pair, grown, strict=True):
+            hand[end] = _written(place, 12)
+    return contents
+
+
+def _require_number(key: str, value: object) -> None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not 0 <= float(value) < math.inf:  # type: ignore[arg-type]  # it is a number
+        raise OptionError(f"{key} = {value!r}", key=key, way_out="give a number from 0 on")

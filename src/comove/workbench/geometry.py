@@ -1,0 +1,207 @@
+"""Scenes and loads as meshes and poses, ready to be drawn; nothing here knows a viewer.
+
+A planar scene lies in the plane z = 0; its obstacles are drawn as prisms of a small height, and its load above them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.rotations import quaternion_of_rotation
+from comove.scenes.scene import Scene
+from comove.views.shapes import hull_faces, outline, support_points
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+HEIGHT = 0.03  # of the longest side of a planar workspace: height of its obstacles
+THIN = 0.004  # of the longest side: least radius with which rods are drawn
+HAND = 0.011  # of the longest side: radius of the ball that stands for a hand
+AROUND, ALONG = 32, 17  # directions in which round bodies are sampled, about the vertical and along it
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles of a body in its own frame.
+
+    Attributes
+    ----------
+    vertices : array, shape (n_vertices, 3) [m]
+    faces : array of int, shape (n_faces, 3), vertices of the triangles, seen from outside counter-clockwise
+    """
+
+    vertices: Array
+    faces: Indices
+
+    @classmethod
+    def of(cls, triangles: Array) -> Surface:
+        """Return the surface of triangles, array of shape (n_faces, 3, 3) [m]; corners are not shared."""
+        return cls(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A rigid part of what moves, with its way.
+
+    Attributes
+    ----------
+    name : path under which a viewer keeps it
+    surface : its triangles in its own frame
+    colour : red, green, blue, from 0 to 255
+    position : array, shape (n_steps, 3) [m]
+    quaternion : array, shape (n_steps, 4), w x y z
+    """
+
+    name: str
+    surface: Surface
+    colour: tuple[int, int, int]
+    position: Array
+    quaternion: Array
+
+
+def colour_of(text: str) -> tuple[int, int, int]:
+    """Return the red, green and blue of a colour such as "#2a7f3f"."""
+    red, green, blue = bytes.fromhex(text.lstrip("#"))
+    return red, green, blue
+
+
+def longest_side(scene: Scene) -> float:
+    """Return the longest side of the workspace [m]."""
+    return float((scene.upper - scene.lower).max())
+
+
+def obstacle_surfaces(scene: Scene) -> tuple[Surface, ...]:
+    """Return the surfaces of all obstacles, each relative to its centre but turned as in the scene."""
+    meshes = {int(owner): mesh for mesh, owner in enumerate(scene.surfaces.owner)}
+    found = []
+    for obstacle, row in enumerate(scene.first_rows):
+        if obstacle in meshes:
+            triangles = scene.surfaces.of(meshes[obstacle])
+        elif scene.n_dims == 2:
+            triangles = _prism(outline(scene.obstacles[row], (0, 1)), HEIGHT * longest_side(scene))
+        else:
+            triangles = hull_faces(support_points(scene.obstacles[row], _directions()))
+        found.append(Surface.of(triangles - scene.centers[obstacle]))
+    return tuple(found)
+
+
+@lru_cache(maxsize=1)
+def _directions() -> Array:
+    """Return unit vectors all around; array, shape (n, 3)."""
+    u, v = np.meshgrid(
+        0.01 + np.linspace(0.0, 2 * np.pi, AROUND, endpoint=False), np.linspace(-1.0, 1.0, ALONG)
+    )
+    ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
+    return np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
+
+
+def _prism(border: Array, height: float) -> Array:
+    """Return the triangles of the prism from the ground up over a convex outline, array of shape (n, 2) [m]."""
+    below = np.concatenate([border, np.zeros((len(border), 1))], axis=1)
+    return hull_faces(np.concatenate([below, below + [0.0, 0.0, height]]))
+
+
+def ball(radius: float) -> Surface:
+    """Return a sphere about the origin."""
+    return Surface.of(hull_faces(radius * _directions()[:: 1 if radius > 0.05 else 2]))
+
+
+def rod(length: float, radius: float) -> Surface:
+    """Return a capsule about the origin whose axis of `length` lies along z [m]."""
+    directions = _directions()
+    ends = radius * directions + 0.5 * length * np.sign(directions[:, 2:] + 1e-9) * [0.0, 0.0, 1.0]
+    return Surface.of(hull_faces(ends))
+
+
+def pieces_of(scene: Scene, nodes: Array, colours: tuple[str, ...]) -> tuple[Piece, ...]:
+    """Return hands and load along a motion as rigid pieces.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_steps, n_nodes, 3), positions of the nodes [m]
+    colours : colours of the hands, used in turn
+    """
+    side, still = longest_side(scene), np.tile([1.0, 0.0, 0.0, 0.0], (len(nodes), 1))
+    raised = nodes + [0.0, 0.0, 0.5 * HEIGHT * side if scene.n_dims == 2 else 0.0]
+    dark = colour_of("#30343b")
+    found = [
+        Piece(f"hand_{i}", ball(HAND * side), colour_of(colours[i % len(colours)]), raised[:, i], still)
+        for i in range(len(scene.manipulators))
+    ]
+    radii = dict(zip(map(tuple, scene.body.edges.tolist()), scene.body.radii.tolist(), strict=True))
+    rods = [edge for edge in radii if edge[0] != edge[1]]
+    if not rods and not len(scene.body.solids):
+        rods = [(c.first, c.second) for c in scene.distances]
+    for number, (first, second) in enumerate(rods):
+        way = raised[:, second] - raised[:, first]
+        length = np.linalg.norm(way, axis=1)
+        surface = rod(float(length[0]), max(radii.get((first, second), 0.0), THIN * side))
+        found.append(
+            Piece(
+                f"rod_{number}",
+                surface,
+                dark,
+                0.5 * (raised[:, first] + raised[:, second]),
+                _turned_to(way, length),
+            )
+        )
+    for number, corners in enumerate(scene.body.solids):
+        own = raised[:, list(dict.fromkeys(corners.tolist()))]
+        middle = own.mean(axis=1)
+        surface = Surface.of(hull_faces(own[0] - middle[0]))
+        found.append(Piece(f"solid_{number}", surface, colour_of("#8a8f98"), middle, _fitted(own)))
+    return tuple(found)
+
+
+def _turned_to(way: Array, length: Array) -> Array:
+    """Return the shortest turns of the z-axis to some directions; array, shape (n_steps, 4)."""
+    x, y, z = (way / np.maximum(length, 1e-12)[:, None]).T
+    w = np.sqrt(np.maximum(0.5 * (1.0 + z), 0.0))
+    upside_down = w < 1e-6
+    divisor = np.where(upside_down, 1.0, 2.0 * w)
+    turns = np.stack([w, -y / divisor, x / divisor, np.zeros_like(w)], axis=1)
+    turns[upside_down] = [0.0, 1.0, 0.0, 0.0]
+    return turns / np.linalg.norm(turns, axis=1, keepdims=True)
+
+
+def _fitted(points: Array) -> Array:
+    """Return the turns of a rigid body from its first state; points of shape (n_steps, n_points, 3)."""
+    about = points - points.mean(axis=1, keepdims=True)
+    u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", about, about[0]))
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    return np.array([quaternion_of_rotation(turn) for turn in u @ vt])
+
+
+def workspace_lines(scene: Scene) -> Array:
+    """Return the edges of the workspace; array, shape (n_edges, 2, 3) [m]."""
+    low, high = np.zeros(3), np.zeros(3)
+    low[: scene.n_dims], high[: scene.n_dims] = scene.lower, scene.upper
+    numbers = range(2**scene.n_dims)
+    corners = np.array([[(low, high)[(i >> a) & 1][a] for a in range(3)] for i in numbers])
+    return corners[[(i, i | 1 << a) for i in numbers for a in range(scene.n_dims) if not i >> a & 1]]
+
+
+def segments_of(path: Array) -> Array:
+    """Return the segments between neighbours on a path, (n_points, 3) -> (n_points - 1, 2, 3) [m]."""
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def clearance_colours(clearance: Array, comfortable: float) -> NDArray[np.uint8]:
+    """Return colours from red, at contact, over yellow to green, from a comfortable clearance on.
+
+    Parameters
+    ----------
+    clearance : array, shape (n,) [m]
+
+    Returns
+    -------
+    array, shape (n, 3)
+    """
+    share = np.clip(clearance / max(comfortable, 1e-9), 0.0, 1.0)
+    stops = np.array([colour_of("#d7263d"), colour_of("#f2b134"), colour_of("#2a9d4b")], dtype=float)
+    mixed = np.stack([np.interp(share, [0.0, 0.45, 1.0], stops[:, i]) for i in range(3)], axis=1)
+    return mixed.round().astype(np.uint8)

@@ -1,0 +1,230 @@
+"""The panels of a page: verdict, play controls, plots, controls to steer by, and saving."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.scenes.scene import Scene
+from comove.views.style import COLOURS
+from comove.workbench.edits import METHODS, OBJECTIVES, Draft
+from comove.workbench.recording import Recording
+
+Array = NDArray[np.float64]
+Told = Callable[[str, Any], None]
+
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
+PLOTS = (
+    ("clearance", "clearance [mm]", 1e3),
+    ("speed", "speed [m/s]", 1.0),
+    ("acceleration", "acceleration [m/s²]", 1.0),
+    ("error", "constraints: share of tolerance", 1.0),
+)
+PLOT_HEIGHT = 118  # pixels
+LONGEST_DURATION, FASTEST, STRONGEST, WIDEST = 3600.0, 1e3, 1e4, 1e2  # of controls: s, m/s, m/s^2, m
+
+
+class Panels:
+    """The controls of one page.
+
+    Parameters
+    ----------
+    gui : the viewer's controls of one client
+    told : function that is called with the name of a control and its value when a person changes it
+    names : examples to choose from; none where a scene was named
+    chosen : the example that is shown
+    beside : what can be shown beside the motion
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        told: Told,
+        names: tuple[str, ...] = (),
+        chosen: str = "",
+        beside: tuple[str, ...] = (),
+    ):
+        self.gui, self._told = gui, told
+        self.controls: dict[str, Any] = {}
+        self._plots: dict[
+            tuple[str, int], Any
+        ] = {}  # by measure and number of series, as these cannot change
+        self._data: dict[str, list[Array]] = {}
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        gui.main_panel.dock_right()
+        if names:
+            self._add("example", gui.add_dropdown("example", names, initial_value=chosen))
+        self.verdict = gui.add_markdown("")
+        self._play()
+        tabs = gui.add_tab_group()
+        self._motion = tabs.add_tab("Motion")
+        with self._motion:
+            self.measures = gui.add_markdown("")
+        with tabs.add_tab("Steer"):
+            self._steer()
+        with tabs.add_tab("Teach"):
+            self._teach()
+        with tabs.add_tab("Compare"):
+            self._compare(beside)
+        with tabs.add_tab("Save"):
+            self._save()
+
+    def _add(self, name: str, control: Any) -> Any:
+        self.controls[name] = control
+
+        async def updated(event: Any) -> None:
+            if event.client_id is not None:  # else it was set from here
+                self._told(name, control.value)
+
+        control.on_update(updated)
+        return control
+
+    def _button(self, name: str, label: str) -> None:
+        button = self.gui.add_button(label)
+        self.controls[name] = button
+
+        async def clicked(event: Any) -> None:
+            if event.client_id is not None:
+                self._told(name, True)
+
+        button.on_click(clicked)
+
+    def _play(self) -> None:
+        gui = self.gui
+        self._button("play", "Pause")
+        self._add("pace", gui.add_dropdown("pace", tuple(f"{s:g}x" for s in SPEEDS), initial_value="1x"))
+        self._add("time", gui.add_slider("time [s]", 0.0, 1.0, 0.01, 0.0))
+        self._add("ghosts", gui.add_checkbox("load at equal times", True))
+
+    def _steer(self) -> None:
+        gui = self.gui
+        self.taken = gui.add_markdown(
+            "Drag an obstacle, or the green and red balls of start and goal. Click one for arrows and rings."
+        )
+        for name, label, most, step in (
+            ("duration", "duration [s], 0: least", LONGEST_DURATION, 0.1),
+            ("speed", "speed limit [m/s], 0: none", FASTEST, 0.01),
+            ("acceleration", "acceleration [m/s²], 0: none", STRONGEST, 0.01),
+            ("clearance", "clearance [m]", WIDEST, 0.001),
+            ("bar", "length of the bar [m]", WIDEST, 0.005),
+        ):
+            self._add(name, gui.add_number(label, 0.0, min=0.0, max=most, step=step))
+        self._add("method", gui.add_dropdown("method", METHODS, initial_value=METHODS[0]))
+        self._add("objective", gui.add_dropdown("objective", OBJECTIVES, initial_value=OBJECTIVES[0]))
+        self._add("resemblance", gui.add_slider("resemblance", 0.0, 1.0, 0.05, 0.7))
+        self._button("undo", "Undo")
+        self._button("redo", "Redo")
+
+    def _teach(self) -> None:
+        self._button("draw", "Show a movement")
+        self._button("forget", "Forget it")
+        self._add("movement", self.gui.add_text("name", "drawn"))
+        self._button("keep", "Keep it in the library")
+        self.taught = self.gui.add_markdown(
+            "Press the first button, then draw with the mouse in one go; in space, drag the arrows. Where you were "
+            "quick, the load will be too."
+        )
+
+    def _compare(self, choices: tuple[str, ...]) -> None:
+        self._add("beside", self.gui.add_dropdown("beside it", choices, initial_value=choices[0]))
+        self.beside = self.gui.add_markdown("")
+
+    def _save(self) -> None:
+        self._add("name", self.gui.add_text("name", "steered"))
+        self._button("save scene", "Save scene")
+        self._button("save result", "Save result")
+        self.saved = self.gui.add_markdown("Files go to the folder that comove was started in.")
+
+    def say(self, words: str) -> None:
+        """Show the verdict."""
+        if self.verdict.content != words:
+            self.verdict.content = words
+
+    def fill(self, draft: Draft, scene: Scene) -> None:
+        """Show the values of a draft in the controls."""
+        contents = draft.contents
+        limits, load = contents["limits"], contents.get("load") or {}
+        is_bar = load.get("shape") == "bar"
+        values = {
+            "duration": contents["duration"] or 0.0,
+            "speed": limits["speed"] or 0.0,
+            "acceleration": limits["acceleration"] or 0.0,
+            "clearance": limits["clearance"] or 0.0,
+            "bar": load["length"] if is_bar else 0.0,
+            "method": draft.method,
+            "objective": draft.objective,
+            "resemblance": 0.7 if draft.resemblance is None else draft.resemblance,
+        }
+        for name, value in values.items():
+            if self.controls[name].value != value:
+                self.controls[name].value = value
+        self.controls["bar"].visible = is_bar
+        taught = scene.file.demonstration is not None or draft.taught is not None
+        self.controls["resemblance"].visible = taught
+
+    def plot(self, recording: Recording, names: tuple[str, ...]) -> None:
+        """Draw the measures over time."""
+        slider, end = self.controls["time"], float(recording.time[-1])
+        if slider.max != end:
+            slider.value = min(slider.value, end)
+            slider.max = end
+        for name, label, factor in PLOTS:
+            columns = np.asarray(getattr(recording, name), dtype=float) * factor
+            columns = columns.reshape(len(recording.time), -1).T
+            series: list[dict[str, Any]] = [{"label": "t [s]"}]
+            series += [
+                {
+                    "label": names[i] if len(columns) > 1 else name,
+                    "stroke": COLOURS[i % len(COLOURS)],
+                    "width": 1.5,
+                }
+                for i in range(len(columns))
+            ]
+            series.append({"label": "now", "stroke": "#d7263d", "width": 1, "points": {"show": False}})
+            finite = columns[np.isfinite(columns)]
+            top = float(finite.max()) if len(finite) else 1.0
+            low = min(float(finite.min()), 0.0) if len(finite) else 0.0
+            top = top * 1.05 if top > low else low + 1.0
+            columns = np.where(np.isfinite(columns), columns, top)
+            self._data[name] = [recording.time, *columns, np.full(len(recording.time), low)]
+            self._draw(name, label, series, (low, top))
+
+    def _draw(self, name: str, label: str, series: list[dict[str, Any]], reach: tuple[float, float]) -> None:
+        data, key = tuple(self._data[name]), (name, len(series))
+        for other, plot in self._plots.items():
+            if other[0] == name:
+                plot.visible = other == key
+        if key in self._plots:
+            self._plots[key].data = data
+            self._plots[key].scales = scales_of(reach)
+            return
+        with self._motion:
+            self._plots[key] = self.gui.add_uplot(
+                data,
+                tuple(series),
+                title=label,
+                scales=scales_of(reach),
+                axes=({"size": 24, "space": 40}, {"size": 44, "space": 22}),
+                legend={"show": False},
+                height=PLOT_HEIGHT,
+            )
+
+    def point(self, index: int) -> None:
+        """Mark an instant in all plots by a line."""
+        for (name, count), plot in self._plots.items():
+            data = self._data[name]
+            if len(data) != count:  # of a scene with other hands
+                continue
+            low, high = plot.scales["y"]["range"]
+            line = np.full(len(data[0]), low)
+            line[index] = high
+            data[-1] = line
+            plot.data = tuple(data)
+
+
+def scales_of(reach: tuple[float, float]) -> dict[str, Any]:
+    """Return the scales of a plot over time whose values lie within `reach`."""
+    return {"x": {"time": False, "auto": True}, "y": {"auto": False, "range": reach}}

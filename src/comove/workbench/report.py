@@ -1,0 +1,131 @@
+"""A result as one page to read: scene, figures, numbers, what verified means, how to repeat it, the motion itself."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.results import filled_in, read_result, verify_result
+from comove.results.solution import SCENE, rebuild
+from comove.scenes.scene import Scene
+from comove.workbench.recorded import POLICY, motion_page
+from comove.workbench.recording import Recording
+from comove.workbench.shelf import Shelf, read_scene
+from comove.workbench.words import measures_of
+
+PICTURES = (("motion.png", "The scene, the hands' paths and the load at equal steps."),)
+STYLE = (
+    "body{font:15px/1.55 system-ui,sans-serif;color:#1a1a1a;max-width:62em;margin:2em auto;padding:0 1em}"
+    "table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;border-bottom:1px solid #ddd}"
+    "iframe{width:100%;height:34em;border:1px solid #ccc;border-radius:6px}img{max-width:100%}"
+    "pre{background:#f4f5f7;padding:.7em 1em;border-radius:6px;overflow:auto}.no{color:#b3162a}.yes{color:#1d7a3c}"
+)
+MEANING = (
+    "Verified means that a judge, which knows neither planner nor optimiser, has bounded the exact curve of the "
+    "motion between its samples: at every instant the whole load and all hands keep at least the clearance stated "
+    "from every obstacle and from the border of the workspace, every constraint holds within its tolerance, no limit "
+    "is exceeded, and start and goal are reached. It says nothing of what the scene does not hold: obstacles that "
+    "are elsewhere than the scene says, or a controller that does not follow."
+)
+
+
+def report_page(shelf: Shelf) -> tuple[str, bool]:
+    """Return a report of a result as an HTML page, and whether the result is verified, judged anew from its files.
+
+    Parameters
+    ----------
+    shelf : the result, as `comove.workbench.shelf.shelf_of` finds it
+
+    Raises
+    ------
+    ResultError
+        If there is no result, or it cannot be read.
+    ExtraError
+        If the viewer is not installed.
+    """
+    folder = shelf.result or shelf.folder
+    stored = read_result(folder)
+    scene = filled_in(read_scene(shelf.scenes[shelf.first]), stored)
+    verdict = verify_result(stored, scene)
+    motion = rebuild(stored.arrays, scene)
+    played = motion_page(motion, Recording.of(motion), verdict.report, verdict.reasons)
+    measures = measures_of(verdict.report.asdict(), scene, scene.duration)
+    parts = [
+        f"<h1>{html.escape(scene.name)}</h1>",
+        _verdict(verdict.reasons),
+        f'<iframe title="the motion" sandbox="allow-scripts" srcdoc="{html.escape(played)}"></iframe>',
+        "<h2>What is proved</h2>",
+        _table(("at every instant", "proved", "asked for"), measures),
+        f"<p>{html.escape(MEANING)}</p>",
+        "<h2>The scene</h2>",
+        _table(("what", "how many or how much"), _facts(scene, motion)),
+        *_figures(folder),
+        "<h2>How it was made, and how to repeat it</h2>",
+        _table(("what", ""), _origin(stored.summary)),
+        f"<pre>{html.escape(_commands(folder, stored.summary))}</pre>",
+    ]
+    return _page(f"{scene.name}: comove", parts), not verdict.reasons
+
+
+def _page(title: str, parts: Sequence[str]) -> str:
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body>{''.join(parts)}</body></html>"
+    )
+
+
+def _verdict(reasons: Sequence[str]) -> str:
+    if not reasons:
+        return '<p class="yes"><b>Verified</b> at every instant, anew from the files.</p>'
+    listed = "".join(f"<li>{html.escape(reason)}</li>" for reason in reasons)
+    return f'<p class="no"><b>Not verified</b></p><ul>{listed}</ul>'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    return f"<table>{row(head, 'th')}{''.join(row(cells, 'td') for cells in rows)}</table>"
+
+
+def _facts(scene: Scene, motion: CoordinatedMotion) -> list[tuple[str, str]]:
+    """Return what stands in a scene, in words."""
+    kinds = [obstacle.shape for obstacle in scene.file.obstacles]
+    size = " x ".join(f"{side:g}" for side in scene.upper - scene.lower)
+    load = "none" if scene.file.load is None else scene.file.load.shape
+    return [
+        ("workspace", f"{size} m"),
+        ("obstacles", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"),
+        ("of these, moving", str(int(scene.moving.sum()))),
+        ("load", load),
+        ("hands", ", ".join(scene.manipulators)),
+        ("duration", f"{scene.duration:g} s"),
+        ("described in", f"{motion.coordinates.kind} coordinates, {motion.weights.size} weights"),
+    ]
+
+
+def _figures(folder: Path) -> list[str]:
+    found = []
+    for name, caption in PICTURES:
+        if (folder / name).is_file():
+            data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+            found.append(f'<p><img alt="{caption}" src="data:image/png;base64,{data}"><br>{caption}</p>')
+    return found
+
+
+def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    keys = ("method", "seed", "version", "scene_sha256", "motion_sha256")
+    return [(key.replace("_", " "), str(summary[key])) for key in keys if summary.get(key) is not None]
+
+
+def _commands(folder: Path, summary: dict[str, Any]) -> str:
+    name = folder.name or "result"
+    return (
+        f"comove verify {name}/{SCENE} {name}\n"
+        f"comove solve {name}/{SCENE} --out again --method {summary.get('method')} --seed {summary.get('seed')}"
+    )

@@ -1,0 +1,74 @@
+"""Where and how the save button writes: whole files, inside the folder that the workbench was started in."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from comove.errors import OptionError, ResultError
+from comove.io.files import whole_file
+from comove.scenes.model import SceneFile
+from comove.scenes.scene import Scene
+from comove.workbench.edits import Contents
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
+WORDS = "letters, digits, '-', '_' and '.', beginning with a letter or digit"
+
+
+def target_in(folder: Path, name: object, suffix: str = "") -> Path:
+    """Return the path of a new file or folder in `folder`, by a name that leads nowhere else.
+
+    Raises
+    ------
+    OptionError
+        If the name has other characters than a plain name, or what is there is a link.
+    """
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise OptionError(f"{str(name)[:80]!r} is no plain name", key="name", way_out=f"write {WORDS}")
+    path = folder / (name.removesuffix(suffix) + suffix)
+    if path.is_symlink() or path.parent.resolve() != folder.resolve():
+        raise OptionError(
+            f"{path.name} is a link to another place", key="name", way_out="choose another name"
+        )
+    return path
+
+
+def scene_text(contents: Contents) -> str:
+    """Return the contents of a scene file as YAML, without what is understood."""
+    import yaml
+
+    file = SceneFile.model_validate(contents)
+    plain: dict[str, Any] = {"version": file.version} | file.model_dump(mode="json", exclude_defaults=True)
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
+
+
+def save_scene(contents: Contents, path: Path, source: Path) -> None:
+    """Write a scene file that reads back to the same scene; nothing is replaced.
+
+    Parameters
+    ----------
+    source : folder to which paths in the scene are relative
+
+    Raises
+    ------
+    ResultError
+        If the scene names files and goes elsewhere, or the file cannot be written or is there already.
+    SceneError
+        If the contents are no scene.
+    """
+    scene = Scene.from_dict(contents, folder=source)
+    if _names_files(scene) and source.resolve() != path.parent.resolve():
+        raise ResultError(
+            "the scene names files beside it, which it would not find from here",
+            file=path,
+            way_out=f"start comove view in {source}",
+        )
+    with whole_file(path, ResultError, replace=False) as file:
+        file.write(scene_text(contents).encode())
+
+
+def _names_files(scene: Scene) -> bool:
+    demonstration, robot = scene.file.demonstration, scene.file.robot
+    taught = demonstration is not None and (demonstration.file or demonstration.library)
+    return bool(scene.meshes or taught or (robot and "/" in robot))

@@ -1,0 +1,532 @@
+"""One page: its scene, its history, its planner, and what happens when a person drags, presses or waits.
+
+Everything here runs on the viewer's event loop, one step at a time, so nothing is locked. The planner answers from a
+thread of its own, and its answers are handed to the loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ComoveError, ComoveWarning
+from comove.geometry.rotations import conjugate, quaternion_product
+from comove.scenes.scene import Scene
+from comove.workbench.comparison import CHOICES, Comparison
+from comove.workbench.edits import (
+    Draft,
+    Grip,
+    History,
+    contents_of,
+    moved,
+    place_of,
+    with_bar,
+    with_duration,
+    with_limit,
+)
+from comove.workbench.link import Link
+from comove.workbench.panels import Panels
+from comove.workbench.protocol import Message
+from comove.workbench.recording import Recording
+from comove.workbench.saving import save_scene, target_in
+from comove.workbench.shelf import Shelf, read_scene
+from comove.workbench.stage import Stage, demonstrated
+from comove.workbench.teaching import Stroke, keep
+from comove.workbench.words import measures_words, plain_text, robot_words, verdict_words
+
+Array = NDArray[np.float64]
+
+FRAME = 1 / 30  # s, between states while playing
+POINTED = 6  # frames, after which the plots' line follows
+END_PAUSE = 0.7  # s, at the end before playing begins again
+VERIFIED = ("stored", "kept", "found", "solved")
+
+
+@dataclass
+class Hold:
+    """What is being dragged: the grip, the contents before, the place before, and where it was taken."""
+
+    grip: Grip
+    contents: dict[str, Any]
+    place: Array
+    taken: Array
+    quaternion: Array
+
+
+class Session:
+    """One page.
+
+    Parameters
+    ----------
+    client : the viewer's client
+    loop : event loop on which everything happens
+    shelf : scenes to choose from
+    """
+
+    def __init__(self, client: Any, loop: asyncio.AbstractEventLoop, shelf: Shelf):
+        self.client, self.loop, self.shelf = client, loop, shelf
+        names = tuple(shelf.scenes) if len(shelf.scenes) > 1 else ()
+        self.panels = Panels(client.gui, self.changed, names, shelf.first, CHOICES)
+        self.comparison = Comparison(client, loop, self.panels)
+        self.stage: Stage | None = None
+        self.link: Link | None = None
+        self.gizmo: Any = None
+        self.tool: Any = None
+        self.selected: Grip | None = None
+        self.grips: dict[Grip, Any] = {}
+        self.held: Hold | None = None
+        self.asked, self.answered, self.solved = -1, -1, -1
+        self.playing, self.pace, self.time = True, 1.0, 0.0
+        self.closed = False
+        self.open(shelf.first)
+        self._player = loop.create_task(self._play())
+
+    # --- scenes ---
+
+    def open(self, name: str) -> None:
+        """Show a scene of the shelf, and ask for its motion."""
+        path = self.shelf.scenes[name]
+        scene = read_scene(path)
+        if self.link is not None:
+            self.link.close()
+        self.link = Link(path.parent, self._hand_over)
+        self.history = History((Draft(contents_of(scene)),))
+        self.time, self.stage, self.selected = 0.0, None, None
+        self._lay(scene)
+        self._look()
+        self._ask(result=self.shelf.result)
+
+    def _lay(self, scene: Scene) -> None:
+        """Draw a scene that has been read."""
+        selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
+        shown = self.stage.recording if self.stage is not None else None
+        again = self.stage is not None and self.stage.scene.manipulators == scene.manipulators
+        self.client.scene.reset()
+        self.scene = scene
+        self.stage = Stage(self.client.scene, scene)
+        self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
+        self.grips = self.stage.grips()
+        for grip, handle in self.grips.items():
+            self._make_draggable(grip, handle)
+        if selected is not None and selected in self.grips:
+            self._show_gizmo(selected, self.grips[selected])
+        self.panels.fill(self.history.now, scene)
+        alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
+        if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
+            self.stage.draw_motion(shown, pale=True)
+        self.comparison.renew(scene, self.history.now, self._source())
+
+    def _compare(self, choice: Any) -> None:
+        shown = None if self.stage is None else self.stage.recording
+        self.comparison.choose(choice, self.scene, self.history.now, shown, self._source())
+        self._look()
+
+    def _look(self) -> None:
+        if self.stage is None:
+            return
+        position, look_at, up = self.stage.camera()
+        look_at = look_at + self.comparison.shift
+        self.client.camera.up_direction = up
+        self.client.camera.position = look_at + self.comparison.farther * (position - self.stage.camera()[1])
+        self.client.camera.look_at = look_at
+
+    # --- dragging ---
+
+    def _make_draggable(self, grip: Grip, handle: Any) -> None:
+        async def dragged(event: Any) -> None:
+            self._dragged(grip, handle, event)
+
+        async def clicked(_: Any) -> None:
+            self._show_gizmo(grip, handle)
+
+        handle.on_drag(dragged)
+        handle.on_click(clicked)
+
+    def _dragged(self, grip: Grip, handle: Any, event: Any) -> None:
+        """Move a grip under the pointer; in the plane along it, in space across the line of sight."""
+        if event.phase == "start" or self.held is None or self.held.grip != grip:
+            contents = self.history.now.contents
+            place, taken = place_of(contents, grip), np.array(event.start_position, dtype=float)
+            self.held = Hold(grip, contents, place, taken, np.array([1.0, 0.0, 0.0, 0.0]))
+        pointer: Array | None = np.array(event.end_position, dtype=float)
+        if self.scene.n_dims == 2 and pointer is not None:
+            pointer = _on_plane(np.array(self.client.camera.position), pointer, self.held.taken[2])
+        if pointer is None or not np.isfinite(pointer).all():
+            return
+        to = self.held.place + pointer - self.held.taken
+        if self.scene.n_dims == 2:
+            to[2] = 0.0
+        lift = self.stage.lift if self.stage is not None and grip.kind != "obstacle" else 0.0
+        handle.position = tuple(to + [0.0, 0.0, lift])
+        self.move(grip, to, None, last=event.phase == "end")
+
+    def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
+        """Move a grip, from how it was when it was taken, and ask for the motion.
+
+        Parameters
+        ----------
+        to, turn : as `comove.workbench.edits.moved`
+        last : whether it is let go
+        """
+        before = self.held.contents if self.held is not None else self.history.now.contents
+        try:
+            draft = self.history.now.with_contents(moved(before, grip, to, turn))
+        except ComoveError as error:
+            self.panels.say(verdict_words("failed", [str(error)]))
+            return
+        if last:
+            self.held = None
+            self.commit(draft)
+        else:
+            self._ask(draft, dragging=True)
+
+    def _show_gizmo(self, grip: Grip, handle: Any) -> None:
+        """Show arrows and rings at something that was clicked."""
+        if self.gizmo is not None:
+            self.gizmo.remove()
+        self.selected = grip
+        planar = self.scene.n_dims == 2
+        place = np.array(handle.position, dtype=float)
+        side = float((self.scene.upper - self.scene.lower).max())
+        self.gizmo = self.client.scene.add_transform_controls(
+            "/gizmo",
+            scale=0.16 * side,
+            active_axes=(True, True, not planar),
+            disable_rotations=not grip.turns,
+            depth_test=False,
+            position=tuple(place),
+        )
+        self.panels.taken.content = f"**{self._name(grip)}** is taken: arrows move it, rings turn it."
+        start = place.copy()
+
+        async def updated(event: Any) -> None:
+            self._turned(grip, handle, event, start)
+
+        self.gizmo.on_update(updated)
+
+    def _turned(self, grip: Grip, handle: Any, event: Any, start: Array) -> None:
+        place = np.array(event.target.position, dtype=float)
+        turn = np.array(event.target.wxyz, dtype=float)
+        if event.phase == "start" or self.held is None or self.held.grip != grip:
+            contents = self.history.now.contents
+            self.held = Hold(grip, contents, place_of(contents, grip), place, turn)
+        held = self.held
+        by = quaternion_product(turn, conjugate(held.quaternion))
+        by_turn = by if grip.turns and abs(by[0]) < 1 - 1e-12 else None
+        to = held.place + place - held.taken
+        handle.position = tuple(place)
+        if grip.kind == "obstacle":
+            handle.wxyz = tuple(by)
+        self.move(grip, to, by_turn, last=event.phase == "end")
+
+    def _name(self, grip: Grip) -> str:
+        if grip.kind == "obstacle":
+            return self.scene.name_of(grip.number)
+        return f"the {grip.kind} of {', '.join(self.scene.manipulators[hand] for hand in grip.hands)}"
+
+    # --- teaching ---
+
+    def _draw(self, _: Any) -> None:
+        """Let a person show a movement: on a sheet above the plane, or by arrows in space."""
+        if self.stage is None:
+            return
+        self._put_down()
+        stroke = Stroke(self.scene.n_dims)
+        self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
+        if self.scene.n_dims == 2:
+            self.tool = self.stage.sheet()
+
+            async def drawn(event: Any) -> None:
+                camera = np.array(self.client.camera.position)
+                point = _on_plane(camera, np.array(event.end_position, dtype=float), event.start_position[2])
+                self._drawn(stroke, point, last=event.phase == "end")
+
+            self.tool.on_drag(drawn)
+            return
+        middle = tuple(self.scene.start.mean(axis=0))
+        side = float((self.scene.upper - self.scene.lower).max())
+        self.tool = self.client.scene.add_transform_controls(
+            "/hand", scale=0.2 * side, disable_rotations=True, depth_test=False, position=middle
+        )
+
+        async def led(event: Any) -> None:
+            self._drawn(stroke, np.array(event.target.position, dtype=float), last=event.phase == "end")
+
+        self.tool.on_update(led)
+
+    def _drawn(self, stroke: Stroke, point: Array | None, *, last: bool) -> None:
+        """Take a point of a movement that is being shown; after the last one, learn it and use it at once."""
+        if self.stage is None or self.tool is None:
+            return
+        if point is not None:
+            stroke.add(time.monotonic(), point)
+            self.stage.draw_stroke(stroke.rows)
+        if not last:
+            return
+        self._put_down()
+        try:
+            taught = stroke.taught(float((self.scene.upper - self.scene.lower).max()))
+        except ComoveError as error:
+            self.panels.taught.content = verdict_words("failed", [str(error)])
+            return
+        self.panels.taught.content = (
+            f"**Learned** from {len(stroke.rows)} points in {taught[-1][0]:.1f} s, {len(taught)} after cleaning; "
+            "the dashed lines are what each hand would do of it."
+        )
+        self.commit(replace(self.history.now, taught=taught))
+
+    def _put_down(self) -> None:
+        """Take the tool away that a movement was shown with."""
+        if self.tool is not None:
+            self.tool.remove()
+            self.tool = None
+
+    def _forget(self, _: Any) -> None:
+        self._put_down()
+        self.panels.taught.content = "The scene's own demonstration counts again."
+        self.commit(replace(self.history.now, taught=None))
+
+    def _keep(self, _: Any) -> None:
+        """Learn a primitive from what was shown, and add it to the library of the folder that was started in."""
+        draft, name = self.history.now, self.panels.controls["movement"].value
+        if draft.taught is None:
+            self.panels.taught.content = "Show a movement first."
+            return
+        target_in(self.shelf.folder, name)
+        keep(draft.taught, name, self.shelf.folder)
+        self.panels.taught.content = f"**Kept** as {plain_text(name)} in the folder library."
+        if self._source().resolve() == self.shelf.folder.resolve():  # where the scene finds it
+            contents = draft.contents | {"demonstration": {"library": name}}
+            self.commit(replace(draft, contents=contents, taught=None))
+
+    # --- changes ---
+
+    def commit(self, draft: Draft) -> None:
+        """Take a changed draft into the history, draw its scene and ask for its motion."""
+        self.history = self.history.then(draft)
+        self._renew()
+
+    def _renew(self) -> None:
+        """Draw the scene of the history, if it is one, and ask for its motion."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ComoveWarning)
+                scene = Scene.from_dict(self.history.now.contents, folder=self._source())
+        except ComoveError as error:
+            if self.stage is not None:
+                self.stage.fade()
+            if self.link is not None:
+                self.asked = self.link.drop()
+            self.panels.say(verdict_words("failed", [str(error)]))
+            return
+        self._lay(scene)
+        self._ask()
+
+    def _source(self) -> Path:
+        return self.link.folder if self.link is not None else self.shelf.folder
+
+    def _ask(self, draft: Draft | None = None, *, dragging: bool = False, result: Path | None = None) -> None:
+        if self.link is None:
+            return
+        self.asked = self.link.submit(draft or self.history.now, dragging=dragging, result=result)
+        if self.stage is not None:
+            self.stage.blame(None)
+        if not dragging:
+            self.panels.say(verdict_words("waiting"))
+
+    def changed(self, name: str, value: Any) -> None:
+        """Answer a control that a person has changed."""
+        try:
+            self._controls[name](self, value) if name in self._controls else self._set(name, value)
+        except ComoveError as error:
+            places = {"keep": self.panels.taught}
+            place = places.get(name, self.panels.saved if name.startswith("save") else self.panels.verdict)
+            place.content = verdict_words("failed", [str(error)])
+
+    def _set(self, name: str, value: Any) -> None:
+        """Change a value of the draft."""
+        draft, contents = self.history.now, self.history.now.contents
+        if name == "duration":
+            draft = draft.with_contents(with_duration(contents, value))
+        elif name == "bar":
+            draft = draft.with_contents(with_bar(contents, value))
+        elif name in ("speed", "acceleration", "clearance"):
+            draft = draft.with_contents(with_limit(contents, name, value))
+        elif name in ("method", "objective", "resemblance"):
+            draft = replace(draft, **{name: value})
+        else:
+            return
+        self.commit(draft)
+
+    def _undo(self, _: Any) -> None:
+        self.history = self.history.undone()
+        self._renew()
+
+    def _redo(self, _: Any) -> None:
+        self.history = self.history.redone()
+        self._renew()
+
+    def _open(self, name: Any) -> None:
+        if name in self.shelf.scenes:
+            self.open(name)
+
+    def _toggle(self, _: Any) -> None:
+        self.playing = not self.playing
+        self.panels.controls["play"].label = "Pause" if self.playing else "Play"
+
+    def _set_pace(self, value: Any) -> None:
+        with suppress(ValueError, AttributeError):
+            self.pace = min(max(float(value.rstrip("x")), 0.1), 10.0)
+
+    def _scrub(self, value: Any) -> None:
+        if isinstance(value, (int, float)) and np.isfinite(value):
+            if self.playing:
+                self._toggle(True)
+            self._show(float(value))
+
+    def _set_ghosts(self, value: Any) -> None:
+        if self.stage is not None:
+            self.stage.show_ghosts(bool(value))
+
+    def _save_scene(self, _: Any) -> None:
+        path = target_in(self.shelf.folder, self.panels.controls["name"].value, ".yaml")
+        save_scene(self.history.now.contents, path, self._source())
+        self.panels.saved.content = f"Saved: {plain_text(path.name)}"
+
+    def _save_result(self, _: Any) -> None:
+        path = target_in(self.shelf.folder, self.panels.controls["name"].value)
+        if self.link is None or self.solved != self.asked:
+            self.panels.saved.content = (
+                "There is no verified motion of this scene to save yet; wait for the search."
+            )
+            return
+        self.link.save(self.solved, path)
+
+    _controls: Mapping[str, Callable[[Session, Any], None]] = {
+        "undo": _undo,
+        "redo": _redo,
+        "example": _open,
+        "play": _toggle,
+        "pace": _set_pace,
+        "time": _scrub,
+        "ghosts": _set_ghosts,
+        "beside": _compare,
+        "draw": _draw,
+        "forget": _forget,
+        "keep": _keep,
+        "movement": lambda self, value: None,
+        "save scene": _save_scene,
+        "save result": _save_result,
+        "name": lambda self, value: None,
+    }
+
+    # --- answers ---
+
+    def _hand_over(self, message: Message) -> None:
+        """Hand an answer of the planner, which comes from its thread, to the loop."""
+        link = self.link
+        with suppress(RuntimeError):  # the loop has ended
+            self.loop.call_soon_threadsafe(self._answered, link, message)
+
+    def _answered(self, link: Link | None, message: Message) -> None:
+        header, kind = message.header, message.header["kind"]
+        if self.closed or link is not self.link or self.stage is None:
+            return
+        if kind in ("compiling", "ended"):
+            if kind == "ended" or header["kernel"]:
+                self.panels.say(verdict_words(kind))
+            return
+        if kind == "saved":
+            self.panels.saved.content = f"Saved: {plain_text(Path(header['target']).name)}"
+            return
+        if kind == "unsaved":
+            self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(header['reasons']))}"
+            return
+        if header["id"] < self.answered:
+            return
+        self.answered, newest = header["id"], header["id"] == self.asked
+        if kind in VERIFIED:
+            self._take(Recording(**message.arrays), header, newest)
+        elif newest:
+            self.stage.fade()
+            if message.arrays:
+                self.stage.blame(int(message.arrays["tightest"][1]))
+            self.panels.say(verdict_words("failed", header["reasons"]))
+
+    def _take(self, recording: Recording, header: Mapping[str, Any], newest: bool) -> None:
+        """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
+        if self.stage is None:
+            return
+        with self.client.atomic():
+            self.stage.draw_motion(recording, pale=not newest)
+            self._show(min(self.time, float(recording.time[-1])))
+        if not newest:
+            return
+        self.solved = header["id"] if header["kind"] == "solved" else self.solved
+        first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
+        self.panels.say(verdict_words(header["kind"], seconds=None if first else header["verified_after"]))
+        self.panels.plot(recording, self.scene.manipulators)
+        words = measures_words(header["report"], self.scene, header["duration"])
+        self.panels.measures.content = words + self._tightest_words(recording) + robot_words(self.scene)
+
+    def _tightest_words(self, recording: Recording) -> str:
+        at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
+        least = 1e3 * float(recording.clearance[recording.index_at(at)])
+        if not np.isfinite(least):
+            return ""
+        name = plain_text(self.scene.name_of(nearest))
+        return f"\n\nTightest (red): {least:.1f} mm from {name} at {at:.2f} s."
+
+    # --- playing ---
+
+    async def _play(self) -> None:
+        frame = 0
+        while not self.closed:
+            await asyncio.sleep(FRAME)
+            recording = None if self.stage is None else self.stage.recording
+            if recording is None or not self.playing:
+                continue
+            end = float(recording.time[-1])
+            self.time += FRAME * self.pace
+            if self.time > end + END_PAUSE * self.pace:
+                self.time = 0.0
+            frame += 1
+            self._show(min(self.time, end), keep=True, pointing=frame % POINTED == 0)
+
+    def _show(self, at: float, *, keep: bool = False, pointing: bool = True) -> None:
+        """Show an instant [s]."""
+        if self.stage is None or self.stage.recording is None:
+            return
+        self.time = self.time if keep else at
+        index = self.stage.recording.index_at(at)
+        self.stage.show(index)
+        self.comparison.show(at)
+        if pointing:
+            self.panels.controls["time"].value = round(at, 2)
+            self.panels.point(index)
+
+    def close(self) -> None:
+        """Free what the page held: its planner, and its clock."""
+        self.closed = True
+        self._player.cancel()
+        self.comparison.close()
+        if self.link is not None:
+            self.link.close()
+
+
+def _on_plane(camera: Array, through: Array, height: float) -> Array | None:
+    """Return where the line of sight through a point meets the plane at a height; None where it does not."""
+    way = through - camera
+    if abs(way[2]) < 1e-9:
+        return None
+    share = (height - camera[2]) / way[2]
+    return camera + share * way if share > 0 else None

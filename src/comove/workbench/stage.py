@@ -1,0 +1,332 @@
+"""The stage: binds scenes and recordings, as meshes, lines and poses, to a viewer's scene, of one page or of a file.
+
+Everything is added under a name; what is added again under the same name takes the old one's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ComoveError
+from comove.planning import carried_demonstration, movements_of
+from comove.scenes.demonstration import demonstration_of
+from comove.scenes.scene import Scene
+from comove.views.style import COLOURS, GOAL, MOVING, START
+from comove.workbench.edits import Grip, contents_of, grips_of, place_of
+from comove.workbench.geometry import (
+    HAND,
+    HEIGHT,
+    Piece,
+    ball,
+    clearance_colours,
+    colour_of,
+    longest_side,
+    obstacle_surfaces,
+    pieces_of,
+    segments_of,
+    workspace_lines,
+)
+from comove.workbench.recording import Recording
+from comove.workbench.teaching import Taught, demonstration_from
+
+Array = NDArray[np.float64]
+
+STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cdd3")
+BLOCKS = colour_of("#d7263d")
+N_GHOSTS = 9
+COMFORT = 0.05  # of the longest side: clearance from which the path is green
+GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
+ROOM_OF_VIEW = 0.95  # of the longest side: how far off the camera stands
+
+
+@dataclass(eq=False)
+class Stage:
+    """What is drawn of one scene and one motion.
+
+    Parameters
+    ----------
+    api : the viewer's scene, of a client or of a server
+    scene : what is drawn
+    prefix : path under which everything is drawn
+    """
+
+    api: Any
+    scene: Scene
+    prefix: str = ""
+    recording: Recording | None = None
+    obstacles: list[Any] = field(default_factory=list)
+    marks: dict[str, Any] = field(default_factory=dict)
+    _pieces: tuple[Piece, ...] = ()
+    _moving: list[Any] = field(default_factory=list)
+    _motion: dict[str, Any] = field(default_factory=dict)
+    _pale: bool = False
+    _ghosts: bool = True
+
+    def __post_init__(self) -> None:
+        self.side = longest_side(self.scene)
+        self.lift = 0.5 * HEIGHT * self.side if self.scene.n_dims == 2 else 0.0
+
+    def draw_scene(self, demonstration: Array | None = None) -> None:
+        """Draw workspace, obstacles, starts and goals.
+
+        Parameters
+        ----------
+        demonstration : array, shape (n_steps, n_manipulators, 3), drawn as thin lines where given [m]
+        """
+        self._lines("workspace", workspace_lines(self.scene), colour_of("#777d87"), 1.5)
+        self._floor()
+        self.draw_obstacles()
+        for grip in grips_of(self.scene):
+            if grip.kind != "obstacle":
+                self._draw_mark(grip)
+        for i in np.flatnonzero(self.scene.moving):
+            way = self.scene.offsets(np.linspace(0.0, self.scene.file.duration or 1.0, 101))[:, i]
+            path = self.scene.centers[i] + way + [0.0, 0.0, 0.5 * self.lift]
+            self._lines(f"way_{i}", segments_of(path)[::2], colour_of(MOVING), 1.5)
+        if demonstration is not None:
+            for hand in range(demonstration.shape[1]):
+                path = demonstration[:, hand] + [0.0, 0.0, 1.1 * self.lift]
+                self._lines(f"demonstration_{hand}", segments_of(path)[::2], colour_of("#6b7280"), 1.5)
+
+    def draw_obstacles(self) -> None:
+        """Draw the obstacles, where they are at 0 s."""
+        for handle in self.obstacles:
+            handle.remove()
+        moving = self.scene.moving
+        self.obstacles = [
+            self.api.add_mesh_simple(
+                f"{self.prefix}/obstacle_{i}",
+                surface.vertices.astype(np.float32),
+                surface.faces.astype(np.uint32),
+                color=colour_of(MOVING) if moving[i] else STILL,
+                opacity=None if self.scene.n_dims == 2 else 0.55,
+                side="double",
+                position=tuple(self.scene.centers[i]),
+            )
+            for i, surface in enumerate(obstacle_surfaces(self.scene))
+        ]
+
+    def _floor(self) -> None:
+        low, high = self.scene.lower, self.scene.upper
+        middle, size = 0.5 * (low + high), high - low
+        ground = 0.0 if self.scene.n_dims == 2 else float(low[2])
+        self.api.add_grid(
+            f"{self.prefix}/floor",
+            width=float(size[0]),
+            height=float(size[1]),
+            cell_size=0.1 * self.side,
+            section_size=0.5 * self.side,
+            position=(float(middle[0]), float(middle[1]), ground - 1e-3 * self.side),
+        )
+
+    def _draw_mark(self, grip: Grip) -> None:
+        """Draw the start or goal of a group of hands: a ball in its middle, and lines to the hands."""
+        ends = self.scene.start if grip.kind == "start" else self.scene.goal
+        colour = colour_of(START if grip.kind == "start" else GOAL)
+        place = place_of(contents_of(self.scene), grip) + [0.0, 0.0, self.lift]
+        surface = ball(GRIP * HAND * self.side)
+        self.marks[grip.name] = self.api.add_mesh_simple(
+            f"{self.prefix}/{grip.name}",
+            surface.vertices.astype(np.float32),
+            surface.faces.astype(np.uint32),
+            color=colour,
+            opacity=0.85,
+            position=tuple(place),
+        )
+        hands = np.zeros((len(grip.hands), 3))
+        hands[:, : self.scene.n_dims] = ends[list(grip.hands)]
+        hands[:, 2] += self.lift
+        if len(hands) > 1:
+            lines = np.stack([np.broadcast_to(place, hands.shape), hands], axis=1)
+            self._lines(f"{grip.name}_hands", lines, colour, 3.0)
+
+    def _lines(self, name: str, points: Array, colour: Any, thickness: float) -> Any:
+        """Draw segments, array of shape (n, 2, 3), in one colour or one each; thickness in pixels."""
+        colours = np.broadcast_to(np.asarray(colour, dtype=np.uint8).reshape(-1, 1, 3), (len(points), 2, 3))
+        return self.api.add_line_segments(
+            f"{self.prefix}/{name}",
+            points.astype(np.float32),
+            np.ascontiguousarray(colours),
+            thickness=thickness,
+            thickness_units="screen",
+        )
+
+    def draw_motion(self, recording: Recording, pale: bool = False) -> None:
+        """Draw a motion: load and hands, their paths, the load at equal times, and the tightest instant.
+
+        Parameters
+        ----------
+        pale : whether it is drawn in grey, as one that is not verified on this scene
+        """
+        pieces = pieces_of(self.scene, recording.nodes, COLOURS)
+        again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
+        changed = again and pale == self._pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
+        self.recording, self._pieces, self._pale = recording, pieces, pale
+        if not changed:
+            self._draw_bodies(pale)
+        self._draw_paths(recording, pale)
+        every = np.linspace(0, len(recording.time) - 1, N_GHOSTS).round().astype(int)
+        for piece in pieces:
+            handle = self._motion[f"ghost {piece.name}"]
+            handle.batched_positions = piece.position[every].astype(np.float32)
+            handle.batched_wxyzs = piece.quaternion[every].astype(np.float32)
+
+    def _draw_bodies(self, pale: bool) -> None:
+        for handle in [*self._moving, *self._motion.values()]:
+            handle.remove()
+        self._moving, self._motion = [], {}
+        for piece in self._pieces:
+            vertices = piece.surface.vertices.astype(np.float32)
+            faces = piece.surface.faces.astype(np.uint32)
+            colour = GREY if pale else piece.colour
+            self._moving.append(
+                self.api.add_mesh_simple(
+                    f"{self.prefix}/load/{piece.name}",
+                    vertices,
+                    faces,
+                    color=colour,
+                    opacity=0.5 if pale else None,
+                    position=tuple(piece.position[0]),
+                    wxyz=tuple(piece.quaternion[0]),
+                )
+            )
+            self._motion[f"ghost {piece.name}"] = self.api.add_batched_meshes_simple(
+                f"{self.prefix}/ghosts/{piece.name}",
+                vertices,
+                faces,
+                batched_positions=np.zeros((N_GHOSTS, 3), dtype=np.float32),
+                batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (N_GHOSTS, 1)).astype(np.float32),
+                batched_colors=colour,
+                opacity=0.15 if pale else 0.4,
+                lod="off",
+                cast_shadow=False,
+                receive_shadow=False,
+                visible=self._ghosts,
+            )
+
+    def _draw_paths(self, recording: Recording, pale: bool) -> None:
+        high = np.array([0.0, 0.0, 1.2 * self.lift])
+        for hand in range(recording.speed.shape[1]):
+            colour = PALE if pale else colour_of(COLOURS[hand % len(COLOURS)])
+            path = segments_of(recording.nodes[:, hand] + high)
+            self._motion[f"path {hand}"] = self._lines(f"path_{hand}", path, colour, 2.0)
+        colours: Any = PALE
+        if not pale:
+            tight = np.minimum(recording.clearance[:-1], recording.clearance[1:])
+            colours = clearance_colours(tight, COMFORT * self.side)
+        center = segments_of(recording.center + high)
+        self._motion["path"] = self._lines("path_load", center, colours, 5.0)
+        at = recording.nodes[recording.index_at(float(recording.tightest[0]))]
+        edges = [edge for edge in self.scene.body.edges.tolist() if edge[0] != edge[1]]
+        edges = edges or [[hand, hand + 1] for hand in range(recording.speed.shape[1] - 1)]
+        if pale or not edges:
+            if tightest := self._motion.pop("tightest", None):
+                tightest.remove()
+        else:
+            self._motion["tightest"] = self._lines("tightest", at[edges] + 1.2 * high, BLOCKS, 4.0)
+
+    def fade(self) -> None:
+        """Draw the motion that is shown in grey: it is not verified on the scene as it is now."""
+        if self.recording is not None and not self._pale:
+            self.draw_motion(self.recording, pale=True)
+
+    def show(self, index: int) -> None:
+        """Move load, hands and moving obstacles to a state of the recording."""
+        recording = self.recording
+        if recording is None:
+            return
+        for handle, piece in zip(self._moving, self._pieces, strict=True):
+            handle.position = tuple(piece.position[index])
+            handle.wxyz = tuple(piece.quaternion[index])
+        for i in np.flatnonzero(self.scene.moving):
+            self.obstacles[i].position = tuple(self.scene.centers[i] + recording.offsets[index, i])
+
+    def show_ghosts(self, visible: bool) -> None:
+        """Show or hide the load at equal times."""
+        self._ghosts = visible
+        for name, handle in self._motion.items():
+            if name.startswith("ghost "):
+                handle.visible = visible
+
+    def blame(self, obstacle: int | None) -> None:
+        """Draw the obstacle that is in the way in red, and all others as they are; None for none."""
+        for i, handle in enumerate(self.obstacles):
+            plain = colour_of(MOVING) if self.scene.moving[i] else STILL
+            wanted = BLOCKS if i == obstacle else plain
+            if tuple(handle.color) != wanted:
+                handle.color = wanted
+
+    def sheet(self) -> Any:
+        """Return a sheet above the plane on which a person can draw."""
+        low, high = self.scene.lower, self.scene.upper
+        height = 2.5 * self.lift
+        corners = np.array(
+            [
+                [x, y, height]
+                for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
+            ]
+        )
+        return self.api.add_mesh_simple(
+            f"{self.prefix}/sheet",
+            corners.astype(np.float32),
+            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+            color=colour_of("#ffd84d"),
+            opacity=0.18,
+            side="double",
+            cast_shadow=False,
+        )
+
+    def draw_stroke(self, rows: Sequence[Sequence[float]]) -> None:
+        """Draw a movement while it is shown; rows of time and position [m]."""
+        path = np.zeros((len(rows), 3))
+        path[:, : self.scene.n_dims] = np.array(rows)[:, 1:]
+        path[:, 2] += 2.6 * self.lift
+        if len(path) > 1:
+            self._lines("stroke", segments_of(path), colour_of("#e07a00"), 4.0)
+
+    def grips(self) -> dict[Grip, Any]:
+        """Return everything that can be taken, with the viewer's handle of it."""
+        return {
+            grip: self.obstacles[grip.number] if grip.kind == "obstacle" else self.marks[grip.name]
+            for grip in grips_of(self.scene)
+        }
+
+    def camera(self) -> tuple[Array, Array, Array]:
+        """Return where a camera should stand, what it should look at, and what is up; arrays, shape (3,)."""
+        low, high = np.zeros(3), np.zeros(3)
+        low[: self.scene.n_dims], high[: self.scene.n_dims] = self.scene.lower, self.scene.upper
+        middle = 0.5 * (low + high)
+        if self.scene.n_dims == 2:
+            away = np.array([0.0, -0.02, 1.0]) * ROOM_OF_VIEW * self.side
+            return middle + away, middle, np.array([0.0, 1.0, 0.0])
+        way = (self.scene.goal - self.scene.start).mean(axis=0)
+        heading = float(np.arctan2(way[1], way[0])) - np.radians(62.0)
+        away = np.array([np.cos(heading), np.sin(heading), 0.65]) * 1.35 * ROOM_OF_VIEW * self.side
+        return middle + away, middle, np.array([0.0, 0.0, 1.0])
+
+
+def demonstrated(scene: Scene, rows: Taught | None = None) -> Array | None:
+    """Return the demonstration of a scene, carried to every hand; None without one, or where it cannot be read.
+
+    Parameters
+    ----------
+    rows : movement that was taught in its place
+    """
+    try:
+        taught = movements_of(demonstration_of(scene) if rows is None else demonstration_from(rows), scene)
+        return None if taught is None else carried_demonstration(taught, scene)
+    except (ComoveError, OSError):
+        return None
+
+
+def _same_bodies(first: tuple[Piece, ...], second: tuple[Piece, ...]) -> bool:
+    return all(
+        a.surface.vertices.shape == b.surface.vertices.shape
+        and np.allclose(a.surface.vertices, b.surface.vertices, atol=1e-6)
+        for a, b in zip(first, second, strict=True)
+    )

@@ -1,0 +1,269 @@
+"""Pages are sessions of their own: each with its planner, which is ended with it."""
+
+import os
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import comove
+from comove.experiments.examples import example, example_path
+from comove.workbench.edits import contents_of, grips_of, moved, place_of
+from comove.workbench.shelf import shelf_of
+from comove.workbench.teaching import Stroke
+
+viser = pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
+
+from comove.workbench.page import serve  # noqa: E402
+from comove.workbench.session import Session  # noqa: E402
+from tests.workbench.pages import Page  # noqa: E402
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A running workbench on the example `narrow`, and its sessions as they are made."""
+    sessions, plain = [], Session.__init__
+
+    def made(self, *arguments):
+        plain(self, *arguments)
+        sessions.append(self)
+
+    monkeypatch.setattr(Session, "__init__", made)
+    shutil.copy(example_path("narrow"), tmp_path / "narrow.yaml")
+    guarded = serve(shelf_of(tmp_path / "narrow.yaml", tmp_path))
+    yield guarded, sessions, tmp_path
+    for session in sessions:
+        session.close()
+    guarded.stop()
+
+
+def on_loop(session, function, *arguments, **options):
+    """Call a method of a session where its page would, and wait for it."""
+    done, result = threading.Event(), []
+
+    def call():
+        try:
+            result.append(function(*arguments, **options))
+        finally:
+            done.set()
+
+    session.loop.call_soon_threadsafe(call)
+    assert done.wait(60.0)
+    return result[0]
+
+
+def soon(condition, seconds=120.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, "it did not happen"
+        time.sleep(0.05)
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
+
+
+def test_a_page_shows_scene_and_verified_motion_and_frees_its_planner(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    names = {message.get("name") for message in page.messages}
+    assert {"/obstacle_0", "/obstacle_1", "/start_0", "/goal_0", "/load/rod_0", "/path_load"} <= names
+    (session,) = sessions
+    pid = session.link.pid
+    assert alive(pid)
+    page.close()
+    soon(lambda: not alive(pid))
+    assert [entry.name for entry in folder.iterdir()] == ["narrow.yaml"], "nothing is written without a wish"
+
+
+def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    before = session.stage.recording
+    grip = grips_of(session.scene)[0]
+    to = place_of(session.history.now.contents, grip) + [0.0, -0.03, 0.0]
+    on_loop(session, session.move, grip, to, None, last=True)
+    soon(lambda: session.solved == session.asked)
+    np.testing.assert_allclose(session.scene.centers[0], to, atol=1e-6)
+    assert session.stage.recording is not before
+    assert not session.stage._pale
+    on_loop(session, session.changed, "save result", True)
+    session.panels.controls["name"].value = "steered"
+    on_loop(session, session.changed, "save result", True)
+    on_loop(session, session.changed, "save scene", True)
+    soon(lambda: (folder / "steered" / "solution.json").is_file())
+    scene = comove.Scene.load(folder / "steered.yaml")
+    from comove.results import read_result, verify_result
+
+    assert verify_result(read_result(folder / "steered"), scene).verified is not None
+    on_loop(session, session.changed, "undo", True)
+    assert session.history.at == 0
+    np.testing.assert_allclose(session.scene.centers[0], example("narrow").centers[0])
+    page.close()
+
+
+def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_stays_grey(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    grip = grips_of(session.scene)[0]
+    start = session.scene.start.mean(axis=0)
+    on_loop(session, session.move, grip, np.array([*start, 0.0]), None, last=True)
+    assert "at the start the load or a hand" in page.verdict("No verified motion")
+    assert session.stage._pale
+    assert session.stage.recording is not None
+    on_loop(session, session.changed, "undo", True)
+    on_loop(session, session.changed, "duration", 0.1)
+    assert "would do" in page.verdict("too short")
+    assert session.stage._pale
+    page.close()
+
+
+def test_a_result_takes_the_place_of_no_other_folder(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    (folder / "taken").mkdir()
+    (folder / "taken" / "letter.txt").write_text("mine")
+    session.panels.controls["name"].value = "taken"
+    on_loop(session, session.changed, "save result", True)
+    assert "not empty" in page.verdict("**Not saved.**")
+    assert [entry.name for entry in (folder / "taken").iterdir()] == ["letter.txt"]
+    page.close()
+
+
+def test_pages_do_not_disturb_each_other(bench):
+    guarded, sessions, _ = bench
+    first, second = (Page(guarded.address.rstrip("/")).appear() for _ in range(2))
+    for page in (first, second):
+        page.verdict("The search is done")
+    assert sessions[0].link.pid != sessions[1].link.pid
+    on_loop(sessions[0], sessions[0].changed, "duration", 7.0)
+    assert sessions[1].history.now.contents["duration"] == 10.0
+    pid = sessions[1].link.pid
+    first.close()
+    soon(lambda: sessions[0].closed)
+    assert alive(pid)
+    second.close()
+
+
+def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    on_loop(session, session.changed, "beside", "projection")
+    assert "erified" in page.verdict("**projection**: **")
+    other = session.comparison.stage
+    assert other.recording is not None
+    assert "/beside/load/rod_0" in {message.get("name") for message in page.messages}
+    assert other.recording.time[-1] == session.stage.recording.time[-1]
+    pid = session.comparison._link.pid
+    on_loop(session, session.changed, "beside", "nothing")
+    soon(lambda: not alive(pid))
+    page.close()
+
+
+def test_a_drawn_movement_is_learned_used_at_once_and_kept(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    before = session.stage.recording.center
+    on_loop(session, session.changed, "draw", True)
+    stroke = Stroke(2)
+    for share in np.linspace(0.0, 1.0, 60):
+        point = np.array([0.15 + 0.7 * share, 0.5 - 0.3 * np.sin(2 * np.pi * share), 0.0])
+        on_loop(session, session._drawn, stroke, point, last=share == 1.0)
+        time.sleep(0.02)
+    assert session.history.now.taught is not None
+    soon(lambda: session.solved == session.asked)
+    after = session.stage.recording.center
+    assert np.abs(after - before).max() > 0.1, "the load moves as was drawn"
+    assert after[:, 1].min() < 0.35
+    session.panels.controls["movement"].value = "../wave"
+    on_loop(session, session.changed, "keep", True)
+    assert not (folder / "library").exists()
+    session.panels.controls["movement"].value = "wave"
+    on_loop(session, session.changed, "keep", True)
+    assert comove.Library(folder / "library").names == ("wave",)
+    assert session.history.now.contents["demonstration"]["library"] == "wave"
+    soon(lambda: session.solved == session.asked)
+    assert np.abs(session.stage.recording.center - after).max() < 0.05, (
+        "the primitive in the library is what was drawn"
+    )
+    page.close()
+
+
+def test_what_is_held_stays_while_the_scene_changes(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    on_loop(session, session.changed, "beside", "the motion shown now")
+    held = session.comparison.stage.recording
+    assert held is session.stage.recording
+    on_loop(session, session.changed, "duration", 7.0)
+    soon(lambda: session.solved == session.asked)
+    assert session.comparison.stage.recording is held
+    assert session.stage.recording.time[-1] == pytest.approx(7.0)
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("duration", float("nan")),
+        ("speed", -1.0),
+        ("bar", 0.0),
+        ("method", "magic"),
+        ("objective", None),
+        ("resemblance", 7.0),
+        ("pace", "fast"),
+        ("time", "noon"),
+        ("example", "../../etc/passwd"),
+        ("beside", "magic"),
+        ("no such control", 1.0),
+    ],
+)
+def test_what_no_control_sends_changes_nothing(bench, name, value):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    soon(lambda: sessions)
+    (session,) = sessions
+    on_loop(session, session.changed, name, value)
+    assert session.history.at == 0
+    page.close()
+
+
+def test_names_with_paths_are_not_saved(bench):
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    for name in ("../out", "/tmp/out", "a/b", ""):
+        session.panels.controls["name"].value = name
+        on_loop(session, session.changed, "save scene", True)
+        on_loop(session, session.changed, "save result", True)
+        assert "no plain name" in session.panels.saved.content
+    assert [entry.name for entry in folder.iterdir()] == ["narrow.yaml"]
+    page.close()
+
+
+def test_moved_contents_are_those_of_the_page():
+    scene = example("narrow")
+    grip = grips_of(scene)[0]
+    contents = moved(contents_of(scene), grip, np.array([0.5, 0.2, 0.0]))
+    assert contents["obstacles"][0]["center"] == [0.5, 0.2]
