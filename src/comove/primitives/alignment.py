@@ -71,7 +71,9 @@ def aligned(times: Sequence[Array], positions: Sequence[Array], alignment: Align
     for _ in range(ROUNDS):
         mean = np.mean([_played(curve, warp) for curve, warp in zip(curves, warps, strict=True)], axis=0)
         warps = np.stack([_warp(mean, curve) for curve in curves])
-        usual = warps.mean(axis=0)  # at which the recordings are, on average: it becomes the course's own time
+        usual = warps.mean(
+            axis=0
+        )  # at which the recordings are, on average: it becomes the course's own time
         warps = np.stack([np.interp(even, usual, warp) for warp in warps])
     return [np.interp(share, warp, even) for share, warp in zip(shares, warps, strict=True)]
 

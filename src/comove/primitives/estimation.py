@@ -9,7 +9,8 @@ multiplied by a correlation that falls with the time between them,
 
 What is known best stays as it was: the variances at every instant, and the covariances between coordinates and hands
 at one instant. The product is positive (Schur). The length is the one under which movements that are left out in
-turn are most likely.
+turn are most likely. All variances are those of the next movement, given that mean and variance are known from n
+movements only (the moments of Student's predictive distribution): S (1 + 1/n) (n - 1) / (n - 3).
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LENGTHS = (0.06, 0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)  # durations, tried in turn
-USUAL_LENGTH = 0.5  # where movements are too few to leave one out
+LENGTHS = (0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)  # durations, tried in turn
+USUAL_LENGTH = 0.3  # where movements are too few to leave one out
 LEAST_TO_CHOOSE = 4  # movements from which on the length is chosen
 MOST_FOLDS = 10  # groups that are left out in turn
+LEAST_FREEDOM = 4  # degrees of freedom that are assumed at least, where two would make the variance infinite
 RIDGE = 1e-9  # of a regression on contexts, relative
 
 
@@ -68,9 +70,10 @@ def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Es
             kept = np.setdiff1d(np.arange(n), fold)
             centre, slope, of_kept = regression(values[kept], contexts[kept])
             away = values[fold] - centre - contexts[fold] @ slope
+            of_kept = of_kept * widening(len(kept), contexts.shape[1])
             scores += [_log_density(of_kept * taper, noise, away) for taper in tapers.values()]
         length = LENGTHS[int(np.argmax(scores))]
-    return Estimate(mean, sample * tapers[length], slopes, length, chosen)
+    return Estimate(mean, widening(n, contexts.shape[1]) * sample * tapers[length], slopes, length, chosen)
 
 
 def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
@@ -85,6 +88,12 @@ def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
         slopes = np.linalg.solve(square, away.T @ (values - middle))
     left = values - middle - away @ slopes
     return middle - centre @ slopes, slopes, left.T @ left / max(n - 1 - n_context, 1)
+
+
+def widening(n: int, n_context: int = 0) -> float:
+    """Return the ratio of the variance of the next movement to the sample variance of n movements."""
+    freedom = max(n - 1 - n_context, LEAST_FREEDOM)
+    return (1.0 + 1.0 / n) * freedom / (freedom - 2)
 
 
 def _taper(n_steps: int, n_columns: int, length: float) -> Array:

@@ -32,7 +32,7 @@ from comove.primitives.arguments import (
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.estimation import estimate
+from comove.primitives.estimation import estimate, widening
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
 
@@ -114,7 +114,10 @@ class ProMP:
                 way_out="give each the same number",
             )
         spread = np.abs(self.covariance).max(initial=0.0)
-        if np.abs(self.covariance - self.covariance.T).max() > 1e-9 * spread or self._eigen[0].min() < -1e-9 * spread:
+        if (
+            np.abs(self.covariance - self.covariance.T).max() > 1e-9 * spread
+            or self._eigen[0].min() < -1e-9 * spread
+        ):
             raise OptionError("the covariance is not symmetric and positive", way_out="learn it anew")
 
     @classmethod
@@ -131,7 +134,8 @@ class ProMP:
 
         Each recording is fitted by least squares; mean and covariance are those of the fits. The covariance of
         different instants is tapered over a length of time, under which recordings that are left out in turn are most
-        likely; variances, and covariances between coordinates and hands at one instant, are those of the recordings.
+        likely. Variances, and covariances between coordinates and hands at one instant, are those of the recordings,
+        widened because few recordings tell little of them (`estimation.widening`).
 
         Parameters
         ----------
@@ -179,10 +183,17 @@ class ProMP:
         gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns)
         back = np.kron(np.eye(n_columns), _solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
-        notes = _notes(durations, way, gaussian.length, gaussian.chosen, min(map(len, times)) < n_features)
+        notes = _notes(
+            durations,
+            way,
+            gaussian.length,
+            gaussian.chosen,
+            widening(len(times), given.shape[1]),
+            min(map(len, times)) < n_features,
+        )
         if not gaussian.chosen:
             warnings.warn(
-                f"of {len(times)} recordings too little is known of how instants hang together: their correlations are "
+                f"{len(times)} recordings tell too little of how instants hang together: their correlations are "
                 f"tapered over {gaussian.length:g} of the duration; record more",
                 ComoveWarning,
                 stacklevel=2,
@@ -354,7 +365,9 @@ class ProMP:
         timed = self if duration is None else replace(self, duration=duration)
         given = (start, start_velocity, goal, goal_velocity)
         mean, shift = self.mean_parameters, []
-        for k, (value, unit) in enumerate(zip(given, (1.0, timed.duration, 1.0, timed.duration), strict=True)):
+        for k, (value, unit) in enumerate(
+            zip(given, (1.0, timed.duration, 1.0, timed.duration), strict=True)
+        ):
             if value is None:
                 continue
             target = numbers(value) * unit
@@ -470,7 +483,9 @@ class ProMP:
             raise OptionError(
                 f"there is no manipulator {manipulator!r}",
                 key="manipulator",
-                way_out=near_name(str(manipulator), self.manipulators) if self.manipulators else "leave it out",
+                way_out=near_name(str(manipulator), self.manipulators)
+                if self.manipulators
+                else "leave it out",
             )
         first = self.manipulators.index(manipulator) * self.n_dims
         return np.arange(first, first + self.n_dims)
@@ -585,7 +600,9 @@ def _covariance(name: str, value: ArrayLike, n: int) -> Array:
         array = np.diag(array)
     good = array.shape == (n, n) and np.isfinite(array).all() and np.allclose(array, array.T)
     if not good or np.linalg.eigvalsh(array).min() < -1e-12 * np.abs(array).max():
-        raise OptionError(f"{name} = {value!r}", way_out=f"give a variance, {n} of them, or a covariance matrix")
+        raise OptionError(
+            f"{name} = {value!r}", way_out=f"give a variance, {n} of them, or a covariance matrix"
+        )
     return array
 
 
@@ -602,7 +619,8 @@ def _contexts(contexts: ArrayLike | None, n: int) -> Array:
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
         raise OptionError(
-            f"contexts of shape {array.shape} for {n} recordings", way_out="give finite numbers for each of them"
+            f"contexts of shape {array.shape} for {n} recordings",
+            way_out="give finite numbers for each of them",
         )
     if n < array.shape[1] + 2:
         raise OptionError(
@@ -613,7 +631,9 @@ def _contexts(contexts: ArrayLike | None, n: int) -> Array:
     still = np.flatnonzero(np.ptp(array, axis=0) == 0)
     if still.size:
         raise OptionError(
-            f"the task parameter {still[0]} is the same in all recordings", key="contexts", way_out="leave it out"
+            f"the task parameter {still[0]} is the same in all recordings",
+            key="contexts",
+            way_out="leave it out",
         )
     return array
 
@@ -710,15 +730,20 @@ def _one(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Ar
 
 
 def _notes(
-    durations: Array, alignment: Alignment, length: float, chosen: bool, few_samples: bool
+    durations: Array, alignment: Alignment, length: float, chosen: bool, wider: float, few_samples: bool
 ) -> tuple[str, ...]:
     times = f"{durations.min():.4g} to {durations.max():.4g} s"
     how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
-    why = "chosen by leaving recordings out in turn" if chosen else "for there are too few recordings to choose"
+    why = (
+        "chosen by leaving recordings out in turn" if chosen else "for there are too few recordings to choose"
+    )
     notes = [
         f"{len(durations)} recordings of {times}, aligned at {how}",
-        f"covariance: correlations over time tapered over {length:g} of the duration, {why}",
+        f"correlations over time tapered over {length:g} of the duration, {why}",
+        f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
     ]
     if few_samples:
-        notes.append("a recording has fewer samples than a coordinate has weights: the smoothest fit was taken")
+        notes.append(
+            "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken"
+        )
     return tuple(notes)
