@@ -482,11 +482,10 @@ def _write_distribution(promp: ProMP) -> dict[str, Any]:
 
 
 def _read_distribution(part: _Part) -> ProMP:
-    numbers = ("duration", "duration_std")
     arrays = ("mean_parameters", "noise", "covariance")
-    part.with_keys(("phase", *numbers, "manipulators", "n_recordings", "context", *arrays))
+    part.with_keys(("phase", "duration", "duration_std", "manipulators", "n_recordings", "context", *arrays))
     mean = part.array("mean_parameters", (None, None))
-    context: dict[str, Array] = {}
+    context: dict[str, Any] = {}
     if part.value("context") is not None:
         inner = part.part("context").with_keys(_CONTEXT)
         means = inner.array("context_mean", (None,))
@@ -501,7 +500,8 @@ def _read_distribution(part: _Part) -> ProMP:
             mean,
             part.array("covariance", (mean.size, mean.size)),
             part.array("noise", (len(mean),)),
-            **{name: part.number(name) for name in numbers},
+            duration=part.number("duration"),
+            duration_std=part.number("duration_std"),
             phase=_phase(part.part("phase")),
             manipulators=part.texts("manipulators"),
             n_recordings=part.count("n_recordings") if n_recordings != 0 else 0,

@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -689,7 +690,7 @@ def _require_spread(times: list[Array], positions: list[Array]) -> None:
 
 def _one(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Array, str]:
     """Return manipulators, times, positions of all their coordinates, and the unit of one recording."""
-    parts = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
+    parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
     if not parts or not all(hasattr(p, "time") and hasattr(p, "position") for p in parts.values()):
         raise OptionError(
             f"recording {number} is {type(demonstration).__name__}",
