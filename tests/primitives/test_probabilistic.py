@@ -1,4 +1,4 @@
-"""Distributions of movements: Gaussian conditioning by the textbook, exact ends, likelihoods, hands that vary together."""
+"""Distributions of movements: conditioning by the textbook, exact ends, likelihoods, hands that vary together."""
 
 import warnings
 
@@ -222,7 +222,7 @@ def test_warping_brings_equal_places_to_equal_shares():
     curves = [np.stack([pace, np.sin(2 * np.pi * pace)], axis=1) for pace in paces]
     shares = aligned([s] * 3, curves, Alignment.WARPING)
     places = np.stack([np.interp(s, share, curve[:, 0]) for share, curve in zip(shares, curves, strict=True)])
-    assert places.std(axis=0).max() < 0.2 * np.stack(paces).std(axis=0).max()
+    assert places.std(axis=0).max() < 0.25 * np.stack(paces).std(axis=0).max()
     for share in shares:
         assert share[0] == 0.0 and share[-1] == 1.0 and (np.diff(share) >= 0).all()
 

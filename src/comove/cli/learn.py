@@ -30,8 +30,8 @@ def learn(
     align: Annotated[
         str,
         typer.Option(
-            help="How several recordings are aligned in time: by 'duration', at equal shares, or by 'warping', at equal "
-            "places."
+            help="How several recordings are aligned in time: by 'duration', at equal shares, or by 'warping', at "
+            "equal places."
         ),
     ] = "duration",
     manipulator: r.Manipulator = None,

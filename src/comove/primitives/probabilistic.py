@@ -47,6 +47,7 @@ LEAST_NOISE = 1e-4  # standard deviation of the noise, as a share of the movemen
 RIDGE = 1e-7  # of the fit of one recording, relative to the number of its samples
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
 MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
+ROUNDING = 1e-14  # relative eigenvalue of the covariance that counts as none
 EXACT = 1e-13  # relative eigenvalue of what is conditioned on, below which it counts as fixed
 
 
@@ -201,7 +202,7 @@ class ProMP:
             )
         return cls(
             (back @ gaussian.mean).reshape(n_columns, n_features),
-            back @ gaussian.covariance @ back.T,
+            _without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
             noise,
             float(durations.mean()),
             float(durations.std(ddof=1)),
@@ -451,6 +452,9 @@ class ProMP:
     def _factor(self) -> Array:
         """Return L with ``L L' = covariance``; what does not vary has rows of zeros exactly."""
         values, vectors = self._eigen
+        values = np.where(
+            values > ROUNDING * values[-1], values, 0.0
+        )  # roots of rounding errors would be seen
         factor = vectors * np.sqrt(np.maximum(values, 0.0))
         return np.where(np.diag(self.covariance)[:, None] > 0.0, factor, 0.0)
 
@@ -591,6 +595,12 @@ def _solver(basis: MotionBasis, s: Array) -> Array:
     solver[free] = np.linalg.solve(square, weighted.T)
     solver[free] -= np.linalg.solve(square, weighted.T @ psi[:, [0, 2]]) @ ends
     return solver
+
+
+def _without_noise(covariance: Array, least: float) -> Array:
+    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
+    varies = np.diag(covariance) > least**2
+    return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
 
 
 def _covariance(name: str, value: ArrayLike, n: int) -> Array:

@@ -34,8 +34,8 @@ def recording_of(scene: Scene) -> Demonstration | None:
 def demonstration_of(scene: Scene) -> DMP | PoseDMP | ProMP | tuple[DMP, ...] | None:
     """Return the movement that a scene names: a primitive fitted to its recording, or read from a library.
 
-    Of a folder of recordings it is their distribution. There is one primitive for each manipulator where the recording
-    holds movements of all of them. Poses are those of the load. None where the scene names no movement.
+    Of a folder of recordings it is their distribution. There is one primitive for each manipulator where the
+    recording holds movements of all of them. Poses are those of the load. None where the scene names no movement.
 
     Raises
     ------
