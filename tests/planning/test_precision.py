@@ -1,16 +1,19 @@
 """A distribution drives the motion: it keeps to what people agree in and leaves what they vary in."""
 
+import json
 import warnings
 
 import numpy as np
 import pytest
 
 from comove import Demonstration, LeastJerk, ProMP, Scene, solve
+from comove.demonstrations.formats import write
 from comove.errors import OptionError
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.convex.jerk import JerkCost
 from comove.planning.followed import followed
 from comove.planning.precision import LEAST_SPREAD, precision_root
+from comove.scenes import demonstration_of
 
 SCENE = {
     "name": "tube",
@@ -33,7 +36,7 @@ def recordings(n=10, seed=0, names=("",)):
             name: Demonstration(4 * s, np.stack([0.2 + 1.6 * way, 0.6 + hill + bump + 1e-3 * k], axis=1))
             for k, name in enumerate(names)
         }
-        found.append(own[""] if "" in own else own)
+        found.append(own.get("", own))
     return found
 
 
@@ -97,15 +100,10 @@ def test_hands_that_were_recorded_together():
 
 
 def test_a_folder_of_recordings_is_a_distribution(tmp_path):
-    from comove.demonstrations.formats import write
-    from comove.scenes import demonstration_of
-
     (tmp_path / "recordings").mkdir()
     for k, one in enumerate(recordings(4)):
         write(tmp_path / "recordings" / f"{k}.csv", one)
     (tmp_path / "recordings" / "README.txt").write_text("not read")
-    import json
-
     (tmp_path / "scene.yaml").write_text(json.dumps({**SCENE, "demonstration": {"file": "recordings"}}))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
