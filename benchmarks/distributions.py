@@ -53,9 +53,9 @@ def main() -> None:
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
-    if not asked.only or "handwriting" in asked.only:
+    if asked.only is None or "handwriting" in asked.only:
         handwriting(asked.shapes)
-    if not asked.only or "scenes" in asked.only:
+    if asked.only is None or "scenes" in asked.only:
         scenes(asked.scenes)
     if asked.picture:
         picture(asked.picture)
@@ -252,7 +252,7 @@ def scenes(count: int) -> None:
     print_table([f"{count} scenes, median (mean)", "verified", "weighted", "distance", "time"], rows)
     ratio = table[:, 1] / table[:, 5]
     print(
-        f"weighted distance, with the distribution over with its mean: {np.median(ratio):.3f}, at most {ratio.max():.3f}"
+        f"weighted distance over that along the mean: median {np.median(ratio):.3f}, at most {ratio.max():.3f}"
     )
     print(f"nearer with the distribution in {int((ratio < 1).sum())} of {count} scenes")
 

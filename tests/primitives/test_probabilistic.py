@@ -16,6 +16,7 @@ from comove.primitives import (
     LinearPhase,
     ProMP,
     ViaPoint,
+    coactivated,
     learn_distribution,
     read_primitive,
     write_primitive,
@@ -248,6 +249,24 @@ def test_files_hold_every_bit(tmp_path):
     (tmp_path / "y.json").write_text(text)
     with pytest.raises(LibraryError, match="changed"):
         read_primitive(tmp_path / "y.json")
+
+
+def test_distributions_that_act_at_once_are_the_product_of_their_gaussians():
+    other = ProMP.fit([Demonstration.from_lasa("Sine", k) for k in (0, 2, 4, 5)])
+    time = np.linspace(0.2, 0.8, 7)
+    both = coactivated([PROMP, other], [1.0, 0.5])
+    one, two = (p.covariance_at(time * p.duration) for p in (PROMP, other))
+    means = [p.mean_at(time * p.duration)[..., None] for p in (PROMP, other)]
+    expected = np.linalg.inv(np.linalg.inv(one) + 0.5 * np.linalg.inv(two))
+    found = both.covariance_at(time * both.duration)
+    assert np.abs(found - expected).max() < 0.05 * np.abs(expected).max()
+    mean = expected @ (np.linalg.solve(one, means[0]) + 0.5 * np.linalg.solve(two, means[1]))
+    assert np.abs(both.mean_at(time * both.duration) - mean[..., 0]).max() < 0.02 * np.ptp(means[0])
+    passing = coactivated([PROMP, other], [np.linspace(1, 0, 51), np.linspace(0, 1, 51)])
+    assert np.abs(passing.mean_at([0.0])[0] - PROMP.mean_at([0.0])[0]).max() < 1e-6
+    for wrong in ([0.0, 0.0], [2.0, 0.0], [1.0]):
+        with pytest.raises(OptionError, match="activ"):
+            coactivated([PROMP, other], wrong)
 
 
 class Broken:

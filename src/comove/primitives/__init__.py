@@ -3,6 +3,7 @@
 from comove.primitives.alignment import Alignment
 from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.coactivation import coactivated
 from comove.primitives.dmp import DMP
 from comove.primitives.files import (
     Primitive,
@@ -41,6 +42,7 @@ __all__ = [
     "Variant",
     "ViaPoint",
     "average",
+    "coactivated",
     "constrained",
     "largest",
     "learn",

@@ -63,7 +63,7 @@ def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Es
     n, n_steps = len(values), values.shape[1] // n_columns
     mean, slopes, sample = regression(values, contexts)
     length, chosen = USUAL_LENGTH, n - contexts.shape[1] >= LEAST_TO_CHOOSE
-    tapers = {length: _taper(n_steps, n_columns, length) for length in LENGTHS}
+    tapers = {length: taper(n_steps, n_columns, length) for length in LENGTHS}
     if chosen:
         scores = np.zeros(len(LENGTHS))
         for fold in np.array_split(np.arange(n), min(n, MOST_FOLDS)):
@@ -96,7 +96,8 @@ def widening(n: int, n_context: int = 0) -> float:
     return (1.0 + 1.0 / n) * freedom / (freedom - 2)
 
 
-def _taper(n_steps: int, n_columns: int, length: float) -> Array:
+def taper(n_steps: int, n_columns: int, length: float) -> Array:
+    """Return the correlation k of even instants, for all pairs of columns; column after column."""
     s = np.linspace(0.0, 1.0, n_steps)
     r = np.abs(s[:, None] - s) / length
     return np.tile((1.0 + r + r**2 / 3.0) * np.exp(-r), (n_columns, n_columns))

@@ -183,7 +183,7 @@ class ProMP:
         values = (parameters @ features(basis, even)[0].T).reshape(len(parameters), -1)
         centre = given.mean(axis=0)
         gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns)
-        back = np.kron(np.eye(n_columns), _solver(basis, even))
+        back = np.kron(np.eye(n_columns), solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
         notes = _notes(
             durations,
@@ -570,12 +570,12 @@ def features(basis: MotionBasis, s: Array) -> Array:
 
 def _fitted(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
     """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
-    parameters = (_solver(basis, s) @ position).T
+    parameters = (solver(basis, s) @ position).T
     error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
     return parameters, error
 
 
-def _solver(basis: MotionBasis, s: Array) -> Array:
+def solver(basis: MotionBasis, s: Array) -> Array:
     """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
 
     Both ends are those of the first and the last position exactly.
