@@ -29,6 +29,7 @@ _ROOMS = {
     "Library": "primitives",
     "PaperCost": "planning",
     "Primitive": "primitives",
+    "ProMP": "primitives",
     "Projection": "planning",
     "Samples": "planning",
     "Scene": "scenes",

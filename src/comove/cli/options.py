@@ -15,7 +15,7 @@ from comove.errors import OptionError, near_name
 if TYPE_CHECKING:
     from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.method import Method
-    from comove.primitives import DMP, Library
+    from comove.primitives import DMP, Library, PoseDMP, ProMP
     from comove.scenes import Scene
 
 METHODS = ("comove", "projection", "paper", "printed")
@@ -136,7 +136,9 @@ def _weights(text: str) -> dict[str, float]:
     return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
 
 
-def from_library(library: Library, scene: Scene, method: Method, seed: int, budget: float) -> tuple[str, DMP]:
+def from_library(
+    library: Library, scene: Scene, method: Method, seed: int, budget: float
+) -> tuple[str, DMP | ProMP]:
     """Return a description of the movement that a library offers for a scene, and the movement itself.
 
     The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
@@ -145,6 +147,7 @@ def from_library(library: Library, scene: Scene, method: Method, seed: int, budg
     """
     from comove.experiments.compared.single import alone
     from comove.planning import Paper, Printed, best_movement, combine
+    from comove.primitives import ProMP
 
     demonstration = scene.file.demonstration
     plane = None if demonstration is None else demonstration.plane
@@ -154,7 +157,23 @@ def from_library(library: Library, scene: Scene, method: Method, seed: int, budg
             raise KeyboardInterrupt
         return f"a combination of {', '.join(found.names)}", found.dmp
     best = best_movement(library, scene, plane=plane, budget=0.25 * budget).best
-    return best.name, best.dmp
+    whole = library.get(best.name).dmp
+    is_spread = isinstance(whole, ProMP) and whole.n_dims == scene.n_dims
+    return best.name, whole if is_spread and isinstance(whole, ProMP) else best.dmp
+
+
+def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
+    """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
+    from comove.primitives import ProMP, read_primitive
+    from comove.primitives.recordings import is_several, read_recording, read_several
+    from comove.scenes import fitted
+
+    named = str(path)
+    if is_several(named):
+        return ProMP.fit(read_several([named])[0])
+    if path.suffix == ".json":
+        return read_primitive(path).dmp
+    return fitted(scene, read_recording(named).demonstration)
 
 
 def require_demonstration(resemblance: float | None, movements: object, scene: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from comove.errors import LibraryError
+from comove.errors import LibraryError, OptionError
 
 VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
 
@@ -75,6 +75,18 @@ def learning_options(phase: PhaseName | None, **others: Any) -> dict[str, Any]:
 
     phases = {None: None, PhaseName.linear: LinearPhase(), PhaseName.exponential: ExponentialPhase()}
     return {"phase": phases[phase], **others}
+
+
+def refuse_of_distributions(*, variant: str, period: float | None, poses: bool) -> None:
+    """Raise if an option was given that distributions of movements do not have."""
+    given = {"--variant": variant != "closed-form", "--period": period is not None, "--poses": poses}
+    for key, is_given in given.items():
+        if is_given:
+            raise OptionError(
+                "several recordings make a distribution of positions, in the closed form",
+                key=key,
+                way_out="leave it out, or give one recording",
+            )
 
 
 def check_target(path: Path) -> None:

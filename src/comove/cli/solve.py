@@ -68,6 +68,13 @@ def solve(
             "the method 'single' combines several."
         ),
     ] = None,
+    demonstration: Annotated[
+        Path | None,
+        typer.Option(
+            help="A recording, a folder of recordings of one movement (lasa:SHAPE:all), or a primitive, instead of "
+            "what SCENE says. Of several recordings the motion keeps to what they agree in."
+        ),
+    ] = None,
     duration: o.Duration = None,
     speed: o.Speed = None,
     acceleration: o.Acceleration = None,
@@ -81,7 +88,7 @@ def solve(
     from comove.experiments.compared import Single
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, load_kernels, movements_of, solve
-    from comove.primitives import Library
+    from comove.primitives import Library, ProMP
     from comove.results import RESULT
     from comove.scenes import Scene, demonstration_of
     from comove.views import draw_motion  # noqa: F401  what the pictures need is loaded before the search
@@ -95,6 +102,10 @@ def solve(
             key="--duration",
             way_out="give one of --duration and --objective",
         )
+    if demonstration is not None and library is not None:
+        raise OptionError(
+            "a demonstration, and a library", key="--demonstration", way_out="give one of the two"
+        )
     check_target(out, RESULT)
     with progress_bar(budget) as progress:
         changes = o.changes_of(
@@ -102,17 +113,20 @@ def solve(
         )
         loaded = Scene.load(scene, changes)
         wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-        source, demonstration = None, demonstration_of(loaded)
+        source = None
+        taught = (
+            demonstration_of(loaded) if demonstration is None else o.demonstration_at(demonstration, loaded)
+        )
         if library is not None and isinstance(chosen, Single):
             chosen = replace(chosen, movements=Library(library))
         elif library is not None:
-            source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
-        movements = movements_of(demonstration, chosen.scene_of(loaded))
+            source, taught = o.from_library(Library(library), loaded, chosen, seed, budget)
+        movements = movements_of(taught, chosen.scene_of(loaded))
         o.require_demonstration(resemblance, movements, scene)
         load_kernels(SceneKind.of(loaded))
         solution = solve(
             loaded,
-            demonstration=movements,
+            demonstration=taught if isinstance(taught, ProMP) else movements,
             seed=seed,
             method=chosen,
             planner=not no_planner,

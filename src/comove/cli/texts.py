@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from comove.primitives import Primitive
 
+N_SPREAD = 50  # parts of a movement between which its spread is told
 PICTURES = ("motion.png", "progress.png")
 # Measures of scenes that ask for them: what they are, the factor to the unit, and the unit.
 FURTHER = {
@@ -70,6 +71,8 @@ def summary_text(summary: Mapping[str, Any], folder: Path) -> str:
         away, share = number(near.get("distance"), 100), number(near.get("share"), 100)
         off = number(near.get("direction"), 180 / math.pi)
         words = f"{away} cm away in the mean ({share} % of the way), its direction {off} deg off"
+        if near.get("weighted") is not None:
+            words += f"; {number(near['weighted'], 100)} cm weighted by precision"
         rows.append(("what was taught", words))
     first, wall = number(summary.get("time_to_first_verified_s"), 1e3), number(summary.get("wall_time_s"))
     rows += [
@@ -187,10 +190,19 @@ def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
 
 def learned_text(primitive: Primitive) -> str:
     """Return a few readable lines about a learned primitive and how well it fits."""
+    from comove.primitives import ProMP
+
     dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit
     what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
     what += " and orientation" if primitive.kind == "pose" else ""
+    what = f"distribution, {what}" if primitive.kind == "distribution" else what
     lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
+    if isinstance(primitive.dmp, ProMP):
+        shares = [i / N_SPREAD for i in range(N_SPREAD + 1)]
+        spread = primitive.dmp.std_at([share * dmp.duration for share in shares]).max(axis=1)
+        lines.append(
+            f"  spread         {spread.min():.3g} to {spread.max():.3g} {unit} (standard deviation, over the course)"
+        )
     if learned is not None:
         mean = "(root mean square)"
         lines.append(f"  learned from   {learned.source or learned.recording}, {learned.n_samples} samples")

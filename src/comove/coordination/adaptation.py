@@ -19,6 +19,7 @@ from comove.geometry.rotations import (
 )
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import Pose, PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import Variant
 from comove.scenes.groups import RigidGroup
 from comove.scenes.scene import Scene
@@ -47,6 +48,67 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
     )
 
 
+def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:
+    """Return the covariance of the hands' positions, of the movements that lead from the scene's start to its goal.
+
+    Covariances turn and scale with the movements, by the similarities of `modulate`. Hands that share one movement
+    vary each for itself; hands that were recorded together, together.
+
+    Parameters
+    ----------
+    s : array, shape (n_steps,), shares of the duration
+
+    Returns
+    -------
+    array, shape (n_steps, n_hands * n_dims, n_hands * n_dims) [m^2]
+    """
+    n_hands, n_dims = scene.start.shape
+    mean = promp.mean
+    between = promp.towards(start=mean.start, goal=mean.goal).covariance_at(s * promp.duration)
+    turns = [
+        _similarity(own, start, goal)
+        for own, start, goal in zip(movements_of_hands(promp, scene), scene.start, scene.goal, strict=True)
+    ]
+    covariance = np.zeros((len(s), n_hands * n_dims, n_hands * n_dims))
+    order = [promp.manipulators.index(name) for name in scene.manipulators] if promp.manipulators else None
+    for i, turn in enumerate(turns):
+        for j, other in enumerate(turns):
+            if order is None and i != j:
+                continue
+            k, m = (0, 0) if order is None else (order[i], order[j])
+            block = between[:, k * n_dims : (k + 1) * n_dims, m * n_dims : (m + 1) * n_dims]
+            covariance[:, i * n_dims : (i + 1) * n_dims, j * n_dims : (j + 1) * n_dims] = (
+                turn @ block @ other.T
+            )
+    return covariance
+
+
+def movements_of_hands(promp: ProMP, scene: Scene) -> tuple[DMP, ...]:
+    """Return the mean movement of every hand of a scene, in their order.
+
+    Raises
+    ------
+    OptionError
+        If the distribution is of other manipulators, or has another dimension.
+    """
+    if promp.n_dims != scene.n_dims:
+        raise OptionError(
+            f"the distribution has {promp.n_dims} dimensions, the scene {scene.n_dims}",
+            key="demonstration",
+            way_out="give one of the scene's dimension",
+        )
+    if not promp.manipulators:
+        return promp.movements * len(scene.manipulators)
+    if sorted(promp.manipulators) != sorted(scene.manipulators):
+        raise OptionError(
+            f"the distribution is of {', '.join(promp.manipulators)}",
+            key="demonstration",
+            way_out=f"record {', '.join(scene.manipulators)}, or one hand for all",
+        )
+    by_name = dict(zip(promp.manipulators, promp.movements, strict=True))
+    return tuple(by_name[name] for name in scene.manipulators)
+
+
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
 
@@ -69,9 +131,7 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
             key="demonstration",
             way_out="give one that ends",
         )
-    own, wanted = dmp.goal - dmp.start, goal - start
-    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
-    turn = np.eye(len(start)) if closed else similarity(own, wanted)
+    wanted, turn = goal - start, _similarity(dmp, start, goal)
     still = np.zeros_like(start)
     # The classic form scales along the axes and cannot be turned; for these ends the closed form is the same.
     classic = dmp.variant is Variant.CLASSIC
@@ -85,6 +145,13 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
         start_velocity=still,
         goal_velocity=still,
     )
+
+
+def _similarity(dmp: DMP, start: Array, goal: Array) -> Array:
+    """Return the rotation and scale that carry a movement's ends to others; array, shape (n_dims, n_dims)."""
+    own, wanted = dmp.goal - dmp.start, goal - start
+    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
+    return np.eye(len(start)) if closed else similarity(own, wanted)
 
 
 def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: int = 50) -> tuple[DMP, ...]:

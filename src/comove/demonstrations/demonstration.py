@@ -299,6 +299,18 @@ class Demonstration(RecordedSamples):
         return tuple(map(cls.of, formats.load_all(path)))
 
     @classmethod
+    def load_recordings(cls, path: str | os.PathLike[str]) -> tuple[dict[str, Demonstration], ...]:
+        """Read all recordings of a file or folder, each as movements by manipulator ("" for one without a name).
+
+        Raises
+        ------
+        DemonstrationError
+            If it cannot be read.
+        """
+        found = formats.load_recordings(path)
+        return tuple({name: cls.of(samples) for name, samples in recording.items()} for recording in found)
+
+    @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
         """Read one movement from a CSV file; if it holds several, `manipulator` selects one.
 

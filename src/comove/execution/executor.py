@@ -30,6 +30,7 @@ from comove.planning.solver import solve
 from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import (
     HandPoses,
@@ -197,7 +198,7 @@ class Executor:
         *,
         seed: int = 0,
         pace: Pace | None = None,
-        demonstration: DMP | PoseDMP | tuple[DMP, ...] | None = None,
+        demonstration: DMP | PoseDMP | ProMP | tuple[DMP, ...] | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = movements_of(demonstration, scene)

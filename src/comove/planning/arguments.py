@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.adaptation import carried_to_hands, hands_of_poses
+from comove.coordination.adaptation import carried_to_hands, hands_of_poses, movements_of_hands
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError, near_name
 from comove.planning.method import Method
@@ -16,6 +16,7 @@ from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.scenes import fitted
 from comove.scenes.scene import Scene
 
@@ -98,6 +99,8 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
     """
     if demonstration is None:
         return None
+    if isinstance(demonstration, ProMP):
+        return movements_of_hands(demonstration, scene)
     names, each = scene.manipulators, cast("Sequence[object]", demonstration)
     if isinstance(demonstration, Mapping):
         others = [name for name in demonstration if name not in names]

@@ -17,6 +17,7 @@ from comove.planning.objectives.paper import PaperCost
 from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
 from comove.primitives.operations import in_space
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -150,4 +151,5 @@ def _named(movements: Movements) -> Iterator[tuple[str, DMP]]:
     for i, movement in enumerate(movements):
         name = movement.name if isinstance(movement, Primitive) else str(i)
         dmp = movement.dmp if isinstance(movement, Primitive) else movement
+        dmp = dmp.mean if isinstance(dmp, ProMP) else dmp
         yield name, dmp.translation if isinstance(dmp, PoseDMP) else dmp

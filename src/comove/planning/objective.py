@@ -147,6 +147,8 @@ class Objective:
     penalty : penalty of obstacles in the search
     demonstration : array, shape (N_STEPS, n_manipulators, 3), demonstration transferred to every manipulator [m];
         None without one
+    precision : array, shape (N_STEPS, n_hands * n_dims, n_hands * n_dims), of a demonstrated distribution; None for
+        one movement
     """
 
     scene: Scene
@@ -154,6 +156,7 @@ class Objective:
     weights: PaperCost = field(default_factory=PaperCost)
     penalty: ContactPenalty = ContactPenalty()
     demonstration: Array | None = None
+    precision: Array | None = None
 
     def with_penalty(self, **changes: Any) -> Objective:
         """Return the objective with a changed penalty."""

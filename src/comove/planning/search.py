@@ -257,7 +257,7 @@ class Search:
         if isinstance(self.aim, LeastTime):
             return self.handed(motion).scene.duration
         if isinstance(self.aim, LeastJerk):
-            return jerk_cost(motion, self.aim, self.objective.demonstration)
+            return jerk_cost(motion, self.aim, self.objective.demonstration, self.objective.precision)
         return self.objective.cost(motion).total
 
     def settle_for(self, aim: PaperCost) -> None:

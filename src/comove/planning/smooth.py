@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.planning.convex.jerk import Anchored, squares
+from comove.planning.convex.jerk import Anchored, JerkCost, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.paper import PaperSquares
@@ -100,11 +100,21 @@ def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme
     )
 
 
+def _squares(search: Search, smooth: LeastJerk, n_samples: int) -> JerkCost:
+    objective = search.objective
+    return squares(search.scene, smooth, objective.demonstration, n_samples, objective.precision)
+
+
 def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     settings = replace(SETTINGS, wish=smooth.wish)
-    cost = squares(search.scene, smooth, search.objective.demonstration, len(programme.coarse.base))
+    cost = _squares(search, smooth, len(programme.coarse.base))
+    if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
+        even = optimise(programme, replace(cost, precision=None), z, settings, reference, search.over)
+        z, reference = even.z, None
+        search.evaluations += even.iterations
+        search.judge(programme.motion(z))
     for attempt in range(ATTEMPTS):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, reference, search.over)
@@ -135,7 +145,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
     step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
     _, anchor = programme.hands(reference[::step])
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
-    taught = squares(search.scene, smooth, search.objective.demonstration, len(anchor))
+    taught = _squares(search, smooth, len(anchor))
     costs = [Anchored(taught, anchor, pull) for pull in PULLS]
     if taught.demonstration is not None:  # it draws away from the planned path
         free = squares(search.scene, smooth, None, len(anchor))

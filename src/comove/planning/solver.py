@@ -25,12 +25,14 @@ from comove.planning.objective import ContactPenalty, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import OwnFunctions, own
 from comove.planning.pace import NONE, least_possible, too_short, with_limits
+from comove.planning.precision import precision_root
 from comove.planning.search import Carrier, Interruption, OutOfTime, Search
 from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
@@ -43,7 +45,7 @@ COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 def solve(
     scene: Scene,
     *,
-    demonstration: DMP | PoseDMP | Demonstration | Mapping | tuple[DMP, ...] | None = None,
+    demonstration: DMP | PoseDMP | ProMP | Demonstration | Mapping | tuple[DMP, ...] | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
@@ -65,7 +67,8 @@ def solve(
     demonstration
         Movement of a single manipulator, of the scene's dimension, or one for each by its name. It is a start for
         the search, and the result resembles it if `LeastJerk` or `PaperCost.resemblance` asks for that. Demonstrated
-        poses are those of a load that turns and that all hands hold.
+        poses are those of a load that turns and that all hands hold. A distribution is followed where people agree:
+        `LeastJerk` weights deviations from its mean by its precision at every instant.
     seed
         Seed of all random numbers: the same inputs, seed and version give the same motion unless time runs short.
     method
@@ -139,6 +142,7 @@ def solve(
             progress,
             smooth,
             stop,
+            precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
         )
     )
 
@@ -153,6 +157,7 @@ class Problem:
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
     smooth : whether motions are made smooth, by comove's own method
+    precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
     """
 
     scene: Scene
@@ -169,6 +174,7 @@ class Problem:
     progress: ProgressCallback | None
     smooth: bool
     stop: Callable[[], bool] | None = None
+    precision: Array | None = None
 
     @property
     def is_timed(self) -> bool:
@@ -233,7 +239,9 @@ def _searched(problem: Problem) -> Solution:
     penalty = ContactPenalty() if problem.hard else ContactPenalty(margin=0.0, step=weights.obstacle)
     carried = None if taught is None else carried_demonstration(taught, scene)
     search = Search(
-        objective=Objective(scene, problem.method.coordinates(scene), weights, penalty, carried),
+        objective=Objective(
+            scene, problem.method.coordinates(scene), weights, penalty, carried, problem.precision
+        ),
         taught=taught,
         hard=problem.hard,
         rng=np.random.default_rng(problem.seed),
@@ -292,7 +300,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
         interrupted=search.interruption.wished,
         log=log,
         objective=problem.own if problem.own is not None and problem.own.given else search.aim,
-        followed=_followed(motion, search.aim, evaluated.demonstration),
+        followed=_followed(motion, search.aim, evaluated),
     )
 
 
@@ -367,15 +375,15 @@ def _among_moving(problem: Problem) -> Solution:
 
 
 def _followed(
-    motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, demonstration: Array | None
+    motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, evaluated: Objective
 ) -> Followed | None:
     """Return the distances of the hands from the demonstration, None if it is not followed."""
     if isinstance(objective, LeastTime):
         return None
     strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
-    if demonstration is None or strength == 0:
+    if evaluated.demonstration is None or strength == 0:
         return None
-    return followed(motion, demonstration)
+    return followed(motion, evaluated.demonstration, evaluated.precision)
 
 
 def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:

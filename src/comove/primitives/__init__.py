@@ -1,17 +1,28 @@
 """Phase, basis and dynamic movement primitives."""
 
+from comove.primitives.alignment import Alignment
 from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.coactivation import coactivated
 from comove.primitives.dmp import DMP
-from comove.primitives.files import Primitive, Provenance, learn, read_primitive, write_primitive
+from comove.primitives.files import (
+    Primitive,
+    Provenance,
+    learn,
+    learn_distribution,
+    read_primitive,
+    write_primitive,
+)
 from comove.primitives.library import Library, Match, shape_distance
 from comove.primitives.limits import ViaPoint, constrained, largest, slowed
 from comove.primitives.online import DMPState, rate_for_lag
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
+from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import Variant
 
 __all__ = [
+    "Alignment",
     "AveragedDMP",
     "DMP",
     "DMPState",
@@ -25,14 +36,17 @@ __all__ = [
     "PoseDMP",
     "PoseState",
     "Primitive",
+    "ProMP",
     "Provenance",
     "VERTICAL",
     "Variant",
     "ViaPoint",
     "average",
+    "coactivated",
     "constrained",
     "largest",
     "learn",
+    "learn_distribution",
     "motion_basis",
     "rate_for_lag",
     "read_primitive",

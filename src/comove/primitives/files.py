@@ -26,6 +26,7 @@ from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP, Recordings
 from comove.primitives.variants import Variant
 from comove.trajectory import PoseTrajectory
 
@@ -78,26 +79,29 @@ class Primitive:
     Attributes
     ----------
     name : name of the primitive
-    dmp : the movement
+    dmp : the movement, or a distribution of movements
     unit : unit of its positions
     provenance : origin of a learned primitive; None if it was made in another way
     notes : how it was made otherwise, in words
     """
 
     name: str
-    dmp: DMP | PoseDMP
+    dmp: DMP | PoseDMP | ProMP
     unit: str = "m"
     provenance: Provenance | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
     def kind(self) -> str:
-        """Return the kind of the movement: "position" or "pose"."""
-        return "pose" if isinstance(self.dmp, PoseDMP) else "position"
+        """Return the kind of the movement: "position", "pose", or "distribution"."""
+        kinds = {PoseDMP: "pose", ProMP: "distribution"}
+        return kinds.get(type(self.dmp), "position")
 
     @property
     def positions(self) -> DMP:
-        """Return the movement of the position."""
+        """Return the movement of the position; of a distribution the mean, in all coordinates of its hands."""
+        if isinstance(self.dmp, ProMP):
+            return self.dmp.mean
         return self.dmp.translation if isinstance(self.dmp, PoseDMP) else self.dmp
 
 
@@ -147,6 +151,36 @@ def learn(
         **measures,
     )
     return Primitive(name or demonstration.name, dmp, demonstration.unit, provenance)
+
+
+def learn_distribution(
+    demonstrations: Recordings,
+    *,
+    name: str,
+    sources: Sequence[str] = (),
+    n_basis: int = 20,
+    phase: Phase | None = None,
+    alignment: str = "duration",
+) -> Primitive:
+    """Fit a distribution of movements to several recordings, and note their origin.
+
+    Parameters
+    ----------
+    demonstrations : recordings, or mappings of them by the names of manipulators
+    name : name of the primitive
+    sources : the recordings' names, which are noted
+    n_basis, phase, alignment : as for `ProMP.fit`
+
+    Raises
+    ------
+    DemonstrationError, OptionError
+        As `ProMP.fit`.
+    """
+    promp = ProMP.fit(demonstrations, n_basis=n_basis, phase=phase, alignment=alignment)
+    first = demonstrations[0]
+    unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
+    notes = (*promp.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
+    return Primitive(name, replace(promp, notes=()), unit, notes=notes)
 
 
 def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration, block_size: int = 20_000) -> dict[str, Array]:
@@ -238,7 +272,14 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
         ) from error
     _read(json.loads(json.dumps(content)), file)  # nothing is written that would be refused
     # What is no character is written as JSON does.
-    return (_laid_out(content) + "\n").encode(errors="backslashreplace")
+    data = (_laid_out(content) + "\n").encode(errors="backslashreplace")
+    if len(data) > MAX_BYTES:
+        raise LibraryError(
+            f"the primitive would take {len(data) / 2**20:.0f} MB",
+            file=file,
+            way_out=f"learn it with fewer weights, for at most {MAX_BYTES // 2**20} MB",
+        )
+    return data
 
 
 def loads(data: bytes, file: object = None) -> Primitive:
@@ -317,7 +358,7 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
     primitive = Primitive(
         name, dmp, part.text("unit"), _provenance(part.value("provenance"), file), part.texts("notes")
     )
-    trace = part.array("trace", (TRACED, len(dmp.weights)))
+    trace = part.array("trace", (TRACED, _trace(primitive).shape[1]))
     found = _sha256({key: value for key, value in content.items() if key != "sha256"})
     if found != stated:
         raise part.wrong("sha256", "the file was changed: its checksum does not fit", COPY_ANEW)
@@ -332,21 +373,29 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
 
 
 def _trace(primitive: Primitive) -> Array:
-    """Return the coordinates at even shares of the duration, position first; array, shape (TRACED, n_columns)."""
+    """Return the coordinates at even shares of the duration, position first; array, shape (TRACED, n_columns).
+
+    Standard deviations follow the mean of a distribution.
+    """
     parts = [primitive.positions]
     if isinstance(primitive.dmp, PoseDMP):
         parts.append(primitive.dmp.turning)
     time = np.linspace(0.0, primitive.dmp.duration, TRACED)
+    if isinstance(primitive.dmp, ProMP):
+        return np.concatenate([primitive.dmp.mean_at(time), primitive.dmp.std_at(time)], axis=1)
     return np.concatenate([part.at(time).position for part in parts], axis=1)
 
 
+def _write_phase(phase: Phase) -> dict[str, Any]:
+    if isinstance(phase, ExponentialPhase):
+        return {"name": "exponential", "alpha": float(phase.alpha)}
+    return {"name": "linear"}
+
+
 def _write_position(dmp: DMP) -> dict[str, Any]:
-    phase: dict[str, Any] = {"name": "linear"}
-    if isinstance(dmp.phase, ExponentialPhase):
-        phase = {"name": "exponential", "alpha": float(dmp.phase.alpha)}
     return {
         "variant": str(dmp.variant),
-        "phase": phase,
+        "phase": _write_phase(dmp.phase),
         "duration": float(dmp.duration),
         **{name: getattr(dmp, name).tolist() for name in _VECTORS},
         "weights": dmp.weights.tolist(),
@@ -415,6 +464,54 @@ def _read_pose(part: _Part) -> PoseDMP:
     return PoseDMP(translation, turning, reference, axis)
 
 
+def _write_distribution(promp: ProMP) -> dict[str, Any]:
+    context = None
+    if len(promp.context_mean):
+        context = {name: getattr(promp, name).tolist() for name in _CONTEXT}
+    return {
+        "phase": _write_phase(promp.phase),
+        "duration": float(promp.duration),
+        "duration_std": float(promp.duration_std),
+        "manipulators": list(promp.manipulators),
+        "n_recordings": promp.n_recordings,
+        "mean_parameters": promp.mean_parameters.tolist(),
+        "noise": promp.noise.tolist(),
+        "context": context,
+        "covariance": promp.covariance.tolist(),
+    }
+
+
+def _read_distribution(part: _Part) -> ProMP:
+    arrays = ("mean_parameters", "noise", "covariance")
+    part.with_keys(("phase", "duration", "duration_std", "manipulators", "n_recordings", "context", *arrays))
+    mean = part.array("mean_parameters", (None, None))
+    context: dict[str, Any] = {}
+    if part.value("context") is not None:
+        inner = part.part("context").with_keys(_CONTEXT)
+        means = inner.array("context_mean", (None,))
+        context = {
+            "context_mean": means,
+            "context_std": inner.array("context_std", (len(means),)),
+            "slopes": inner.array("slopes", (len(means), *mean.shape)),
+        }
+    n_recordings = part.value("n_recordings")
+    try:
+        return ProMP(
+            mean,
+            part.array("covariance", (mean.size, mean.size)),
+            part.array("noise", (len(mean),)),
+            duration=part.number("duration"),
+            duration_std=part.number("duration_std"),
+            phase=_phase(part.part("phase")),
+            manipulators=part.texts("manipulators"),
+            n_recordings=part.count("n_recordings") if n_recordings != 0 else 0,
+            **context,
+        )
+    except OptionError as error:
+        raise part.wrong("mean_parameters", error.message, LEARN_AGAIN) from error
+
+
+_CONTEXT = ("context_mean", "context_std", "slopes")
 _VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")
 _KINDS: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[[_Part], Any]]]
 
@@ -525,7 +622,11 @@ class _Part:
         return self.wrong(key, f"{_shown(value)} has another shape", f"{wanted} there")
 
 
-_KINDS = {"position": (_write_position, _read_position), "pose": (_write_pose, _read_pose)}
+_KINDS = {
+    "position": (_write_position, _read_position),
+    "pose": (_write_pose, _read_pose),
+    "distribution": (_write_distribution, _read_distribution),
+}
 
 
 def _sha256(content: Mapping[str, Any]) -> str:

@@ -31,13 +31,14 @@ from comove.primitives.arguments import numbers, require_count, require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 
 Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
 N_SHAPE = 101
 
-Movement = Primitive | DMP | PoseDMP | Demonstration
+Movement = Primitive | DMP | PoseDMP | ProMP | Demonstration
 
 
 @dataclass(frozen=True)
@@ -358,6 +359,8 @@ def _curve(movement: Movement) -> Array:
         even = np.linspace(0.0, movement.duration, N_SHAPE)
         return np.stack([np.interp(even, movement.time, column) for column in movement.position.T], axis=1)
     dmp = movement.positions if isinstance(movement, Primitive) else movement
+    if isinstance(dmp, ProMP):
+        dmp = dmp.mean
     dmp = dmp.translation if isinstance(dmp, PoseDMP) else dmp
     if not isinstance(dmp, DMP):
         raise OptionError(f"shape = {movement!r}", way_out="give a primitive, a DMP or a Demonstration")

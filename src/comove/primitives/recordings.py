@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from comove.demonstrations import Demonstration
 from comove.demonstrations.cleaning import unit_hint
+from comove.demonstrations.formats import is_format
 from comove.errors import ComoveError, DemonstrationError
 from comove.primitives.files import Primitive, checksum
 
 LASA = "lasa:"
+ALL, N_LASA = ":all", 7  # of the recordings of a shape, and their number
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,64 @@ def read_recordings(
     one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
     chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
     return [NamedRecording(one, source, name_from(chosen))]
+
+
+def is_several(named: str) -> bool:
+    """Return whether a name stands for several recordings: a folder that is no dataset, or lasa:SHAPE:all."""
+    if named.startswith(LASA):
+        return named.endswith(ALL)
+    path = Path(named)
+    try:
+        return path.is_dir() and not is_format(path)
+    except (OSError, ValueError):
+        return False
+
+
+def read_several(
+    names: Sequence[str], **options: Any
+) -> tuple[list[Demonstration | dict[str, Demonstration]], list[str]]:
+    """Return recordings of one movement for a distribution, and their names without folders.
+
+    Parameters
+    ----------
+    names : files that hold one recording or several, folders of such files, lasa:SHAPE:DEMO, or lasa:SHAPE:all
+    options : as for `Demonstration.load`; each file then holds one recording
+
+    Raises
+    ------
+    DemonstrationError
+        As `Demonstration.load` and `Demonstration.load_recordings`.
+    """
+    found: list[Demonstration | dict[str, Demonstration]] = []
+    sources: list[str] = []
+    for named in _spelt_out(names):
+        if named.startswith(LASA) or options:
+            one = read_recording(named, **options)
+            found.append(one.demonstration)
+            sources.append(one.source)
+            continue
+        for i, recording in enumerate(Demonstration.load_recordings(named)):
+            found.append(recording[""] if list(recording) == [""] else recording)
+            sources.append(Path(named).name if i == 0 else f"{Path(named).name}, recording {i}")
+    return found, sources
+
+
+def _spelt_out(names: Sequence[str]) -> list[str]:
+    """Return the names with every folder replaced by its files, and lasa:SHAPE:all by the seven recordings."""
+    spelt: list[str] = []
+    for named in names:
+        if named.startswith(LASA) and named.endswith(ALL):
+            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(N_LASA)]
+        elif is_several(named):
+            inner = sorted(p for p in Path(named).iterdir() if p.name[0] != "." and is_format(p))
+            if not inner:
+                raise DemonstrationError(
+                    "it holds no recordings", file=named, way_out="put recordings there, such as .csv or .npz"
+                )
+            spelt += map(str, inner)
+        else:
+            spelt.append(named)
+    return spelt
 
 
 def read_recording(

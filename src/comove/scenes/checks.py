@@ -198,7 +198,7 @@ def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
     ]
     for path, part in named:
         name = getattr(part, "file", None)
-        if name is not None and (told := _file_flaw(name, folder)):
+        if name is not None and (told := _file_flaw(name, folder, part is scene.demonstration)):
             yield Flaw((*path, "file"), *told)
 
 
@@ -212,8 +212,11 @@ def _objective_flaws(scene: SceneFile) -> Iterator[Flaw]:
         )
 
 
-def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
-    """Say why a file cannot be read: it is outside the scene's folder (links followed), or it does not exist."""
+def _file_flaw(name: str, folder: Path | None, several: bool) -> tuple[str, str] | None:
+    """Say why a file cannot be read: it is outside the scene's folder (links followed), or it does not exist.
+
+    `several` tells whether it may be a folder of recordings, other than the scene's own.
+    """
     outside = f"{show(name)} lies outside the scene's folder", "move the file into it"
     if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
         return outside
@@ -224,6 +227,12 @@ def _file_flaw(name: str, folder: Path | None) -> tuple[str, str] | None:
         if not path.is_relative_to(folder.resolve()):
             return outside
         if not path.is_file() and not any((path / mark).is_file() for mark in DATA_SETS):
+            if several and path.is_dir() and path != folder.resolve():
+                return (
+                    outside
+                    if any(not inner.resolve().is_relative_to(path) for inner in path.iterdir())
+                    else None
+                )
             if path.exists():
                 what = "a folder" if path.is_dir() else "not a regular file"
                 return f"{show(name)} is {what}", "name a file in the scene's folder"

@@ -9,8 +9,9 @@ import numpy as np
 
 from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, LibraryError, SceneError
-from comove.primitives import DMP, Library, PoseDMP, Variant
+from comove.primitives import DMP, Library, PoseDMP, ProMP, Variant
 from comove.primitives.operations import PLANES, in_space, scale
+from comove.primitives.recordings import is_several, read_several
 from comove.scenes.model import DemonstrationSource
 from comove.scenes.scene import Scene
 
@@ -30,11 +31,11 @@ def recording_of(scene: Scene) -> Demonstration | None:
     return None if source is None or source.library is not None else _recording(scene, source)
 
 
-def demonstration_of(scene: Scene) -> DMP | PoseDMP | tuple[DMP, ...] | None:
+def demonstration_of(scene: Scene) -> DMP | PoseDMP | ProMP | tuple[DMP, ...] | None:
     """Return the movement that a scene names: a primitive fitted to its recording, or read from a library.
 
-    There is one primitive for each manipulator where the recording holds movements of all of them. Poses are those of
-    the load. None where the scene names no movement.
+    Of a folder of recordings it is their distribution. There is one primitive for each manipulator where the
+    recording holds movements of all of them. Poses are those of the load. None where the scene names no movement.
 
     Raises
     ------
@@ -46,6 +47,8 @@ def demonstration_of(scene: Scene) -> DMP | PoseDMP | tuple[DMP, ...] | None:
         return None
     if source.library is not None:
         return _from_library(scene, source, source.library)
+    if source.file is not None and is_several(str(scene.folder / source.file)):
+        return _distribution(scene, source, source.file)
     hands = _recordings_of_hands(scene, source)
     return fitted(scene, _recording(scene, source)) if hands is None else tuple(map(DMP.fit, hands))
 
@@ -57,6 +60,22 @@ def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
     """
     posed = recording.orientation is not None and scene.turns_as_one
     return PoseDMP.fit(recording) if posed else DMP.fit(recording)
+
+
+def _distribution(scene: Scene, source: DemonstrationSource, folder: str) -> ProMP:
+    """Fit a distribution to all recordings of a folder."""
+    options = {} if source.manipulator is None else {"manipulator": source.manipulator}
+    try:
+        found, _ = read_several([str(scene.folder / folder)], **options)
+        laid = [
+            {name: _in_scene(part, scene, source, "demonstration.file") for name, part in one.items()}
+            if isinstance(one, dict)
+            else _in_scene(one, scene, source, "demonstration.file")
+            for one in found
+        ]
+        return ProMP.fit(laid)
+    except DemonstrationError as error:
+        raise SceneError(str(error), file=scene.path, key="demonstration.file") from error
 
 
 def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
@@ -71,6 +90,11 @@ def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
             recording = Demonstration.from_lasa(source.lasa or "", source.demo)
     except DemonstrationError as error:
         raise SceneError(str(error), file=scene.path, key=key) from error
+    return _in_scene(recording, scene, source, key)
+
+
+def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSource, key: str) -> Demonstration:
+    """Return a recording scaled, and laid into space, as the scene says."""
     position = recording.position * (source.scale or 1.0)
     if scene.n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
         flat, position = position, np.zeros((len(position), 3))
@@ -96,7 +120,7 @@ def _recordings_of_hands(scene: Scene, source: DemonstrationSource) -> tuple[Dem
     )
 
 
-def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DMP | PoseDMP:
+def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DMP | PoseDMP | ProMP:
     """Read the primitive that a scene names: NAME in the folder `library`, or FOLDER/NAME.
 
     A primitive of poses is returned as such where a single body turns and it need not be scaled or laid into space;
@@ -125,6 +149,10 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
         primitive = Library(folder / inner).get(place.name)
     except LibraryError as error:
         raise SceneError(str(error), file=file, key=key) from error
+    if isinstance(primitive.dmp, ProMP):  # the similarity to the scene's ends scales it
+        if primitive.dmp.n_dims != scene.n_dims:
+            raise _other_dimension("distribution", primitive.dmp.n_dims, scene, key)
+        return primitive.dmp
     as_it_is = scene.turns_as_one and primitive.kind == "pose" and source.scale is None
     if as_it_is and primitive.dmp.n_dims == scene.n_dims:
         return primitive.dmp

@@ -16,6 +16,7 @@ from comove.demonstrations import Demonstration
 from comove.primitives import DMP, Primitive, Variant
 from comove.primitives.forcing import gaussians, mollifiers, von_mises
 from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
 from comove.trajectory import Trajectory
 from comove.views.style import GOAL, START, new_figure
 
@@ -302,6 +303,8 @@ def _legend(figure: Figure, axes: Axes) -> None:
 
 def _movement(primitive: Primitive | DMP | PoseDMP) -> DMP:
     dmp = primitive.dmp if isinstance(primitive, Primitive) else primitive
+    if isinstance(dmp, ProMP):
+        return dmp.mean
     return dmp.translation if isinstance(dmp, PoseDMP) else dmp
 
 

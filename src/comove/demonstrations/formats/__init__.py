@@ -105,6 +105,23 @@ def load_all(path: str | os.PathLike[str]) -> tuple[RecordedSamples, ...]:
     return tuple(_each(format_of(path).read(path)))
 
 
+def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSamples], ...]:
+    """Return all recordings, each as movements by manipulator; see `Demonstration.load_recordings`."""
+    path = Path(path)
+    found = format_of(path).read(path)
+    alone = {name: entry for name, entry in found.items() if isinstance(entry, RecordedSamples)}
+    if alone:
+        return (alone,)
+    return tuple(dict(cast(Mapping[str, RecordedSamples], entry)) for entry in found.values())
+
+
+def is_format(path: Path) -> bool:
+    """Return whether a file has a suffix, or a folder the file, by which a format is recognised."""
+    if path.is_dir():
+        return any(format.marker and (path / format.marker).exists() for format in FORMATS)
+    return any(path.suffix.lower() in format.suffixes for format in FORMATS)
+
+
 def _each(
     found: Mapping[str, RecordedSamples] | Mapping[str, Mapping[str, RecordedSamples]],
 ) -> Iterator[RecordedSamples]:

@@ -21,13 +21,15 @@ class JerkCost:
     """The integral of the squared jerk of all hands, relative to that of straight motions of least jerk.
 
     With a demonstration, the jerk is that of the deviation from it, and `pull` times the mean squared deviation,
-    divided by `way` squared, is added.
+    divided by `way` squared, is added; with a distribution, deviations are weighted by its precision at each instant.
 
     Attributes
     ----------
     way : root of the summed squared distances of all hands from start to goal [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], None without one
     pull : weight of the deviation from the demonstration
+    precision : array, shape (n_samples, n_hands * n_dims, n_hands * n_dims), root of the relative precision (see
+        `planning.precision`); None for equal weights
     weight : factor of the whole cost
     haste : cost of a pace of 1 (see `programme.QuadraticCost`)
     """
@@ -35,6 +37,7 @@ class JerkCost:
     way: float
     demonstration: Array | None = None
     pull: float = 0.0
+    precision: Array | None = None
     weight: float = 1.0
     haste: float = 0.0
 
@@ -45,7 +48,7 @@ class JerkCost:
             return scale * jerk.ravel()
         taught = third_differences(self.demonstration)
         taught[:2] = taught[-2:] = 0.0  # it need not rest at its ends
-        away = self._pull(len(hands)) * (hands - self.demonstration)
+        away = self._pull(len(hands)) * self._weighted((hands - self.demonstration)[:, :, None])
         return np.concatenate([scale * (jerk - taught).ravel(), away.ravel()])
 
     def slopes(self, moves: Array) -> Array:
@@ -59,7 +62,10 @@ class JerkCost:
         rows = self._scale(n_samples) * third_differences(moves).reshape(-1, n)
         if self.demonstration is None:
             return rows
-        return np.concatenate([rows, self._pull(n_samples) * moves.reshape(-1, n)])
+        return np.concatenate([rows, self._pull(n_samples) * self._weighted(moves).reshape(-1, n)])
+
+    def _weighted(self, moves: Array) -> Array:
+        return moves if self.precision is None else self.precision @ moves
 
     def _scale(self, n_samples: int) -> float:
         return np.sqrt(self.weight / (720.0 * self.way**2 * (n_samples - 1)))
@@ -101,7 +107,11 @@ class Anchored:
 
 
 def squares(
-    scene: Scene, objective: LeastJerk, demonstration: Array | None, n_samples: int = N_SAMPLES
+    scene: Scene,
+    objective: LeastJerk,
+    demonstration: Array | None,
+    n_samples: int = N_SAMPLES,
+    precision: Array | None = None,
 ) -> JerkCost:
     """Return the objective as a sum of squares at even samples.
 
@@ -109,18 +119,25 @@ def squares(
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every hand [m], where
         n_steps - 1 is a multiple of n_samples - 1; None without one
+    precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.precision`; None for none
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
     if pull == 0 or demonstration is None:
         return JerkCost(max(way, 1e-6))
     step = (len(demonstration) - 1) // (n_samples - 1)
-    return JerkCost(max(way, 1e-6), demonstration[::step, :, : scene.n_dims].reshape(n_samples, -1), pull)
+    taught = demonstration[::step, :, : scene.n_dims].reshape(n_samples, -1)
+    return JerkCost(max(way, 1e-6), taught, pull, None if precision is None else precision[::step])
 
 
-def jerk_cost(motion: CoordinatedMotion, objective: LeastJerk, demonstration: Array | None) -> float:
-    """Return the value of the objective for a motion; `demonstration` as in `squares`."""
+def jerk_cost(
+    motion: CoordinatedMotion,
+    objective: LeastJerk,
+    demonstration: Array | None,
+    precision: Array | None = None,
+) -> float:
+    """Return the value of the objective for a motion; `demonstration` and `precision` as in `squares`."""
     hands = motion.hands(np.linspace(0.0, 1.0, N_SAMPLES))[0].reshape(N_SAMPLES, -1)
-    residuals = squares(motion.scene, objective, demonstration).residuals(hands)
+    residuals = squares(motion.scene, objective, demonstration, precision=precision).residuals(hands)
     return float(residuals @ residuals)
 
 

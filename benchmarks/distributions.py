@@ -1,0 +1,296 @@
+"""How well distributions tell the next recording, and what they bring to motions, in one run.
+
+- likelihood: 7 recordings of each LASA shape, every one left out in turn: the log density of its positions at 19
+  instants, each by itself, a coordinate; and its Mahalanobis distance squared a coordinate (1 where the spread is
+  right). Beside comove the sample mean and covariance at each instant, and movement_primitives' ProMP where it is
+  installed, with as many weights a dimension;
+- conditioning: the recording left out is given at 1 and at 3 instants; error of the mean elsewhere, as a share of the
+  error before;
+- time of a fit of 6 recordings, and of 1000 samples of 201 steps;
+- scenes: fresh planar draws with one hand and circles, demonstrations that vary in a part of the way: distance
+  weighted by precision, of motions with the distribution and with its mean alone;
+- picture: the tube of the demonstrations, the wall, and both motions.
+
+    python benchmarks/distributions.py [--shapes 30] [--scenes 50] [--picture tube.png] [--only handwriting ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from timing import elapsed, number, on_one_thread, print_table
+
+import comove
+from comove import ProMP
+from comove.coordination.adaptation import covariance_of_hands
+from comove.demonstrations import Demonstration, lasa_names
+from comove.planning import carried_demonstration, movements_of
+from comove.planning.followed import followed
+from comove.planning.precision import precision_root
+from comove.primitives import ViaPoint
+
+Array = np.ndarray
+N_WEIGHTS = 20  # a dimension
+INSTANTS = np.linspace(0.0, 1.0, 21)
+GIVEN = (10,), (5, 10, 15)  # of the instants
+SEED = 126
+NOT_INSTALLED = "movement_primitives is not installed and left out: pip install 'comove[bench]'"
+
+
+def main() -> None:
+    """Print the tables that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--shapes", type=int, default=30)
+    parser.add_argument("--scenes", type=int, default=50)
+    parser.add_argument("--picture", help="where to draw the tube")
+    parser.add_argument("--only", nargs="*", choices=("handwriting", "scenes"))
+    asked = parser.parse_args()
+    on_one_thread()
+    warnings.simplefilter("ignore")
+    if asked.only is None or "handwriting" in asked.only:
+        handwriting(asked.shapes)
+    if asked.only is None or "scenes" in asked.only:
+        scenes(asked.scenes)
+    if asked.picture:
+        picture(asked.picture)
+
+
+def even(demo: Demonstration, s: Array = INSTANTS) -> Array:
+    """Return the positions of a recording at shares of its duration."""
+    return np.stack([np.interp(s * demo.duration, demo.time, column) for column in demo.position.T], axis=1)
+
+
+class Comove:
+    """A distribution of comove."""
+
+    def __init__(self, demos: list[Demonstration]) -> None:
+        self.promp = ProMP.fit(demos, n_basis=N_WEIGHTS)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance of what is observed at the instants."""
+        t = INSTANTS * self.promp.duration
+        return self.promp.mean_at(t), self.promp.covariance_at(t) + np.diag(self.promp.noise**2)
+
+    def given(self, at: tuple[int, ...], position: Array) -> Array:
+        """Return the mean at the instants where the positions at some of them are known."""
+        via = [ViaPoint(INSTANTS[i] * self.promp.duration, position[i]) for i in at]
+        return self.promp.condition(*via).mean_at(INSTANTS * self.promp.duration)
+
+    def samples(self) -> Array:
+        """Draw 1000 movements."""
+        return self.promp.sample_trajectories(np.random.default_rng(0), 1000)
+
+
+class MovementPrimitives:
+    """A distribution of movement_primitives, with its own defaults; its noise is the variance that it learned."""
+
+    def __init__(self, demos: list[Demonstration]) -> None:
+        from movement_primitives.promp import ProMP as Peer
+
+        self.promp = Peer(n_dims=2, n_weights_per_dim=N_WEIGHTS)
+        s = np.linspace(0.0, 1.0, 101)  # with a thousand samples its expectation takes minutes
+        self.promp.imitate(np.stack([s] * len(demos)), np.stack([even(demo, s) for demo in demos]))
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance of what is observed at the instants."""
+        n = len(INSTANTS)
+        whole = self.promp.cov_trajectory(INSTANTS).reshape(2, n, 2, n)  # dimension after dimension
+        covariance = np.einsum("ctdt->tcd", whole) + self.promp.variance * np.eye(2)
+        return self.promp.mean_trajectory(INSTANTS), covariance
+
+    def given(self, at: tuple[int, ...], position: Array) -> Array:
+        """Return the mean at the instants where the positions at some of them are known."""
+        promp = self.promp
+        for i in at:
+            promp = promp.condition_position(position[i], y_cov=1e-6 * np.eye(2), t=INSTANTS[i], t_max=1.0)
+        return promp.mean_trajectory(INSTANTS)
+
+    def samples(self) -> Array:
+        """Draw 1000 movements."""
+        s = np.linspace(0.0, 1.0, 201)
+        return self.promp.sample_trajectories(s, 1000, np.random.RandomState(0))
+
+
+class SampleMoments:
+    """The sample mean and covariance at every instant; what it is given changes nothing elsewhere."""
+
+    def __init__(self, demos: list[Demonstration]) -> None:
+        self.curves = np.stack([even(demo) for demo in demos])
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance at the instants."""
+        away = self.curves - self.curves.mean(axis=0)
+        covariance = np.einsum("ntc,ntd->tcd", away, away) / (len(away) - 1)
+        return self.curves.mean(axis=0), covariance + 1e-6 * np.ptp(self.curves) ** 2 * np.eye(2)
+
+    def given(self, at: tuple[int, ...], position: Array) -> Array:
+        """Return the mean, with the known positions in it."""
+        mean = self.curves.mean(axis=0)
+        mean[list(at)] = position[list(at)]
+        return mean
+
+
+def handwriting(n_shapes: int) -> None:
+    """Compare on recordings that were left out."""
+    kinds: dict[str, Callable[[list[Demonstration]], Any]] = {
+        "comove": Comove,
+        "sample moments": SampleMoments,
+    }
+    if importlib.util.find_spec("movement_primitives") is None:
+        print(NOT_INSTALLED)
+    else:
+        kinds["movement_primitives, ProMP"] = MovementPrimitives
+    names = lasa_names()[:n_shapes]
+    measured: dict[str, list[tuple[float, ...]]] = {name: [] for name in kinds}
+    for shape in names:
+        demos = [Demonstration.from_lasa(shape, k) for k in range(7)]
+        for k, left_out in enumerate(demos):
+            for name, kind in kinds.items():
+                measured[name].append(_measures(kind, demos[:k] + demos[k + 1 :], even(left_out)))
+    rows = []
+    for name, values in measured.items():
+        middle, mean = np.nanmedian(values, axis=0), np.mean(values, axis=0)
+        rows.append(
+            [
+                name,
+                f"{middle[0]:.3f} ({mean[0]:.3f})",
+                f"{middle[1]:.2f} ({mean[1]:.2f})",
+                f"{middle[2]:.3f}",
+                f"{middle[3]:.3f}",
+                f"{number(1e3 * middle[4])} ms",
+                f"{number(1e3 * middle[5])} ms" if middle[5] > 0 else "-",
+            ]
+        )
+    head = ["log density", "distance squared", "given 1", "given 3", "fit", "1000 samples"]
+    print_table([f"{len(names)} shapes, 7 left out each, median (mean)", *head], rows)
+
+
+def _measures(
+    kind: Callable[[list[Demonstration]], Any], demos: list[Demonstration], position: Array
+) -> tuple:
+    started = time.perf_counter()
+    model = kind(demos)
+    fit = time.perf_counter() - started
+    mean, covariance = model.moments()
+    away, inner = position - mean, slice(1, -1)
+    square = np.einsum("ti,ti->t", away, np.linalg.solve(covariance, away[..., None])[..., 0])
+    density = -0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance)[1])
+    before = np.sqrt((away**2).sum(axis=1).mean())
+    errors = [np.sqrt(((model.given(at, position) - position) ** 2).sum(axis=1).mean()) for at in GIVEN]
+    drawn = elapsed(model.samples) if hasattr(model, "samples") else np.nan
+    return (
+        density[inner].mean() / 2,
+        square[inner].mean() / 2,
+        errors[0] / before,
+        errors[1] / before,
+        fit,
+        drawn,
+    )
+
+
+def recordings(rng: np.random.Generator, n: int = 10) -> list[Demonstration]:
+    """Return movements from left to right that agree but around one instant, where people vary."""
+    s = np.linspace(0.0, 1.0, 201)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    centre, height = rng.uniform(0.35, 0.65), rng.uniform(-0.3, 0.3)
+    first = np.exp(-0.5 * ((s - centre) / 0.1) ** 2) * np.sin(np.pi * s)
+    found = []
+    for _ in range(n):
+        bump = rng.uniform(0.06, 0.15) * rng.standard_normal() * first
+        own = 0.005 * rng.standard_normal() * np.sin(np.pi * s) ** 2
+        y = 0.7 + height * np.sin(np.pi * way) ** 2 + bump + own
+        found.append(Demonstration(4 * s, np.stack([0.2 + 1.6 * way, y], axis=1)))
+    return found
+
+
+def drawn_scene(rng: np.random.Generator, promp: ProMP) -> comove.Scene:
+    """Return a scene with a circle in the taught way, somewhere in its inner half."""
+    at = promp.mean_at([rng.uniform(0.3, 0.7) * promp.duration])[0] + rng.uniform(-0.06, 0.06, 2)
+    return comove.Scene.from_dict(
+        {
+            "name": "drawn",
+            "duration": 4.0,
+            "workspace": {"lower": [0, 0], "upper": [2, 1.4]},
+            "obstacles": [
+                {"shape": "circle", "center": at.tolist(), "radius": float(rng.uniform(0.05, 0.12))}
+            ],
+            "manipulators": [{"name": "hand", "start": [0.2, 0.7], "goal": [1.8, 0.7]}],
+        }
+    )
+
+
+def scenes(count: int) -> None:
+    """Compare motions along distributions with motions along their means."""
+    rng, values = np.random.default_rng(SEED), []
+    for i in range(count):
+        promp = ProMP.fit(recordings(rng))
+        scene = drawn_scene(rng, promp)
+        along, even_pull = (comove.solve(scene, demonstration=d, seed=i) for d in (promp, promp.mean))
+        taught, root = carried_demonstration(movements_of(promp, scene), scene), precision_root(promp, scene)
+        measures = []
+        for solution in (along, even_pull):
+            near = followed(solution.attempt, taught, root)
+            measures += [solution.verified, near.weighted, near.distance, solution.solve_time_s]
+        values.append(measures)
+    table = np.array(values, dtype=float)
+    rows = []
+    for name, part in (("distribution", table[:, :4]), ("its mean", table[:, 4:])):
+        rows.append(
+            [
+                name,
+                f"{int(part[:, 0].sum())} of {count}",
+                *(f"{100 * np.median(part[:, k]):.2f} ({100 * part[:, k].mean():.2f}) cm" for k in (1, 2)),
+                f"{np.median(part[:, 3]):.3f} s",
+            ]
+        )
+    print_table([f"{count} scenes, median (mean)", "verified", "weighted", "distance", "time"], rows)
+    ratio = table[:, 1] / table[:, 5]
+    print(
+        f"weighted distance over that along the mean: median {np.median(ratio):.3f}, at most {ratio.max():.3f}"
+    )
+    print(f"nearer with the distribution in {int((ratio < 1).sum())} of {count} scenes")
+
+
+def picture(path: str) -> None:
+    """Draw the tube of the demonstrations, the wall, and both motions."""
+    from comove.views import save_picture
+    from comove.views.motion import draw_panel
+    from comove.views.style import new_figure
+    from comove.views.tubes import draw_tube
+
+    rng = np.random.default_rng(3)
+    demos = recordings(rng)
+    promp = ProMP.fit(demos)
+    spread = promp.std_at(INSTANTS * promp.duration)[:, 1]
+    widest = float(INSTANTS[int(np.argmax(spread))])
+    at = promp.mean_at([(widest + 0.08) * promp.duration])[0]
+    data = drawn_scene(rng, promp).file.model_dump(exclude_none=True, exclude_unset=True)
+    wall = {"shape": "box", "center": [float(at[0]), float(at[1]) + 0.42], "size": [0.06, 1.0]}
+    scene = comove.Scene.from_dict({**data, "name": "wall", "obstacles": [wall]})
+    figure = new_figure(12.0, 4.6)
+    s = np.linspace(0.0, 1.0, 201)
+    for k, (title, given) in enumerate((("along the distribution", promp), ("along its mean", promp.mean))):
+        solution = comove.solve(scene, demonstration=given, seed=0)
+        axes = figure.add_subplot(1, 2, k + 1)
+        taught = carried_demonstration(movements_of(promp, scene), scene)[:, 0, :2]
+        near = followed(solution.attempt, taught[:, None], precision_root(promp, scene))
+        draw_panel(axes, solution.attempt, (0, 1))
+        draw_tube(axes, taught, covariance_of_hands(promp, scene, s), label="two standard deviations")
+        for demo in demos:
+            axes.plot(*demo.position.T, color="0.6", linewidth=0.5, zorder=0)
+        verdict = "verified" if solution.verified else "not verified"
+        axes.set_title(
+            f"{title}: {verdict}, {100 * near.weighted:.1f} cm weighted by precision", fontsize="medium"
+        )
+    save_picture(figure, path)
+    print(f"drawn: {path}")
+
+
+if __name__ == "__main__":
+    main()

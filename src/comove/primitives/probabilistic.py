@@ -1,0 +1,760 @@
+r"""Distributions of movements: probabilistic movement primitives (Paraschos et al., 2013, 2018).
+
+On comove's basis a movement is linear in its parameters: start, start velocity, goal and goal velocity in unit
+duration, and the shape weights, for every coordinate of every hand,
+
+    y(s) = psi(s) theta,   psi = [B(s)  Phi(s)],   theta ~ N(mean, covariance).
+
+So a distribution of movements is a Gaussian over these parameters, and everything else follows in closed form: the
+mean and covariance at each instant, conditioning on via-points and velocities, samples, likelihoods. The ends are
+parameters themselves, so that samples between given ends meet them exactly.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
+from comove.primitives.alignment import Alignment, aligned
+from comove.primitives.arguments import (
+    instants,
+    is_number,
+    numbers,
+    require_count,
+    require_positive,
+    require_steps,
+)
+from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
+from comove.primitives.dmp import DMP, Recording
+from comove.primitives.estimation import estimate, widening
+from comove.primitives.limits import ViaPoint
+from comove.primitives.phase import ExponentialPhase, Phase
+
+Array = NDArray[np.float64]
+Recordings = Sequence[Recording | Mapping[str, Recording]]
+
+N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
+FAR = 5.0  # standard deviations from which on a via-point is told to be far
+NEVER = 1e-9  # share of the movement's extent below which a standard deviation counts as none
+LEAST_NOISE = 1e-4  # standard deviation of the noise, as a share of the movement's extent
+RIDGE = 1e-7  # of the fit of one recording, relative to the number of its samples
+N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
+MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
+ROUNDING = 1e-14  # relative eigenvalue of the covariance that counts as none
+EXACT = 1e-13  # relative eigenvalue of what is conditioned on, below which it counts as fixed
+
+
+@dataclass(frozen=True, eq=False)
+class ProMP:
+    """A distribution of movements of one or several manipulators, Gaussian in the parameters.
+
+    Coordinates follow one another hand after hand. The parameters of a coordinate are start, start velocity, goal and
+    goal velocity in unit duration, then the shape weights.
+
+    Attributes
+    ----------
+    mean_parameters : array, shape (n_columns, 4 + n_basis), n_columns = n_manipulators * n_dims
+    covariance : array, shape (n_parameters, n_parameters), n_parameters = n_columns * (4 + n_basis)
+    noise : array, shape (n_columns,), standard deviation of the observation noise [m]
+    duration, duration_std : mean and standard deviation of the recordings' durations [s]
+    phase : canonical system
+    manipulators : their names; () for one without a name
+    slopes : array, shape (n_context, n_columns, 4 + n_basis), change of the mean parameters with the context
+    context_mean, context_std : arrays, shape (n_context,), of the recordings
+    n_recordings : number of recordings from which it was learned; 0 if it was made otherwise
+    notes : how it was learned, in words
+    """
+
+    mean_parameters: Array
+    covariance: Array
+    noise: Array
+    duration: float
+    duration_std: float = 0.0
+    phase: Phase = ExponentialPhase()
+    manipulators: tuple[str, ...] = ()
+    slopes: Array = field(default_factory=lambda: np.zeros(0))
+    context_mean: Array = field(default_factory=lambda: np.zeros(0))
+    context_std: Array = field(default_factory=lambda: np.zeros(0))
+    n_recordings: int = 0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_positive("duration", self.duration, of="seconds")
+        if not is_number(self.duration_std) or self.duration_std < 0:
+            raise OptionError(f"duration_std = {self.duration_std!r}", way_out="give 0 s or more")
+        mean = numbers(self.mean_parameters)
+        if mean.ndim != 2 or not N_ENDS < mean.shape[1] <= N_ENDS + MAX_BASIS:
+            raise OptionError(
+                f"mean_parameters of shape {mean.shape}", way_out="give (n_columns, 4 + n_basis) numbers"
+            )
+        n_context = np.size(self.context_mean)
+        shapes = {
+            "mean_parameters": mean.shape,
+            "covariance": (mean.size, mean.size),
+            "noise": (len(mean),),
+            "slopes": (n_context, *mean.shape),
+            "context_mean": (n_context,),
+            "context_std": (n_context,),
+        }
+        for name, shape in shapes.items():
+            array = numbers(getattr(self, name))
+            array = array.reshape(shape) if name == "slopes" and not array.size else array
+            if array.shape != shape or not np.isfinite(array).all():
+                raise OptionError(f"{name} of shape {array.shape}", way_out=f"give {shape} finite numbers")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if len(mean) % max(len(self.manipulators), 1):
+            raise OptionError(
+                f"{len(mean)} coordinates of {len(self.manipulators)} manipulators",
+                way_out="give each the same number",
+            )
+        spread = np.abs(self.covariance).max(initial=0.0)
+        if (
+            np.abs(self.covariance - self.covariance.T).max() > 1e-9 * spread
+            or self._eigen[0].min() < -1e-9 * spread
+        ):
+            raise OptionError("the covariance is not symmetric and positive", way_out="learn it anew")
+
+    @classmethod
+    def fit(
+        cls,
+        demonstrations: Recordings,
+        *,
+        n_basis: int = 20,
+        phase: Phase | None = None,
+        alignment: Alignment | str = Alignment.DURATION,
+        contexts: ArrayLike | None = None,
+    ) -> ProMP:
+        """Estimate a distribution from several recordings of one movement.
+
+        Each recording is fitted by least squares; mean and covariance are those of the fits. The covariance of
+        different instants is tapered over a length of time, under which recordings that are left out in turn are most
+        likely. Variances, and covariances between coordinates and hands at one instant, are those of the recordings,
+        widened because few recordings tell little of them (`estimation.widening`).
+
+        Parameters
+        ----------
+        demonstrations
+            Two or more recordings; where several manipulators were recorded together, each a mapping by their names.
+        n_basis
+            Number of shape weights per coordinate; the four boundary values are counted apart.
+        phase
+            Canonical system; an exponential one by default.
+        alignment
+            How recordings are aligned in time: `duration`, at equal shares of their durations, or `warping`.
+        contexts
+            Task parameters of every recording, shape (n_recordings, n_context); the mean is linear in them.
+
+        Raises
+        ------
+        DemonstrationError
+            If there are fewer than two recordings, they do not belong together, or they do not differ.
+        OptionError
+            If an option is out of range.
+
+        Warns
+        -----
+        ComoveWarning
+            If the recordings are so few that the taper cannot be chosen by leaving one out.
+        """
+        require_count("n_basis", n_basis, most=MAX_BASIS)
+        phase = ExponentialPhase() if phase is None else phase
+        if not isinstance(phase, Phase):
+            raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
+        names, times, positions = _read(demonstrations)
+        given = _contexts(contexts, len(times))
+        way = Alignment.named(alignment)
+        shares = aligned(times, positions, way)
+        basis = motion_basis(n_basis, phase=phase)
+        found = [_fitted(basis, s, y) for s, y in zip(shares, positions, strict=True)]
+        parameters = np.stack([theta for theta, _ in found])
+        n_columns, n_features = parameters.shape[1:]
+        extent = max(float(np.ptp(y, axis=0).max()) for y in positions)
+        noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (LEAST_NOISE * extent) ** 2)
+        n_seen = N_SEEN * n_features
+        even = np.linspace(0.0, 1.0, n_seen)
+        values = (parameters @ features(basis, even)[0].T).reshape(len(parameters), -1)
+        centre = given.mean(axis=0)
+        gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns)
+        back = np.kron(np.eye(n_columns), solver(basis, even))
+        durations = np.array([time[-1] - time[0] for time in times])
+        notes = _notes(
+            durations,
+            way,
+            gaussian.length,
+            gaussian.chosen,
+            widening(len(times), given.shape[1]),
+            min(map(len, times)) < n_features,
+        )
+        if not gaussian.chosen:
+            warnings.warn(
+                f"{len(times)} recordings tell too little of how instants hang together: their correlations are "
+                f"tapered over {gaussian.length:g} of the duration; record more",
+                ComoveWarning,
+                stacklevel=2,
+            )
+        return cls(
+            (back @ gaussian.mean).reshape(n_columns, n_features),
+            _without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
+            noise,
+            float(durations.mean()),
+            float(durations.std(ddof=1)),
+            phase,
+            names,
+            (gaussian.slopes @ back.T).reshape(-1, n_columns, n_features),
+            centre,
+            given.std(axis=0),
+            len(times),
+            notes,
+        )
+
+    @property
+    def n_columns(self) -> int:
+        """Return the number of coordinates of all manipulators."""
+        return len(self.mean_parameters)
+
+    @property
+    def n_dims(self) -> int:
+        """Return the number of coordinates of one manipulator."""
+        return self.n_columns // max(len(self.manipulators), 1)
+
+    @property
+    def n_basis(self) -> int:
+        """Return the number of shape weights of a coordinate."""
+        return self.mean_parameters.shape[1] - N_ENDS
+
+    @property
+    def basis(self) -> MotionBasis:
+        """Return the basis matrices of the movements."""
+        return motion_basis(self.n_basis, phase=self.phase)
+
+    @property
+    def mean(self) -> DMP:
+        """Return the mean movement, a primitive of all coordinates, hand after hand."""
+        return self._movement(self.mean_parameters)
+
+    @property
+    def movements(self) -> tuple[DMP, ...]:
+        """Return the mean movement of every manipulator."""
+        return self.split(self.mean)
+
+    def split(self, movement: DMP) -> tuple[DMP, ...]:
+        """Return the movements of the manipulators, from one of all coordinates."""
+        parts = [slice(first, first + self.n_dims) for first in range(0, self.n_columns, self.n_dims)]
+        names = ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned")
+        return tuple(
+            replace(movement, **{name: getattr(movement, name)[part] for name in names}) for part in parts
+        )
+
+    def mean_at(self, time: ArrayLike) -> Array:
+        """Return the mean positions at the times `time` [s]; array, shape (n_steps, n_columns), [m]."""
+        return self._psi(time)[0] @ self.mean_parameters.T
+
+    def covariance_at(self, time: ArrayLike, *, of_velocity: bool = False) -> Array:
+        """Return the covariance of the positions, or of the velocities, at the times `time` [s].
+
+        Returns
+        -------
+        array, shape (n_steps, n_columns, n_columns), [m^2], or [m^2/s^2]
+        """
+        psi = self._psi(time)[int(of_velocity)]
+        blocks = self.covariance.reshape(*self.mean_parameters.shape, *self.mean_parameters.shape)
+        left = np.tensordot(psi, blocks, axes=(1, 1))  # (n_steps, n_columns, n_columns, n_features)
+        return np.einsum("tcdg,tg->tcd", left, psi)
+
+    def std_at(self, time: ArrayLike) -> Array:
+        """Return the standard deviations of the positions; array, shape (n_steps, n_columns), [m]."""
+        variance = np.diagonal(self.covariance_at(time), axis1=1, axis2=2)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def sample(self, rng: np.random.Generator) -> DMP:
+        """Draw a movement of all coordinates; its ends are its own and met exactly, its duration is the mean."""
+        return self._movement(self._drawn(rng, 1)[0])
+
+    def sample_trajectories(self, rng: np.random.Generator, n_samples: int, n_steps: int = 201) -> Array:
+        """Draw movements and play them at even times.
+
+        Returns
+        -------
+        array, shape (n_samples, n_steps, n_columns), [m]
+        """
+        require_count("n_samples", n_samples)
+        require_steps(n_steps)
+        psi = features(self.basis, np.linspace(0.0, 1.0, n_steps))[0]
+        return np.swapaxes(self._drawn(rng, n_samples) @ psi.T, 1, 2)
+
+    def condition(
+        self,
+        *via: ViaPoint,
+        position_covariance: ArrayLike = 0.0,
+        velocity_covariance: ArrayLike = 0.0,
+        manipulator: str | None = None,
+    ) -> ProMP:
+        """Return the distribution of the movements that pass via-points.
+
+        Parameters
+        ----------
+        via
+            Points of one manipulator, or of all coordinates; the others follow by their correlation.
+        position_covariance, velocity_covariance
+            Uncertainty of the points: a variance, variances of the coordinates, or a covariance matrix, [m^2] and
+            [m^2/s^2]; 0 for points that are passed exactly.
+        manipulator
+            Name of the one whose points are given; all coordinates unless given.
+
+        Raises
+        ------
+        OptionError
+            If an argument is out of range, or a point lies where no movement of the distribution passes.
+
+        Warns
+        -----
+        ComoveWarning
+            If a point is more than five standard deviations from the mean; names the distance.
+        """
+        columns = self._columns_of(manipulator)
+        rows, targets, variances = [], [], []
+        for point in via:
+            row, target = self._via_rows(point, columns)
+            known = [_covariance("position_covariance", position_covariance, len(columns))]
+            if point.velocity is not None:
+                known.append(_covariance("velocity_covariance", velocity_covariance, len(columns)))
+            variance = np.zeros((len(target), len(target)))
+            for i, part in enumerate(known):
+                at = slice(i * len(columns), (i + 1) * len(columns))
+                variance[at, at] = part
+            self._tell_far(point, row, target, variance)
+            rows.append(row)
+            targets.append(target)
+            variances.append(variance)
+        if not rows:
+            raise OptionError("there is no via-point", way_out="give ViaPoint(time, position)")
+        total = sum(map(len, targets))
+        noise, first = np.zeros((total, total)), 0
+        for variance in variances:
+            last = first + len(variance)
+            noise[first:last, first:last], first = variance, last
+        return self._conditioned(np.concatenate(rows), np.concatenate(targets), noise)
+
+    def towards(
+        self,
+        *,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
+        duration: float | None = None,
+    ) -> ProMP:
+        """Return the distribution of the movements between given ends, which every sample then meets exactly.
+
+        Parameters
+        ----------
+        start, goal, start_velocity, goal_velocity : arrays, shape (n_columns,), [m], [m/s]; free if not given
+        duration : [s]
+
+        Raises
+        ------
+        OptionError
+            If an argument is out of range, or the recordings never vary there and end elsewhere.
+        """
+        timed = self if duration is None else replace(self, duration=duration)
+        given = (start, start_velocity, goal, goal_velocity)
+        mean, shift = self.mean_parameters, []
+        for k, (value, unit) in enumerate(
+            zip(given, (1.0, timed.duration, 1.0, timed.duration), strict=True)
+        ):
+            if value is None:
+                continue
+            target = numbers(value) * unit
+            if target.shape != (self.n_columns,) or not np.isfinite(target).all():
+                raise OptionError(f"an end of {value!r}", way_out=f"give {self.n_columns} finite numbers")
+            shift += [(c * mean.shape[1] + k, target[c]) for c in range(self.n_columns)]
+        if not shift:
+            return timed
+        at, values = np.array([i for i, _ in shift]), np.array([value for _, value in shift])
+        bound = timed._conditioned(np.eye(mean.size)[at], values, np.zeros((len(at), len(at))))
+        parameters, covariance = bound.mean_parameters.copy(), bound.covariance.copy()
+        parameters.reshape(-1)[at] = values
+        covariance[at], covariance[:, at] = 0.0, 0.0
+        return replace(bound, mean_parameters=parameters, covariance=covariance)
+
+    def at_context(self, context: ArrayLike) -> ProMP:
+        """Return the distribution for task parameters, array of shape (n_context,).
+
+        Raises
+        ------
+        OptionError
+            If the number of task parameters is another.
+
+        Warns
+        -----
+        ComoveWarning
+            If they are more than five standard deviations from those of the recordings.
+        """
+        value, n_context = numbers(context), len(self.context_mean)
+        if value.shape != (n_context,) or not np.isfinite(value).all() or not n_context:
+            raise OptionError(f"context = {context!r}", way_out=f"give {n_context} finite numbers")
+        away = value - self.context_mean
+        far = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
+        if far > FAR:
+            warnings.warn(
+                f"the context {context!r} is {far:.3g} standard deviations from those of the recordings",
+                ComoveWarning,
+                stacklevel=2,
+            )
+        none = np.zeros(0)
+        return replace(
+            self,
+            mean_parameters=self.mean_parameters + np.tensordot(away, self.slopes, axes=1),
+            slopes=none,
+            context_mean=none,
+            context_std=none,
+        )
+
+    def log_likelihood(self, demonstration: Recording | Mapping[str, Recording]) -> float:
+        """Return the log density of a recording's samples, observed with noise, at equal shares of the duration.
+
+        Raises
+        ------
+        DemonstrationError
+            If the recording is of other manipulators or dimensions.
+        """
+        names, time, position, _ = _one(demonstration, 0)
+        if names != self.manipulators or position.shape[1] != self.n_columns:
+            raise DemonstrationError(
+                f"the recording has {position.shape[1]} coordinates of {', '.join(names) or 'one hand'}",
+                way_out=f"give {self.n_columns} of {', '.join(self.manipulators) or 'one hand'}",
+            )
+        psi = features(self.basis, (time - time[0]) / (time[-1] - time[0]))[0]
+        away = ((position - psi @ self.mean_parameters.T) / self.noise).T.ravel()
+        # In the space of the parameters: |I + L' H' R^-1 H L| has their number of rows, not that of the samples.
+        factor = self._factor.reshape(*self.mean_parameters.shape, -1)
+        seen = np.einsum("tf,cfk->ctk", psi, factor / self.noise[:, None, None])
+        seen = seen.reshape(-1, seen.shape[2])
+        root = np.linalg.cholesky(np.eye(seen.shape[1]) + seen.T @ seen)
+        short = np.linalg.solve(root, seen.T @ away)
+        log_scale = np.log(np.diag(root)).sum() + len(time) * np.log(self.noise).sum()
+        return float(-0.5 * (away @ away - short @ short + len(away) * np.log(2 * np.pi)) - log_scale)
+
+    @cached_property
+    def _eigen(self) -> tuple[Array, Array]:
+        values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
+        return values, vectors
+
+    @cached_property
+    def _factor(self) -> Array:
+        """Return L with ``L L' = covariance``; what does not vary has rows of zeros exactly."""
+        values, vectors = self._eigen
+        values = np.where(
+            values > ROUNDING * values[-1], values, 0.0
+        )  # roots of rounding errors would be seen
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        return np.where(np.diag(self.covariance)[:, None] > 0.0, factor, 0.0)
+
+    def _drawn(self, rng: np.random.Generator, n: int) -> Array:
+        if not isinstance(rng, np.random.Generator):
+            raise OptionError(f"rng = {rng!r}", way_out="give numpy.random.default_rng(seed)")
+        drawn = rng.standard_normal((n, self._factor.shape[1])) @ self._factor.T
+        return self.mean_parameters + drawn.reshape(n, *self.mean_parameters.shape)
+
+    def _movement(self, parameters: Array) -> DMP:
+        start, start_velocity, goal, goal_velocity = parameters[:, :N_ENDS].T
+        return DMP(
+            weights=parameters[:, N_ENDS:],
+            start=start,
+            goal=goal,
+            start_velocity=start_velocity / self.duration,
+            goal_velocity=goal_velocity / self.duration,
+            duration=self.duration,
+            phase=self.phase,
+        )
+
+    def _psi(self, time: ArrayLike) -> Array:
+        """Return the features of positions and velocities [1/s]; array, shape (2, n_steps, n_features)."""
+        psi = features(self.basis, instants(time) / self.duration)[:2]
+        return np.stack([psi[0], psi[1] / self.duration])
+
+    def _columns_of(self, manipulator: str | None) -> NDArray[np.int64]:
+        if manipulator is None:
+            return np.arange(self.n_columns)
+        if manipulator not in self.manipulators:
+            raise OptionError(
+                f"there is no manipulator {manipulator!r}",
+                key="manipulator",
+                way_out=near_name(str(manipulator), self.manipulators)
+                if self.manipulators
+                else "leave it out",
+            )
+        first = self.manipulators.index(manipulator) * self.n_dims
+        return np.arange(first, first + self.n_dims)
+
+    def _via_rows(self, point: ViaPoint, columns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the rows of the parameters that a via-point fixes, and their values."""
+        if not isinstance(point, ViaPoint):
+            raise OptionError(f"via = {point!r}", way_out="give ViaPoint(time, position)")
+        if not is_number(point.time) or not 0 <= point.time <= self.duration:
+            raise OptionError(
+                f"a via-point at {point.time!r} s", way_out=f"give a time from 0 to {self.duration:.6g} s"
+            )
+        psi = self._psi([point.time])[:, 0]
+        rows, targets = [], []
+        for order, value in enumerate((point.position, point.velocity)):
+            if value is None:
+                continue
+            target = numbers(value)
+            if target.shape != columns.shape or not np.isfinite(target).all():
+                raise OptionError(
+                    f"a via-point with {('position', 'velocity')[order]} {value!r}",
+                    way_out=f"give {len(columns)} finite numbers, one for each coordinate",
+                )
+            row = np.zeros((len(columns), *self.mean_parameters.shape))
+            row[np.arange(len(columns)), columns] = psi[order]
+            rows.append(row.reshape(len(columns), -1))
+            targets.append(target)
+        return np.concatenate(rows), np.concatenate(targets)
+
+    def _tell_far(self, point: ViaPoint, rows: Array, target: Array, noise: Array) -> None:
+        away = target - rows @ self.mean_parameters.ravel()
+        distance = np.sqrt(away @ _pseudo_inverse(rows @ self.covariance @ rows.T + noise) @ away)
+        if distance > FAR:
+            off = np.linalg.norm(away[: np.size(point.position)])
+            warnings.warn(
+                f"the via-point at {point.time:g} s is {distance:.3g} standard deviations from what was taught, "
+                f"{off:.3g} m from the mean there: the movement is bent far beyond the recordings",
+                ComoveWarning,
+                stacklevel=3,
+            )
+
+    def _conditioned(self, rows: Array, target: Array, noise: Array) -> ProMP:
+        """Return the distribution given ``rows theta = target`` up to Gaussian noise."""
+        seen = self._factor.T @ rows.T  # (rank, n)
+        away = target - rows @ self.mean_parameters.ravel()
+        inverse = _pseudo_inverse(seen.T @ seen + noise)
+        gain = self._factor @ (seen @ inverse)
+        parameters = self.mean_parameters.ravel() + gain @ away
+        if not noise.any():
+            extent = max(float(np.ptp(self.mean_at(np.linspace(0, self.duration, 51)), axis=0).max()), 1e-300)
+            missed = np.abs(rows @ parameters - target).max()
+            if missed > MET * extent:
+                raise OptionError(
+                    f"no movement of the distribution passes there: it is missed by {missed:.3g} m, where the "
+                    "recordings do not vary",
+                    way_out="give the point an uncertainty, or record movements that pass there",
+                )
+        # The symmetric form that stays positive: (I - K H) S (I - K H)' + K R K'.
+        left = self._factor - gain @ seen.T
+        covariance = left @ left.T + gain @ noise @ gain.T
+        return replace(
+            self,
+            mean_parameters=parameters.reshape(self.mean_parameters.shape),
+            covariance=0.5 * (covariance + covariance.T),
+        )
+
+
+def features(basis: MotionBasis, s: Array) -> Array:
+    """Return psi: position, velocity and acceleration in unit duration, caused by a unit of every parameter.
+
+    Returns
+    -------
+    array, shape (3, n_steps, 4 + n_basis)
+    """
+    return np.concatenate(basis.at(s), axis=2)
+
+
+def _fitted(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
+    """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
+    parameters = (solver(basis, s) @ position).T
+    error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
+    return parameters, error
+
+
+def solver(basis: MotionBasis, s: Array) -> Array:
+    """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
+
+    Both ends are those of the first and the last position exactly.
+
+    Returns
+    -------
+    array, shape (4 + n_basis, n_steps)
+    """
+    psi, free = features(basis, s)[0], np.r_[1, 3 : N_ENDS + basis.n_basis]
+    share = np.gradient(s)[:, None]  # of the course: uneven samples count by the time that they stand for
+    weighted = psi[:, free] * share
+    square = weighted.T @ psi[:, free]
+    square[np.diag_indices(len(free))] += RIDGE * share.sum()
+    solver, ends = np.zeros((psi.shape[1], len(s))), np.zeros((2, len(s)))
+    ends[0, 0], ends[1, -1] = 1.0, 1.0
+    solver[[0, 2]] = ends
+    solver[free] = np.linalg.solve(square, weighted.T)
+    solver[free] -= np.linalg.solve(square, weighted.T @ psi[:, [0, 2]]) @ ends
+    return solver
+
+
+def _without_noise(covariance: Array, least: float) -> Array:
+    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
+    varies = np.diag(covariance) > least**2
+    return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
+
+
+def _covariance(name: str, value: ArrayLike, n: int) -> Array:
+    array = numbers(value)
+    if array.ndim == 0:
+        array = np.full(n, float(array))
+    if array.shape == (n,):
+        array = np.diag(array)
+    good = array.shape == (n, n) and np.isfinite(array).all() and np.allclose(array, array.T)
+    if not good or np.linalg.eigvalsh(array).min() < -1e-12 * np.abs(array).max():
+        raise OptionError(
+            f"{name} = {value!r}", way_out=f"give a variance, {n} of them, or a covariance matrix"
+        )
+    return array
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > EXACT * max(float(values[-1]), 1e-300)
+    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+
+
+def _contexts(contexts: ArrayLike | None, n: int) -> Array:
+    if contexts is None:
+        return np.zeros((n, 0))
+    array = numbers(contexts)
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
+        raise OptionError(
+            f"contexts of shape {array.shape} for {n} recordings",
+            way_out="give finite numbers for each of them",
+        )
+    if n < array.shape[1] + 2:
+        raise OptionError(
+            f"{array.shape[1]} task parameters of {n} recordings",
+            key="contexts",
+            way_out=f"give {array.shape[1] + 2} recordings or more",
+        )
+    still = np.flatnonzero(np.ptp(array, axis=0) == 0)
+    if still.size:
+        raise OptionError(
+            f"the task parameter {still[0]} is the same in all recordings",
+            key="contexts",
+            way_out="leave it out",
+        )
+    return array
+
+
+def _read(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list[Array]]:
+    """Return the manipulators, and times and positions of all recordings, after a check that they belong together."""
+    if not isinstance(demonstrations, (list, tuple)):
+        raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
+    if len(demonstrations) < 2:
+        raise DemonstrationError(
+            f"{len(demonstrations)} recording has no spread", way_out="give two or more, or use DMP.fit"
+        )
+    found = [_one(demonstration, i) for i, demonstration in enumerate(demonstrations)]
+    names, _, first, unit = found[0]
+    for i, (others, _, position, own) in enumerate(found):
+        for what, one, other in (
+            ("is of", ", ".join(names) or "one hand", ", ".join(others) or "one hand"),
+            ("has", f"{first.shape[1]} coordinates", f"{position.shape[1]} coordinates"),
+            ("is in", unit, own),
+        ):
+            if one != other:
+                raise DemonstrationError(
+                    f"recording {i} {what} {other}, recording 0 {what} {one}",
+                    way_out="give recordings of one kind",
+                )
+    times, positions = [time for _, time, _, _ in found], [position for _, _, position, _ in found]
+    _require_spread(times, positions)
+    return names, times, positions
+
+
+def _require_spread(times: list[Array], positions: list[Array]) -> None:
+    seen: dict[bytes, int] = {}
+    for i, (time, position) in enumerate(zip(times, positions, strict=True)):
+        before = seen.setdefault((time - time[0]).tobytes() + position.tobytes(), i)
+        if before != i:
+            raise DemonstrationError(
+                f"recordings {before} and {i} are one and the same", way_out="give each recording once"
+            )
+    even = np.linspace(0.0, 1.0, 101)
+    shares = [(time - time[0]) / (time[-1] - time[0]) for time in times]
+    curves = np.stack(
+        [
+            np.stack([np.interp(even, s, column) for column in position.T], axis=1)
+            for s, position in zip(shares, positions, strict=True)
+        ]
+    )
+    if curves.std(axis=0).max() <= NEVER * np.ptp(curves, axis=(0, 1)).max():
+        raise DemonstrationError(
+            f"the {len(times)} recordings are the same movement and have no spread",
+            way_out="record it anew each time, or use DMP.fit",
+        )
+
+
+def _one(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Array, str]:
+    """Return manipulators, times, positions of all their coordinates, and the unit of one recording."""
+    parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
+    if not parts or not all(hasattr(p, "time") and hasattr(p, "position") for p in parts.values()):
+        raise OptionError(
+            f"recording {number} is {type(demonstration).__name__}",
+            key="demonstrations",
+            way_out="give Demonstrations, or mappings of them by the names of manipulators",
+        )
+    names = () if set(parts) == {""} else tuple(map(str, parts))
+    each = [(numbers(part.time), numbers(part.position)) for part in parts.values()]
+    time = each[0][0]
+    for name, (own, position) in zip(parts, each, strict=True):
+        who = f"recording {number}" + (f", {name!r}," if name else "")
+        if own.ndim != 1 or position.ndim != 2 or len(own) != len(position) or len(own) < 2:
+            raise DemonstrationError(f"{who} is no movement", way_out="give two samples or more of each")
+        bad = np.flatnonzero(~(np.isfinite(position).all(axis=1) & np.isfinite(own)))
+        if bad.size:
+            raise DemonstrationError(
+                f"{who} holds what is no number in row {bad[0]}", way_out="clean it, or leave it out"
+            )
+        if not (np.diff(own) > 0).all():
+            raise DemonstrationError(f"{who} stands still in time", way_out="give increasing times")
+        if not np.array_equal(own, time):
+            raise DemonstrationError(
+                f"{who} has other time stamps than {next(iter(parts))!r}",
+                way_out="bring both to the same duration and resampled(n_steps)",
+            )
+    units = [getattr(part, "unit", "m") for part in parts.values()]
+    if len(set(units)) > 1:
+        raise DemonstrationError(
+            f"recording {number} is in {' and '.join(sorted(set(units)))}", way_out="give one unit"
+        )
+    widths = {position.shape[1] for _, position in each}
+    if len(widths) > 1:
+        raise DemonstrationError(
+            f"recording {number} has manipulators with {' and '.join(map(str, sorted(widths)))} coordinates",
+            way_out="give all the same",
+        )
+    return names, time, np.concatenate([position for _, position in each], axis=1), units[0]
+
+
+def _notes(
+    durations: Array, alignment: Alignment, length: float, chosen: bool, wider: float, few_samples: bool
+) -> tuple[str, ...]:
+    times = f"{durations.min():.4g} to {durations.max():.4g} s"
+    how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
+    why = (
+        "chosen by leaving recordings out in turn" if chosen else "for there are too few recordings to choose"
+    )
+    notes = [
+        f"{len(durations)} recordings of {times}, aligned at {how}",
+        f"correlations over time tapered over {length:g} of the duration, {why}",
+        f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
+    ]
+    if few_samples:
+        notes.append(
+            "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken"
+        )
+    return tuple(notes)
