@@ -217,6 +217,13 @@ def test_two_recordings_suffice_and_that_is_said():
     assert np.abs(promp.condition(ViaPoint(middle, there)).mean_at([middle])[0] - there).max() < 1e-6
 
 
+def test_more_weights_than_samples_are_told():
+    with pytest.warns(ComoveWarning, match="10 samples for 24 weights"):
+        promp = ProMP.fit([demo.resampled(10) for demo in DEMOS])
+    assert np.abs(promp.mean_at([0.0, promp.duration]) - PROMP.mean_at([0.0, PROMP.duration])).max() < 1e-9
+    assert np.abs(promp.mean_at([0.5 * promp.duration]) - PROMP.mean_at([0.5 * PROMP.duration])).max() < 1.0
+
+
 def test_warping_brings_equal_places_to_equal_shares():
     s = np.linspace(0, 1, 201)
     paces = [s, s**1.4, s**0.75]
