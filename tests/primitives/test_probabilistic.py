@@ -218,10 +218,12 @@ def test_two_recordings_suffice_and_that_is_said():
 
 
 def test_more_weights_than_samples_are_told():
+    few = [demo.resampled(10) for demo in DEMOS]
     with pytest.warns(ComoveWarning, match="10 samples for 24 weights"):
-        promp = ProMP.fit([demo.resampled(10) for demo in DEMOS])
-    assert np.abs(promp.mean_at([0.0, promp.duration]) - PROMP.mean_at([0.0, PROMP.duration])).max() < 1e-9
-    assert np.abs(promp.mean_at([0.5 * promp.duration]) - PROMP.mean_at([0.5 * PROMP.duration])).max() < 1.0
+        promp = ProMP.fit(few)
+    played = promp.mean_at(np.linspace(0.0, promp.duration, 10))
+    samples = np.mean([demo.position for demo in few], axis=0)
+    assert np.abs(played - samples).max() < 0.01 * np.ptp(samples)
 
 
 def test_warping_brings_equal_places_to_equal_shares():
