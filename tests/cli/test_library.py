@@ -142,6 +142,34 @@ def test_what_cannot_be_learned(arguments, words):
 # --- library ---
 
 
+def test_several_recordings_make_a_distribution(tmp_path):
+    told = good("learn", "lasa:Sine:all", "--out", "sine.json", "--align", "warping").stdout
+    assert "distribution" in told and "7 recordings" in told and "by warping" in told
+    primitive = read_primitive("sine.json")
+    assert primitive.kind == "distribution" and primitive.dmp.n_recordings == 7
+    good("learn", "lasa:Sine:0", "lasa:Sine:3", "lasa:Sine:5", "lasa:Sine:6", "--out", "few.json")
+    good("library", "add", "sine.json", "--folder", "kept")
+    assert "distribution" in good("library", "list", "--folder", "kept").stdout
+    good("library", "show", "sine", "--folder", "kept", "--out", "sine.png")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("lasa:Sine:0", "lasa:Sine:0"), "recordings 0 and 1 are one and the same"),
+        (("lasa:Sine:all", "--poses"), "--poses: several recordings"),
+        (("lasa:Sine:all", "--variant", "classic"), "--variant: several recordings"),
+        (("lasa:Sine:all", "--align", "warp"), "alignment = 'warp'"),
+        (("lasa:Sine:0", "swing.csv"), "recording 1"),
+        (("empty",), "it holds no recordings"),
+    ],
+)
+def test_what_makes_no_distribution(arguments, words):
+    os.mkdir("empty")
+    write_csv("swing.csv", Demonstration(np.linspace(0, 1, 9), np.linspace(0, 1, 18).reshape(9, 2)))
+    assert words in refused("learn", *arguments, "--out", "sine.json")
+
+
 def test_adding_listing_removing(filled):
     assert filled.names == ("Angle-0", "Sine-0", "swing")
     outcome = good("library", "list")

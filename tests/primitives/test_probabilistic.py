@@ -217,6 +217,15 @@ def test_two_recordings_suffice_and_that_is_said():
     assert np.abs(promp.condition(ViaPoint(middle, there)).mean_at([middle])[0] - there).max() < 1e-6
 
 
+def test_more_weights_than_samples_are_told():
+    few = [demo.resampled(10) for demo in DEMOS]
+    with pytest.warns(ComoveWarning, match="10 samples for 24 weights"):
+        promp = ProMP.fit(few)
+    played = promp.mean_at(np.linspace(0.0, promp.duration, 10))
+    samples = np.mean([demo.position for demo in few], axis=0)
+    assert np.abs(played - samples).max() < 0.01 * np.ptp(samples)
+
+
 def test_warping_brings_equal_places_to_equal_shares():
     s = np.linspace(0, 1, 201)
     paces = [s, s**1.4, s**0.75]

@@ -1,4 +1,4 @@
-"""Distributions of movements that act at once: the product of their Gaussians at every instant (Paraschos et al., 2018).
+"""Distributions that act at once: the product of their Gaussians at every instant (Paraschos et al., 2018).
 
 Each distribution is raised to its activation, from 0 (no part in it) to 1: where one alone is active the result is
 that one, and where several are, it is what all of them allow. The activations may change over the course, so that one
@@ -29,7 +29,7 @@ def coactivated(promps: Sequence[ProMP], activations: ArrayLike, *, length: floa
     Parameters
     ----------
     promps : distributions of the same manipulators and dimension; the first one's basis and duration are taken
-    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the course; from 0 to 1, not all 0
+    activations : array, shape (n_promps,), or (n_promps, n_steps) at even shares of the course; from 0 to 1
     length : length over which instants of the result hang together [durations]; a product at each instant tells
         nothing of that
 
@@ -83,10 +83,10 @@ def _product(promps: Sequence[ProMP], active: Array, s: Array) -> tuple[Array, A
     information, drawn = np.zeros((len(s), n_columns, n_columns)), np.zeros((len(s), n_columns))
     for promp, activation in zip(promps, active, strict=True):
         time = s * promp.duration
-        covariance = promp.covariance_at(time)
-        least = FLOOR * max(float(np.trace(covariance, axis1=1, axis2=2).mean()) / n_columns, 1e-300)
-        precision = activation[:, None, None] * np.linalg.inv(covariance + least * np.eye(n_columns))
+        own = promp.covariance_at(time)
+        least = FLOOR * max(float(np.trace(own, axis1=1, axis2=2).mean()) / n_columns, 1e-300)
+        precision = activation[:, None, None] * np.linalg.inv(own + least * np.eye(n_columns))
         information += precision
         drawn += (precision @ promp.mean_at(time)[:, :, None])[:, :, 0]
-    covariance = np.linalg.inv(information)
+    covariance: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return (covariance @ drawn[:, :, None])[:, :, 0], 0.5 * (covariance + np.swapaxes(covariance, 1, 2))

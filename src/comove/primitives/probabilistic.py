@@ -162,7 +162,8 @@ class ProMP:
         Warns
         -----
         ComoveWarning
-            If the recordings are so few that the taper cannot be chosen by leaving one out.
+            If the recordings are so few that the taper cannot be chosen by leaving one out, or one has fewer samples
+            than a coordinate has weights.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         phase = ExponentialPhase() if phase is None else phase
@@ -193,6 +194,14 @@ class ProMP:
             widening(len(times), given.shape[1]),
             min(map(len, times)) < n_features,
         )
+        fewest = min(map(len, times))
+        if fewest < n_features:
+            warnings.warn(
+                f"a recording has {fewest} samples for {n_features} weights and boundary values of a coordinate: the "
+                "smoothest fit is taken",
+                ComoveWarning,
+                stacklevel=2,
+            )
         if not gaussian.chosen:
             warnings.warn(
                 f"{len(times)} recordings tell too little of how instants hang together: their correlations are "
