@@ -109,7 +109,7 @@ def test_solve_saves_and_tells(result):
     assert outcome.exit_code == 0
     assert told(outcome) == ""
     names = {path.name for path in folder.iterdir()}
-    assert names == {"solution.npz", "solution.json", "motion.png", "progress.png"}
+    assert names == {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
     for name in ("motion.png", "progress.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     summary = json.loads((folder / "solution.json").read_text())

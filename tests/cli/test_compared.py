@@ -10,7 +10,7 @@ from comove.experiments.examples import example_path
 from comove.primitives import DMP, Library, Primitive
 from tests.cli.test_cli import invoke
 
-FILES = {"solution.npz", "solution.json", "motion.png", "progress.png"}
+FILES = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
 FAILING = ["unconstrained", "leader-follower", "speed-scaled", "task-priority"]
 
 
