@@ -15,7 +15,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 
 SHAPES = [
     {"shape": "box", "size": [0.1, 0.2, 0.3]},
@@ -77,7 +77,7 @@ def test_faces_look_outwards(obstacle):
 @pytest.mark.parametrize("name", ["narrow", "triangle", "box"])
 def test_pieces_follow_their_nodes(name):
     scene = box_scene() if name == "box" else example(name)
-    recording = Recording.of(straight(scene))
+    recording = RecordedMotion.of(straight(scene))
     pieces = pieces_of(scene, recording.nodes, ("#2a7f3f", "#2456a4"))
     hands = [piece for piece in pieces if piece.name.startswith("hand")]
     for hand, piece in enumerate(hands):
@@ -95,7 +95,7 @@ def test_pieces_follow_their_nodes(name):
 
 def test_a_rod_reaches_from_hand_to_hand():
     scene = example("narrow")
-    recording = Recording.of(comove.solve(scene, seed=0, budget=5.0).attempt)
+    recording = RecordedMotion.of(comove.solve(scene, seed=0, budget=5.0).attempt)
     (piece,) = [p for p in pieces_of(scene, recording.nodes, ("#000000",)) if p.name == "rod_0"]
     half = 0.1 * matrices(piece.quaternion)[:, :, 2]
     np.testing.assert_allclose((piece.position + half)[:, :2], recording.nodes[:, 1, :2], atol=1e-9)
@@ -106,14 +106,14 @@ def test_a_rod_reaches_from_hand_to_hand():
 
 def test_a_recording_agrees_with_the_certificate():
     solution = comove.solve(example("narrow"), seed=0, budget=5.0)
-    recording = Recording.of(solution.attempt)
+    recording = RecordedMotion.of(solution.attempt)
     assert recording.clearance.min() >= solution.report.clearance_min
     at = recording.index_at(float(recording.tightest[0]))
     assert recording.clearance[at] < solution.report.clearance_min + 0.005
     assert recording.speed.max() <= solution.report.speed_max
     assert recording.acceleration.max() <= solution.report.acceleration_max
     assert (recording.error <= 1.0).all(), "no constraint uses more than its tolerance"
-    again = Recording(**recording.arrays())
+    again = RecordedMotion(**recording.arrays())
     assert np.array_equal(again.nodes, recording.nodes)
 
 

@@ -16,7 +16,7 @@ from comove.workbench.geometry import longest_side
 from comove.workbench.link import Link
 from comove.workbench.panels import Panels
 from comove.workbench.protocol import Message
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.stage import Stage
 from comove.workbench.words import measures_words, verdict_words
 
@@ -28,7 +28,7 @@ PATIENCE = 20.0  # s, that another method has
 
 
 class Comparison:
-    """What stands beside the motion of a page.
+    """The motion that stands beside that of a page.
 
     Parameters
     ----------
@@ -45,7 +45,9 @@ class Comparison:
         self._asked = -1
         self._closed = False
 
-    def choose(self, choice: Any, scene: Scene, draft: Draft, shown: Recording | None, folder: Path) -> None:
+    def choose(
+        self, choice: Any, scene: Scene, draft: Draft, shown: RecordedMotion | None, folder: Path
+    ) -> None:
         """Show another method's motion, the one that is shown now, or nothing."""
         if choice not in CHOICES:
             return
@@ -102,7 +104,7 @@ class Comparison:
             return
         words = verdict_words(header["kind"], header.get("reasons", ()), header.get("verified_after"))
         if message.arrays:
-            self.stage.draw_motion(Recording(**message.arrays), pale=header["kind"] == "failed")
+            self.stage.draw_motion(RecordedMotion(**message.arrays), pale=header["kind"] == "failed")
         if header["kind"] == "failed" and message.arrays:
             self.stage.blame(int(message.arrays["tightest"][1]))
         if "report" in header:

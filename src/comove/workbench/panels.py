@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS
 from comove.workbench.edits import METHODS, OBJECTIVES, Draft
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 
 Array = NDArray[np.float64]
 Told = Callable[[str, Any], None]
@@ -165,7 +165,7 @@ class Panels:
         taught = scene.file.demonstration is not None or draft.taught is not None
         self.controls["resemblance"].visible = taught
 
-    def plot(self, recording: Recording, names: tuple[str, ...]) -> None:
+    def plot(self, recording: RecordedMotion, names: tuple[str, ...]) -> None:
         """Draw the measures over time."""
         slider, end = self.controls["time"], float(recording.time[-1])
         if slider.max != end:

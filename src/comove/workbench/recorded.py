@@ -16,7 +16,7 @@ from comove.results import filled_in, read_result, verify_result
 from comove.results.solution import rebuild
 from comove.scenes.demonstration import demonstration_of
 from comove.verification.verify import Report
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.server import start
 from comove.workbench.shelf import Shelf, read_scene
 from comove.workbench.stage import Stage, demonstrated
@@ -56,7 +56,7 @@ def told(
 
 
 def motion_page(
-    motion: CoordinatedMotion, recording: Recording, report: Report, reasons: Sequence[str] = ()
+    motion: CoordinatedMotion, recording: RecordedMotion, report: Report, reasons: Sequence[str] = ()
 ) -> str:
     """Return an HTML page with the recording of a motion, and what is proved of it.
 

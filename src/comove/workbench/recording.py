@@ -19,7 +19,7 @@ TINY = 1e-12  # m or rad, in place of a tolerance of 0
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RecordedMotion:
     """States and measures of a motion at even times; what is proved of it stands in its report, not here.
 
     Attributes
@@ -43,7 +43,7 @@ class Recording:
     tightest: Array
 
     @classmethod
-    def of(cls, motion: CoordinatedMotion) -> Recording:
+    def of(cls, motion: CoordinatedMotion) -> RecordedMotion:
         """Sample a motion; the tightest instant is the one that its certificate names."""
         scene, duration = motion.scene, motion.scene.duration
         n_steps = int(np.clip(round(duration * STEPS_PER_SECOND) + 1, FEWEST, MOST))

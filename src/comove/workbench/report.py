@@ -13,7 +13,7 @@ from comove.results import filled_in, read_result, verify_result
 from comove.results.solution import SCENE, rebuild
 from comove.scenes.scene import Scene
 from comove.workbench.recorded import POLICY, motion_page
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.shelf import Shelf, read_scene
 from comove.workbench.words import measures_of
 
@@ -52,7 +52,7 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
     scene = filled_in(read_scene(shelf.scenes[shelf.first]), stored)
     verdict = verify_result(stored, scene)
     motion = rebuild(stored.arrays, scene)
-    played = motion_page(motion, Recording.of(motion), verdict.report, verdict.reasons)
+    played = motion_page(motion, RecordedMotion.of(motion), verdict.report, verdict.reasons)
     measures = measures_of(verdict.report.asdict(), scene, scene.duration)
     parts = [
         f"<h1>{html.escape(scene.name)}</h1>",

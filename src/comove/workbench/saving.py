@@ -1,4 +1,4 @@
-"""Where and how the save button writes: whole files, inside the folder that the workbench was started in."""
+"""The save button: whole files, inside the folder that the workbench was started in."""
 
 from __future__ import annotations
 

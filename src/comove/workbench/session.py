@@ -36,7 +36,7 @@ from comove.workbench.edits import (
 from comove.workbench.link import Link
 from comove.workbench.panels import Panels
 from comove.workbench.protocol import Message
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Shelf, read_scene
 from comove.workbench.stage import Stage, demonstrated
@@ -53,7 +53,7 @@ VERIFIED = ("stored", "kept", "found", "solved")
 
 @dataclass
 class Hold:
-    """What is being dragged: the grip, the contents before, the place before, and where it was taken."""
+    """A drag that goes on: the grip, the contents before, the place before, and where it was taken."""
 
     grip: Grip
     contents: dict[str, Any]
@@ -455,14 +455,14 @@ class Session:
             return
         self.answered, newest = header["id"], header["id"] == self.asked
         if kind in VERIFIED:
-            self._take(Recording(**message.arrays), header, newest)
+            self._take(RecordedMotion(**message.arrays), header, newest)
         elif newest:
             self.stage.fade()
             if message.arrays:
                 self.stage.blame(int(message.arrays["tightest"][1]))
             self.panels.say(verdict_words("failed", header["reasons"]))
 
-    def _take(self, recording: Recording, header: Mapping[str, Any], newest: bool) -> None:
+    def _take(self, recording: RecordedMotion, header: Mapping[str, Any], newest: bool) -> None:
         """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
         if self.stage is None:
             return
@@ -478,7 +478,7 @@ class Session:
         words = measures_words(header["report"], self.scene, header["duration"])
         self.panels.measures.content = words + self._tightest_words(recording) + robot_words(self.scene)
 
-    def _tightest_words(self, recording: Recording) -> str:
+    def _tightest_words(self, recording: RecordedMotion) -> str:
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
         least = 1e3 * float(recording.clearance[recording.index_at(at)])
         if not np.isfinite(least):

@@ -31,7 +31,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.teaching import Taught, demonstration_from
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ ROOM_OF_VIEW = 0.95  # of the longest side: how far off the camera stands
 
 @dataclass(eq=False)
 class Stage:
-    """What is drawn of one scene and one motion.
+    """The drawing of one scene and one motion.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Stage:
     api: Any
     scene: Scene
     prefix: str = ""
-    recording: Recording | None = None
+    recording: RecordedMotion | None = None
     obstacles: list[Any] = field(default_factory=list)
     marks: dict[str, Any] = field(default_factory=dict)
     _pieces: tuple[Piece, ...] = ()
@@ -156,7 +156,7 @@ class Stage:
             thickness_units="screen",
         )
 
-    def draw_motion(self, recording: Recording, pale: bool = False) -> None:
+    def draw_motion(self, recording: RecordedMotion, pale: bool = False) -> None:
         """Draw a motion: load and hands, their paths, the load at equal times, and the tightest instant.
 
         Parameters
@@ -209,7 +209,7 @@ class Stage:
                 visible=self._ghosts,
             )
 
-    def _draw_paths(self, recording: Recording, pale: bool) -> None:
+    def _draw_paths(self, recording: RecordedMotion, pale: bool) -> None:
         high = np.array([0.0, 0.0, 1.2 * self.lift])
         for hand in range(recording.speed.shape[1]):
             colour = PALE if pale else colour_of(COLOURS[hand % len(COLOURS)])

@@ -48,7 +48,7 @@ from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import Report, VerifiedMotion, verify
 from comove.workbench.protocol import Message, read_message, write_message
-from comove.workbench.recording import Recording
+from comove.workbench.recording import RecordedMotion
 from comove.workbench.teaching import demonstration_from
 
 PATIENCE = 0.25  # s, that a search has to find its first motion although a newer draft waits
@@ -168,7 +168,7 @@ class Worker:
         scene = filled_in(scene, stored)
         verdict = verify_result(stored, scene)
         if verdict.verified is None:
-            attempt = Recording.of(rebuild(stored.arrays, scene))
+            attempt = RecordedMotion.of(rebuild(stored.arrays, scene))
             self._send(header, "failed", attempt, begun, reasons=list(verdict.reasons))
             return
         self.kept = verdict.verified.motion
@@ -226,7 +226,7 @@ class Worker:
             self.kept = solution.attempt
             self._found(solution.motion, header, begun, "solved", interrupted=solution.interrupted)
         elif not solution.interrupted or not self.mailbox.waiting:
-            attempt = Recording.of(solution.attempt)
+            attempt = RecordedMotion.of(solution.attempt)
             self._send(header, "failed", attempt, begun, reasons=list(solution.reasons))
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
@@ -267,7 +267,7 @@ class Worker:
         motion, now = verified.motion, time.perf_counter() - begun
         if self._first[0] != header["id"]:
             self._first = header["id"], now
-        recording = Recording.of(motion)
+        recording = RecordedMotion.of(motion)
         further |= {"report": _numbers(verified.report), "verified_after": self._first[1]}
         self._send(header, kind, recording, begun, duration=motion.scene.duration, **further)
 
@@ -275,7 +275,7 @@ class Worker:
         self,
         header: Mapping[str, Any],
         kind: str,
-        recording: Recording | None = None,
+        recording: RecordedMotion | None = None,
         begun: float | None = None,
         **further: Any,
     ) -> None:
