@@ -75,14 +75,14 @@ def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
     from comove.cli.progress import progress_bar
     from comove.io.files import require_target
     from comove.workbench.recorded import motion_page, told, write_page
-    from comove.workbench.recording import Recording
+    from comove.workbench.recording import RecordedMotion
     from comove.workbench.server import viewer
 
     viewer()
     require_target(path, OptionError)
     with progress_bar(budget) as progress:
         motion, report, reasons = told(shelf, seed=seed, budget=budget, progress=progress)
-    page = motion_page(motion, Recording.of(motion), report, reasons)
+    page = motion_page(motion, RecordedMotion.of(motion), report, reasons)
     write_page(path, page)
     verdict = "NOT VERIFIED" if reasons else "verified"
     print(f"{motion.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
