@@ -58,10 +58,10 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
     from comove.workbench.page import serve
 
     guarded = serve(shelf, host, port)
-    print(f"the workbench is at {guarded.address} (Ctrl-C ends it)", flush=True)
-    if open_page:
-        typer.launch(guarded.address)
     try:
+        print(f"the workbench is at {guarded.address} (Ctrl-C ends it)", flush=True)
+        if open_page:
+            typer.launch(guarded.address)
         threading.Event().wait()
     except KeyboardInterrupt:
         return VERIFIED
