@@ -34,6 +34,7 @@ from comove.planning import (
     Printed,
     Progress,
     Projection,
+    SceneKind,
     Solution,
     load_kernels,
     movements_of,
@@ -193,7 +194,7 @@ class Worker:
 
     def _search(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
         method, aim = KINDS[header["method"]](), _aim_of(scene, header)
-        load_kernels(scene.n_dims, bool(scene.moving.any()))
+        load_kernels(SceneKind.of(scene))
         taught = self._movements(scene, method.scene_of(scene), header["taught"])
         told: list[tuple[CoordinatedMotion, float]] = []
 
