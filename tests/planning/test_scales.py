@@ -76,3 +76,6 @@ def test_a_wish_for_room_is_in_the_metres_of_the_scene(scale):
     found = comove.solve(scene, objective=comove.LeastJerk(room=wish))
     other = comove.solve(scene.scaled(scale), objective=comove.LeastJerk(room=scale * wish))
     assert other.report.clearance_min == pytest.approx(scale * found.report.clearance_min, rel=0.05)
+    assert other.objective.room == pytest.approx(scale * wish), "as asked for"
+    default = comove.solve(scene.scaled(scale)).objective.room
+    assert default == pytest.approx(0.01 * (other.scene.upper - other.scene.lower).max()), "and it is told"

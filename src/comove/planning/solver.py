@@ -230,8 +230,11 @@ def _searched(problem: Problem) -> Solution:
         asked, scene = _open(scene, problem.carrier)
     if problem.carrier is None:  # arms cannot be scaled
         scene, taught = of_common_size(scene, taught)
-        if isinstance(objective, LeastJerk) and objective.room is not None:
-            objective = replace(objective, room=objective.room * _side(scene) / _side(asked))
+    if isinstance(objective, LeastJerk):
+        ratio = _side(scene) / _side(asked)
+        objective = replace(
+            objective, room=objective.wish if objective.room is None else ratio * objective.room
+        )
     limits = Limits.of(scene, scene.duration)
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)
@@ -272,7 +275,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
         motion = search.attempt or CoordinatedMotion.straight(search.scene, search.objective.coordinates)
         # Motions that the scene rejects have not been through the checks.
         verdict = None if problem.checks else search.attempt_verdict
-    motion, evaluated, log = search.handed(motion), search.objective, search.log
+    motion, evaluated, log, aim = search.handed(motion), search.objective, search.log, search.aim
     asked = motion.scene
     if verdict is None or search.asked is not None:
         verdict = verify(motion, problem.checks)
@@ -281,6 +284,8 @@ def _solution(problem: Problem, search: Search) -> Solution:
         taught = None if taught is None else ratio * taught
         evaluated = replace(evaluated, scene=asked, coordinates=motion.coordinates, demonstration=taught)
         log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
+        if isinstance(aim, LeastJerk):
+            aim = replace(aim, room=ratio * aim.wish)
     reasons = verdict.reasons
     if search.needed < np.inf and verdict.verified is None:
         reasons = (*reasons, too_short(asked, search.needed))
@@ -299,7 +304,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
         solve_time_s=search.elapsed(),
         interrupted=search.interruption.wished,
         log=log,
-        objective=problem.own if problem.own is not None and problem.own.given else search.aim,
+        objective=problem.own if problem.own is not None and problem.own.given else aim,
         followed=_followed(motion, search.aim, evaluated),
     )
 
