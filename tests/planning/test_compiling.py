@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+import comove.planning.compiling as compiling_room
 from comove.coordination import load_coordinates
 from comove.planning import Comove, SceneKind, load_kernels, solve
 from comove.planning.clock import LEFT
@@ -121,7 +122,7 @@ def test_time_stands_still_while_something_is_compiled():
 
 def test_another_process_helps_as_soon_as_something_is_compiled(tmp_path, monkeypatch):
     monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
     with meanwhile(os.mkdir, path=str(tmp_path / "by the other")):
         kernel()(1.0)
     assert (tmp_path / "by the other").is_dir(), "it is waited for"
@@ -130,7 +131,7 @@ def test_another_process_helps_as_soon_as_something_is_compiled(tmp_path, monkey
 @pytest.mark.parametrize("alone", [True, False])
 def test_no_other_process_is_started_without_need(tmp_path, monkeypatch, alone):
     monkeypatch.setenv(ALONE, "1") if alone else monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
     compiled = kernel()
     compiled(1.0)
     with meanwhile(os.mkdir, path=str(tmp_path / "by the other")):
@@ -140,7 +141,7 @@ def test_no_other_process_is_started_without_need(tmp_path, monkeypatch, alone):
 
 def test_an_error_ends_the_other_process(tmp_path, monkeypatch):
     monkeypatch.delenv(ALONE, raising=False)
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(compiling_room, "n_processors", lambda: 2)
     with pytest.raises(KeyError), meanwhile(signal.pause):  # which would never end by itself
         kernel()(1.0)
         raise KeyError
@@ -152,5 +153,5 @@ def test_kernels_for_bars_know_nothing_of_solids_and_meshes():
     assert SceneKind.of(example("window")) == SceneKind(3)
     assert SceneKind.of(example("turning")) == SceneKind(2, moving=True)
     space = configuration_space(example("window"), load_coordinates(example("window")))
-    assert space.solids is None
-    assert space.surfaces is None
+    assert space.around.solids is None
+    assert space.around.surfaces is None

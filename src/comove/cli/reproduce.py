@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -26,8 +25,9 @@ def reproduce(
     from comove.experiments.paper.page import reproduce as reproduce_all
     from comove.io.folders import whole_folder
     from comove.primitives.arguments import require_count
+    from comove.processors import n_processors
 
-    processes = len(os.sched_getaffinity(0)) if processes is None else processes
+    processes = n_processors() if processes is None else processes
     require_count("--seeds", seeds)
     require_count("--processes", processes)
 

@@ -15,6 +15,8 @@ from typing import Any
 from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
+from comove.processors import n_processors
+
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]
 ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no other process helps to compile
@@ -119,7 +121,7 @@ def meanwhile(load: Callable[..., None], **arguments: Any) -> Iterator[None]:
             none = subprocess.DEVNULL
             others.append(subprocess.Popen(command, stdin=none, stdout=none, stderr=none))
 
-    able = sys.executable and ALONE not in os.environ and (os.cpu_count() or 1) > 1
+    able = sys.executable and ALONE not in os.environ and n_processors() > 1
     try:
         with compiling(begin if able else None):
             yield

@@ -33,11 +33,11 @@ from comove.geometry.solids import (
     empty_solid,
     solid_at,
     solid_distance,
-    solids_or_none,
 )
-from comove.geometry.surfaces import Surfaces, count_meshes, signed_distance, surfaces_or_none
+from comove.geometry.surfaces import count_meshes, signed_distance
 from comove.planning import trees
 from comove.planning.clock import clock_until, worked
+from comove.planning.surroundings import Surroundings, surroundings_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -57,13 +57,7 @@ class Space(NamedTuple):
     ----------
     blocks : map from a configuration to nodes
     reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
-    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n); no
-        solids are None
-    obstacles : array, shape (n_rows, n_columns), table of obstacles
-    convex : array of int, rows that are obstacles; the other rows belong to meshes and only guide the sampling
-    surfaces : meshes; None where there is none
-    lower, upper : arrays, shape (3,), corners of the workspace [m]
-    pairs, least : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and their separations [m]
+    around : load and all that it must not touch
     required : clearance that the scene asks for [m]
     cap : largest clearance that is computed [m]
     clock : clock of the time budget; no configuration is free after its deadline
@@ -72,16 +66,7 @@ class Space(NamedTuple):
 
     blocks: Blocks
     reach: Array
-    edges: NDArray[np.int64]
-    radii: Array
-    solids: NDArray[np.int64] | None
-    obstacles: Array
-    convex: NDArray[np.int64]
-    surfaces: Surfaces | None
-    lower: Array
-    upper: Array
-    pairs: NDArray[np.int64]
-    least: Array
+    around: Surroundings
     required: float
     cap: float
     clock: Array
@@ -91,18 +76,10 @@ class Space(NamedTuple):
 def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
     """Return the space of a scene in its load coordinates; its clock has no deadline until one is set (`wind`)."""
     reach = np.array([group.reach for group in coordinates.groups])
-    body = scene.body
     return Space(
         coordinates.blocks,
         reach,
-        body.edges,
-        body.radii,
-        solids_or_none(body.solids),
-        scene.obstacles,
-        np.flatnonzero(scene.convex_rows),
-        surfaces_or_none(scene.surfaces),
-        *scene.workspace,
-        *scene.kept_apart,
+        surroundings_of(scene),
         scene.clearance,
         CAP + scene.clearance,
         clock_until(),
@@ -116,79 +93,80 @@ def clearance_of(space, q, nodes, floor):
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    bodies = space.edges.shape[0] + count_solids(space.solids) * SOLID_WORK
-    obstacles = space.convex.shape[0] + MESH_WORK * count_meshes(space.surfaces)
+    around = space.around
+    bodies = around.edges.shape[0] + count_solids(around.solids) * SOLID_WORK
+    obstacles = around.convex.shape[0] + MESH_WORK * count_meshes(around.surfaces)
     if worked(space.clock, 1 + bodies * (1 + obstacles)):
         return -np.inf
     place_one(space.blocks, q, 1.0, nodes)
     clearance = space.cap
-    for i in range(space.least.shape[0]):
-        a, b = nodes[space.pairs[i, 0]], nodes[space.pairs[i, 1]]
+    for i in range(around.separations.shape[0]):
+        a, b = nodes[around.pairs[i, 0]], nodes[around.pairs[i, 1]]
         apart = sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
-        clearance = min(clearance, space.required + 0.5 * (apart - space.least[i]))
+        clearance = min(clearance, space.required + 0.5 * (apart - around.separations[i]))
     if clearance <= floor:
         return clearance
-    for e in range(space.edges.shape[0]):
-        a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
+    for e in range(around.edges.shape[0]):
+        a, b, radius = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]], around.radii[e]
         for axis in range(3):
-            clearance = min(clearance, min(a[axis], b[axis]) - space.lower[axis] - radius)
-            clearance = min(clearance, space.upper[axis] - max(a[axis], b[axis]) - radius)
+            clearance = min(clearance, min(a[axis], b[axis]) - around.lower[axis] - radius)
+            clearance = min(clearance, around.upper[axis] - max(a[axis], b[axis]) - radius)
         if clearance <= floor:
             return clearance
-    for e in range(space.edges.shape[0]):
-        a, b, radius = nodes[space.edges[e, 0]], nodes[space.edges[e, 1]], space.radii[e]
-        for j in space.convex:
+    for e in range(around.edges.shape[0]):
+        a, b, radius = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]], around.radii[e]
+        for j in around.convex:
             distance = segment_distance(
-                space.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
+                around.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
             )
             clearance = min(clearance, distance - TOLERANCE - radius)
             if clearance <= floor:
                 return clearance
-    clearance = _of_solids(space.solids, space, nodes, clearance, floor)
-    return _from_meshes(space.surfaces, space, nodes, clearance, floor)
+    clearance = _of_solids(around.solids, around, nodes, clearance, floor)
+    return _from_meshes(around.surfaces, around, nodes, clearance, floor)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _of_solids(solids, space, nodes, clearance, floor):
+def _of_solids(solids, around, nodes, clearance, floor):
     """Return the clearance [m] of solids, at most `clearance`, which is that of the rest of the body."""
     if solids is None:
         return clearance
     for s in range(solids.shape[0]):
         solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
         solid_at(nodes, solids[s], solid)
-        clearance = min(clearance, border_distance(solid, space.lower, space.upper))
-        for j in space.convex:
+        clearance = min(clearance, border_distance(solid, around.lower, around.upper))
+        for j in around.convex:
             if clearance <= floor:
                 return clearance
-            clearance = min(clearance, solid_distance(space.obstacles, j, solid, clearance, normal)[0])
+            clearance = min(clearance, solid_distance(around.obstacles, j, solid, clearance, normal)[0])
     return clearance
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _from_meshes(surfaces, space, nodes, clearance, floor):
+def _from_meshes(surfaces, around, nodes, clearance, floor):
     """Return the clearance [m] of the body from meshes at their places in the table, at most `clearance`."""
     if surfaces is None:
         return clearance
     for mesh in range(surfaces.root.shape[0]):
-        for e in range(space.edges.shape[0]):
+        for e in range(around.edges.shape[0]):
             if clearance <= floor:
                 return clearance
-            r = space.radii[e]
-            hull = _seen_from(surfaces, mesh, space.obstacles, nodes, space.edges[e])
+            r = around.radii[e]
+            hull = _seen_from(surfaces, mesh, around.obstacles, nodes, around.edges[e])
             clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance + r) - r)
-        clearance = _solids_from_mesh(space.solids, surfaces, mesh, space, nodes, clearance, floor)
+        clearance = _solids_from_mesh(around.solids, surfaces, mesh, around, nodes, clearance, floor)
     return clearance
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _solids_from_mesh(solids, surfaces, mesh, space, nodes, clearance, floor):
+def _solids_from_mesh(solids, surfaces, mesh, around, nodes, clearance, floor):
     """Return the clearance [m] of solids from a mesh, at most `clearance`."""
     if solids is None:
         return clearance
     for s in range(solids.shape[0]):
         if clearance <= floor:
             return clearance
-        hull = _seen_from(surfaces, mesh, space.obstacles, nodes, solids[s])
+        hull = _seen_from(surfaces, mesh, around.obstacles, nodes, solids[s])
         clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance))
     return clearance
 
@@ -341,11 +319,11 @@ trees.answers(trees.length, Space)(span)
 @numba.njit(cache=True, error_model="numpy")
 def random_configuration(space, rng, out):
     """Write a random configuration, uniform in the workspace and over orientations."""
-    blocks = space.blocks
+    blocks, lower, upper = space.blocks, space.around.lower, space.around.upper
     for b in range(blocks.kind.shape[0]):
         for axis in range(blocks.n_dims):
             c = blocks.center[b, axis]
-            out[c] = space.lower[axis] + rng.random() * (space.upper[axis] - space.lower[axis])
+            out[c] = lower[axis] + rng.random() * (upper[axis] - lower[axis])
         random_orientation(blocks.kind[b], blocks.n_dims, blocks.turn[b], rng, out)
 
 

@@ -61,9 +61,13 @@ class SceneKind:
         )
 
 
-@lru_cache(maxsize=16)
 def load_kernels(kind: SceneKind) -> None:
-    """Compile, or load from the cache, all kernels needed to solve scenes of a kind."""
+    """Compile, or load from the cache, all kernels needed to solve scenes of a kind; once in a process."""
+    _load_once(kind)
+
+
+@lru_cache(maxsize=16)  # whose wrapper hides types from their checker
+def _load_once(kind: SceneKind) -> None:
     with meanwhile(load_last_kernels, **asdict(kind)):
         worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
         Quick(n_ways=1).run(_stand_in(kind), planner=True)

@@ -31,10 +31,10 @@ from comove.geometry.solids import (
     move_solid,
     solid_at,
     solid_distance,
-    solids_or_none,
 )
-from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_or_none
+from comove.geometry.surfaces import signed_distance
 from comove.planning.objectives.paper import PaperCost
+from comove.planning.surroundings import surroundings_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -80,34 +80,6 @@ class ContactPenalty:
     step: float = 10.0
     along_path: bool = False
     limits: float = 1.0
-
-
-class Scenery(NamedTuple):
-    """A load and all that it must not touch, in the form that the kernels of the objective take.
-
-    Attributes
-    ----------
-    edges, radii, solids : body of hands and loads, arrays of shape (n_edges, 2), (n_edges,) and (n_solids, n); no
-        solids are None
-    obstacles : array, shape (n_rows, n_columns), table of obstacles
-    owners : array of int, shape (n_rows,), obstacle to which each row of the table belongs
-    convex : array of int, rows that are obstacles themselves and not parts of meshes
-    surfaces : meshes; None where there is none
-    lower, upper : arrays, shape (3,), corners of the workspace [m]
-    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
-    """
-
-    edges: NDArray[np.int64]
-    radii: Array
-    solids: NDArray[np.int64] | None
-    obstacles: Array
-    owners: NDArray[np.int64]
-    convex: NDArray[np.int64]
-    surfaces: Surfaces | None
-    lower: Array
-    upper: Array
-    pairs: NDArray[np.int64]
-    separations: Array
 
 
 class Evaluation(NamedTuple):
@@ -183,24 +155,13 @@ class Objective:
             if none moves
         """
         scene, w, p = self.scene, self.weights, self.penalty
-        world = Scenery(
-            scene.body.edges,
-            scene.body.radii,
-            solids_or_none(scene.body.solids),
-            scene.obstacles,
-            scene.owners,
-            np.flatnonzero(scene.convex_rows),
-            surfaces_or_none(scene.surfaces),
-            *scene.workspace,
-            *scene.kept_apart,
-        )
         n_hands = len(scene.manipulators)
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
             taught, c_res = self.demonstration, w.resemblance
         return Evaluation(
             *_evaluate(
-                world,
+                surroundings_of(scene),
                 nodes,
                 n_hands,
                 offsets,
@@ -246,7 +207,7 @@ class Objective:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _evaluate(world, nodes, n_hands, offsets, taught, cost_weights, penalty_weights, along_path):
+def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, penalty_weights, along_path):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
     terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
@@ -276,32 +237,32 @@ def _evaluate(world, nodes, n_hands, offsets, taught, cost_weights, penalty_weig
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
-        penalty[k], clearance[k], hits[k] = _obstacle_penalty(world, x, offsets, penalty_weights, along_path)
+        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, penalty_weights, along_path)
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _obstacle_penalty(world, x, offsets, penalty_weights, along_path):
+def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
     """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
     Parameters
     ----------
-    world : Scenery
+    around : Surroundings
     x : array, shape (n_steps, n_nodes, 3) [m]
     offsets : array, shape (n_steps, n_rows, 3), displacements of the obstacles; n_steps = 0 if none moves [m]
     """
     margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
     needed = penalty_weights[3]
-    n_steps, n_rows = x.shape[0], world.obstacles.shape[0]
+    n_steps, n_rows = x.shape[0], around.obstacles.shape[0]
     near, near_meshes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows, dtype=np.int64)
     pose, shift = np.empty((x.shape[1], 3)), np.zeros((n_rows, 3))
-    normals = np.full((count_solids(world.solids), n_rows, 3), 1.0 / sqrt(3.0))  # that parted them last
+    normals = np.full((count_solids(around.solids), n_rows, 3), 1.0 / sqrt(3.0))  # that parted them last
     # The last sample, counted from 1, at which each obstacle was touched; in the end, how often any was.
     touched = np.zeros(n_rows + 1, dtype=np.int64)
     cap = max(margin, needed + 1e-3)  # nothing beyond it is looked at
     total, least, thickest = 0.0, cap, 0.0
-    for e in range(world.radii.shape[0]):
-        thickest = max(thickest, world.radii[e])
+    for e in range(around.radii.shape[0]):
+        thickest = max(thickest, around.radii[e])
     for t in range(n_steps):
         after = min(t + 1, n_steps - 1)
         longest = _longest(x, t, after)
@@ -310,11 +271,13 @@ def _obstacle_penalty(world, x, offsets, penalty_weights, along_path):
         relative = longest + _farthest(offsets, t, after)
         parts = min(1 + int(relative / SUB_STEP), MAX_SUB_STEPS)
         reach = cap + thickest + relative
-        n_near, at_border = _near_obstacles(world, x, t, reach, offsets, near)
-        n_meshes = _near_meshes(world.surfaces, x, t, reach, offsets, near_meshes)
+        n_near, at_border = _near_obstacles(around, x, t, reach, offsets, near)
+        n_meshes = _near_meshes(around.surfaces, x, t, reach, offsets, near_meshes)
         apart = cap
-        for i in range(world.separations.shape[0]):
-            spare = chord_distance(x, t, after, world.pairs[i, 0], world.pairs[i, 1]) - world.separations[i]
+        for i in range(around.separations.shape[0]):
+            spare = (
+                chord_distance(x, t, after, around.pairs[i, 0], around.pairs[i, 1]) - around.separations[i]
+            )
             apart = min(apart, needed + spare)
         if n_near == 0 and n_meshes == 0 and not at_border and apart >= cap:
             continue
@@ -325,15 +288,16 @@ def _obstacle_penalty(world, x, offsets, penalty_weights, along_path):
                 _between(offsets, t, after, part / parts, shift)
             sample, d = t + 1 if part == 0 else 0, apart
             if at_border:
-                d = min(d, _from_border(world, pose))
-            d = min(d, _of_rods(world, pose, shift, near[:n_near], cap, sample, touched))
+                d = min(d, _from_border(around, pose))
+            d = min(d, _of_rods(around, pose, shift, near[:n_near], cap, sample, touched))
             d = min(
-                d, _of_solids(world.solids, world, pose, shift, near[:n_near], cap, sample, touched, normals)
+                d,
+                _of_solids(around.solids, around, pose, shift, near[:n_near], cap, sample, touched, normals),
             )
             d = min(
                 d,
                 _from_meshes(
-                    world.surfaces, world, pose, shift, near_meshes[:n_meshes], cap, sample, touched
+                    around.surfaces, around, pose, shift, near_meshes[:n_meshes], cap, sample, touched
                 ),
             )
             if d < margin:
@@ -375,15 +339,17 @@ def _note(distance, owner, sample, touched):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _from_border(world, pose):
+def _from_border(around, pose):
     """Return the distance [m] of the body from the border of the workspace."""
     d = np.inf
-    for e in range(world.edges.shape[0]):
+    for e in range(around.edges.shape[0]):
         for i in range(2):
             for axis in range(3):
-                at = pose[world.edges[e, i], axis]
-                d = min(d, at - world.lower[axis] - world.radii[e], world.upper[axis] - at - world.radii[e])
-    return min(d, _solids_from_border(world.solids, pose, world.lower, world.upper))
+                at = pose[around.edges[e, i], axis]
+                d = min(
+                    d, at - around.lower[axis] - around.radii[e], around.upper[axis] - at - around.radii[e]
+                )
+    return min(d, _solids_from_border(around.solids, pose, around.lower, around.upper))
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -400,16 +366,16 @@ def _solids_from_border(solids, pose, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _of_rods(world, pose, shift, near, cap, sample, touched):
+def _of_rods(around, pose, shift, near, cap, sample, touched):
     """Return the clearance [m] of the load's rods from the obstacles that are near."""
     d = cap
-    for e in range(world.edges.shape[0]):
-        p, q, r = pose[world.edges[e, 0]], pose[world.edges[e, 1]], world.radii[e]
+    for e in range(around.edges.shape[0]):
+        p, q, r = pose[around.edges[e, 0]], pose[around.edges[e, 1]], around.radii[e]
         for j in near:
             x, y, z = shift[j, 0], shift[j, 1], shift[j, 2]
             distance = (
                 segment_distance(
-                    world.obstacles,
+                    around.obstacles,
                     j,
                     p[0] - x,
                     p[1] - y,
@@ -423,12 +389,12 @@ def _of_rods(world, pose, shift, near, cap, sample, touched):
                 - r
             )
             d = min(d, distance)
-            _note(distance, world.owners[j], sample, touched)
+            _note(distance, around.owners[j], sample, touched)
     return d
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _of_solids(solids, world, pose, shift, near, cap, sample, touched, normals):
+def _of_solids(solids, around, pose, shift, near, cap, sample, touched, normals):
     """Return the clearance [m] of the load's solids from the obstacles that are near."""
     d = cap
     if solids is None:
@@ -438,27 +404,27 @@ def _of_solids(solids, world, pose, shift, near, cap, sample, touched, normals):
         solid_at(pose, solids[s], solid)
         for j in near:
             move_solid(solid, -shift[j, 0], -shift[j, 1], -shift[j, 2])
-            distance = solid_distance(world.obstacles, j, solid, cap, normals[s, j])[0]
+            distance = solid_distance(around.obstacles, j, solid, cap, normals[s, j])[0]
             move_solid(solid, shift[j, 0], shift[j, 1], shift[j, 2])
             d = min(d, distance)
-            _note(distance, world.owners[j], sample, touched)
+            _note(distance, around.owners[j], sample, touched)
     return d
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _from_meshes(surfaces, world, pose, shift, near, cap, sample, touched):
+def _from_meshes(surfaces, around, pose, shift, near, cap, sample, touched):
     """Return the clearance [m] of the whole load from the meshes that are near."""
     d = cap
     if surfaces is None:
         return d
     for mesh in near:
         x, owner = shift[surfaces.row[mesh]], surfaces.owner[mesh]
-        for e in range(world.edges.shape[0]):
-            hull, r = _seen_from(x, pose, world.edges[e]), world.radii[e]
+        for e in range(around.edges.shape[0]):
+            hull, r = _seen_from(x, pose, around.edges[e]), around.radii[e]
             distance = signed_distance(surfaces, mesh, hull, cap + r) - r
             d = min(d, distance)
             _note(distance, owner, sample, touched)
-        distance = _solids_from_mesh(world.solids, surfaces, mesh, pose, x, cap)
+        distance = _solids_from_mesh(around.solids, surfaces, mesh, pose, x, cap)
         d = min(d, distance)
         _note(distance, owner, sample, touched)
     return d
@@ -541,7 +507,7 @@ def _near_meshes(surfaces, x, t, cutoff, offsets, near):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _near_obstacles(world, x, t, cutoff, offsets, near):
+def _near_obstacles(around, x, t, cutoff, offsets, near):
     """Write into `near` the obstacles within `cutoff` of the body's bounding ball.
 
     Returns
@@ -559,8 +525,8 @@ def _near_obstacles(world, x, t, cutoff, offsets, near):
     for n in range(n_nodes):
         reach = max(reach, (x[t, n, 0] - cx) ** 2 + (x[t, n, 1] - cy) ** 2 + (x[t, n, 2] - cz) ** 2)
     reach = sqrt(reach) + cutoff
-    count, obstacles, lower, upper = 0, world.obstacles, world.lower, world.upper
-    for j in world.convex:
+    count, obstacles, lower, upper = 0, around.obstacles, around.lower, around.upper
+    for j in around.convex:
         ox, oy, oz = _offset(offsets, t, j)
         px, py, pz = cx - ox, cy - oy, cz - oz
         dx, dy, dz = px - obstacles[j, 1], py - obstacles[j, 2], pz - obstacles[j, 3]

@@ -215,7 +215,7 @@ def _way_through(space, q, j, margin, out, scratch, nodes):
     for axis in range(1 if kind == DIRECTION else 3):
         for row in range(n_dims):
             along[row] = (
-                q[n_dims + row] if kind == DIRECTION else space.obstacles[j, ROTATION + 3 * row + axis]
+                q[n_dims + row] if kind == DIRECTION else space.around.obstacles[j, ROTATION + 3 * row + axis]
             )
         for side in range(2):
             along[3 + side] = 0.0
@@ -239,7 +239,7 @@ def _slid(space, q, along, length, out):
     inside = True
     for axis in range(space.blocks.n_dims):
         out[axis] += length * along[axis]
-        inside &= space.lower[axis] < out[axis] < space.upper[axis]
+        inside &= space.around.lower[axis] < out[axis] < space.around.upper[axis]
     return inside
 
 
@@ -284,7 +284,7 @@ def _node_to_expand(member, room, count, rng):
 @numba.njit(cache=True, error_model="numpy")
 def _bridge(space, flat, rng, margin, out, scratch, nodes):
     """Write a free pose centred between two obstacles near each other; return one of them, -1 if none is found."""
-    obstacles, n_obstacles = space.obstacles, space.obstacles.shape[0]
+    obstacles, n_obstacles = space.around.obstacles, space.around.obstacles.shape[0]
     n_dims, widest = space.blocks.n_dims, 2.0 * space.reach[0]
     if n_obstacles < 2:
         return -1
@@ -296,8 +296,8 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
         if worked(space.clock, n_obstacles):
             break
         for axis in range(n_dims):
-            low = max(space.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
-            high = min(space.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])
+            low = max(space.around.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
+            high = min(space.around.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])
             a[axis] = low + rng.random() * (high - low)
         for _ in range(PROJECTIONS):
             _onto(obstacles, k, a, b)
@@ -306,7 +306,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
         for axis in range(n_dims):
             gap += (a[axis] - b[axis]) ** 2
             middle[axis] = 0.5 * (a[axis] + b[axis])
-            inside &= space.lower[axis] < middle[axis] < space.upper[axis]
+            inside &= space.around.lower[axis] < middle[axis] < space.around.upper[axis]
         if not inside or gap > widest**2 or in_an_obstacle(obstacles, middle[0], middle[1], middle[2]):
             continue
         for trial in range(8):
@@ -376,11 +376,11 @@ def _fit(space, j, flat, rng, out):
     A polygon is narrowest perpendicular to one of its edges (Houle and Toussaint, 1988), and fits a slot that way.
     """
     points, edge, k = space.blocks.point, np.zeros(3), rng.integers(0, 3)
-    if space.edges.shape[0] > 0:
-        chosen = rng.integers(0, space.edges.shape[0])
+    if space.around.edges.shape[0] > 0:
+        chosen = rng.integers(0, space.around.edges.shape[0])
         for i in range(points.shape[0]):
             for end in range(2):
-                if space.blocks.node[i] == space.edges[chosen, end]:
+                if space.blocks.node[i] == space.around.edges[chosen, end]:
                     for axis in range(3):
                         edge[axis] += (2.0 * end - 1.0) * points[i, axis]
     own, wanted, turn = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3))
@@ -390,7 +390,7 @@ def _fit(space, j, flat, rng, out):
         _across(edge, flat, own[1])
     for row in range(2):
         sign = 1.0 if rng.random() < 0.5 else -1.0
-        _side(space.obstacles, j, k if row == 0 else (k + rng.integers(1, 3)) % 3, wanted[row])
+        _side(space.around.obstacles, j, k if row == 0 else (k + rng.integers(1, 3)) % 3, wanted[row])
         for axis in range(3):
             wanted[row, axis] *= sign
     _third(own)
@@ -456,13 +456,13 @@ def _perturb(space, q, size, slides, rng, out):
     If it slides, a bar does so along its own axis, another body along a side of an obstacle.
     """
     n_dims, kind, reach = space.blocks.n_dims, space.blocks.kind[0], max(space.reach[0], 1e-6)
-    n_obstacles = space.obstacles.shape[0]
+    n_obstacles = space.around.obstacles.shape[0]
     slide = slides and (kind == DIRECTION or (kind == QUATERNION and n_obstacles > 0))
     along = np.zeros(3)
     if slide and kind == DIRECTION:
         copy_to(q[n_dims : 2 * n_dims], along)
     elif slide:
-        _side(space.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3), along)
+        _side(space.around.obstacles, rng.integers(0, n_obstacles), rng.integers(0, 3), along)
     shift = (2.0 * rng.random() - 1.0) * 2.4 * reach if slide else 0.0
     move, turn = (0.004, 0.025) if slide else (0.05 * size, 0.025 * size / reach)
     for c in range(q.shape[0]):

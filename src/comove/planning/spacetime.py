@@ -72,9 +72,9 @@ def spacetime(scene: Scene, space: Space) -> SpaceTime:
     """Return the space of a scene together with the motion of its obstacles."""
     offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, N_INTERVALS + 1)))
     fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * N_INTERVALS
-    table = space.obstacles.copy()
+    table = space.around.obstacles.copy()
     origin = table[:, CENTER : CENTER + 3].copy()
-    space = space._replace(obstacles=table)
+    space = space._replace(around=space.around._replace(obstacles=table))
     return SpaceTime(space, origin, offsets, float(fastest), np.inf, space.clock)
 
 
@@ -167,7 +167,7 @@ def set_time(world, t):
     for j in range(world.origin.shape[0]):
         for axis in range(3):
             here, there = world.offsets[k, j, axis], world.offsets[k + 1, j, axis]
-            world.space.obstacles[j, 1 + axis] = world.origin[j, axis] + here + f * (there - here)
+            world.space.around.obstacles[j, 1 + axis] = world.origin[j, axis] + here + f * (there - here)
 
 
 @numba.njit(cache=True, error_model="numpy")

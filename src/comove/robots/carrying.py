@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import SceneError
 from comove.planning.configurations import Space, configuration_space
+from comove.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
@@ -73,7 +73,7 @@ class CarrierSettings:
 
 
 SETTINGS = CarrierSettings()
-N_THREADS = min(4, os.cpu_count() or 1)
+N_THREADS = min(4, n_processors())
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
 
 

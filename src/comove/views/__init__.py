@@ -7,6 +7,7 @@ from comove.views.motion import (
     draw_motion,
     draw_progress,
     draw_progress_side_by_side,
+    draw_scene,
     draw_side_by_side,
 )
 from comove.views.pipeline import draw_pipeline
@@ -28,6 +29,7 @@ __all__ = [
     "draw_progress",
     "draw_progress_side_by_side",
     "draw_run",
+    "draw_scene",
     "draw_side_by_side",
     "save",
     "save_picture",

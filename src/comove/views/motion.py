@@ -13,6 +13,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_outline, outline
@@ -22,10 +23,32 @@ Array = NDArray[np.float64]
 
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
+NOMINAL = 5.0  # s, for which moving obstacles are drawn in a scene without duration
 N_FINE = 801  # among which the worst state is found
 SMALL, HEADED = 2.2, 0.8  # size of a panel among many, and its room for titles and labels [inches]
 WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
 BROKEN = 1e-12  # m, above rounding
+
+
+def draw_scene(scene: Scene) -> Figure:
+    """Draw a scene that nobody has solved yet: obstacles, and the load at the start and at the goal."""
+    scene = scene if scene.is_timed else scene.timed(NOMINAL)
+    views = views_of(scene)
+    figure = new_figure(5.5 * len(views), 6.0)
+    figure.suptitle(scene.name)
+    coordinates = load_coordinates(scene)
+    start, _, goal, _ = coordinates.boundary()
+    nodes = coordinates.nodes(np.ascontiguousarray(np.stack([start, goal], axis=1)[None]))[0]
+    tones = _tones(scene, nodes, np.array([0.0, scene.duration]))
+    for i, view in enumerate(views):
+        axes, columns = figure.add_subplot(1, len(views), i + 1), list(view)
+        draw_frame(axes, scene, view)
+        _draw_obstacles(axes, scene, view)
+        _draw_load(axes, scene, nodes[:, :, columns], tones)
+        for hand, name in enumerate(scene.manipulators):
+            draw_way(axes, nodes[:1, hand][:, columns], scene.goal[hand][columns], hand, name)
+    draw_legend(figure)
+    return figure
 
 
 def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:

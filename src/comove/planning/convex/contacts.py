@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.geometry.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
-from comove.geometry.solids import count_solids, solids_or_none
-from comove.geometry.surfaces import Surfaces, count_meshes, near_on_surface, surfaces_or_none
+from comove.geometry.solids import count_solids
+from comove.geometry.surfaces import count_meshes, near_on_surface
+from comove.planning.surroundings import Surroundings, surroundings_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -34,37 +35,21 @@ HALVINGS = 3  # halvings of the step in the search for the nearest place between
 SAMPLE, TAU, BLOCK, OTHER, PLACE, NORMAL, MATE, DISTANCE, OWNER, N_FIELDS = 0, 1, 2, 3, 4, 7, 10, 13, 14, 15
 
 
-class Surroundings(NamedTuple):
-    """A load and everything that it must not touch.
+class MovedLoad(NamedTuple):
+    """A load among its surroundings, and the coordinates that move it.
 
     Attributes
     ----------
-    edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), end nodes and radii [m] of the load's rods
-    solids : array of int, shape (n_solids, n), corner nodes of the load's solids; None where it has none
+    around : load and all that it must not touch
     block : array of int, shape (n_nodes,), block of the coordinates that moves each node
     thickness : array, shape (n_nodes,), radius of the thickest rod that ends at each node [m], 0 for the corner of a
         solid alone; -1 for nodes of neither
-    table : array, shape (n_rows, n_columns), convex obstacles
-    rows, owner : arrays of int, shape (n_rows,), rows of `table` in the scene's table, and obstacles they belong to
-    surfaces : meshes; None where there is none
-    lower, upper : arrays, shape (3,), corners of the workspace [m]
-    pairs, separations : arrays, shapes (n_pairs, 2) and (n_pairs,), hands that must stay apart, and by how much [m]
     n_owners : number of obstacles; as owners of contacts, the border and the separations follow them
     """
 
-    edges: Integers
-    radii: Array
-    solids: Integers | None
+    around: Surroundings
     block: Integers
     thickness: Array
-    table: Array
-    rows: Integers
-    owner: Integers
-    surfaces: Surfaces | None
-    lower: Array
-    upper: Array
-    pairs: Integers
-    separations: Array
     n_owners: int
 
 
@@ -73,20 +58,20 @@ class Transit(NamedTuple):
 
     Attributes
     ----------
-    around : the load and its surroundings
+    load : the load and its surroundings
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
     offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
         n_samples = 0 if none moves
     way : array, shape (n_samples,), sum, since the first sample, of the largest displacement of any node [m]
     """
 
-    around: Surroundings
+    load: MovedLoad
     nodes: Array
     offsets: Array
     way: Array
 
 
-def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
+def moved_load(scene: Scene, coordinates: Coordinates) -> MovedLoad:
     """Return the load of a scene, as its coordinates move it, and everything around it."""
     body, blocks = scene.body, coordinates.blocks
     block = np.zeros(len(blocks.node), dtype=np.int64)
@@ -96,30 +81,17 @@ def surroundings_of(scene: Scene, coordinates: Coordinates) -> Surroundings:
     for ends, radius in zip(body.edges, body.radii, strict=True):
         thickness[ends] = np.maximum(thickness[ends], radius)
     thickness[body.solids.ravel()] = np.maximum(thickness[body.solids.ravel()], 0.0)
-    rows = np.flatnonzero(scene.convex_rows)
-    return Surroundings(
-        body.edges,
-        body.radii,
-        solids_or_none(body.solids),
-        block,
-        thickness,
-        scene.obstacles[rows],
-        rows,
-        np.asarray(scene.owners)[rows],
-        surfaces_or_none(scene.surfaces),
-        *scene.workspace,
-        *scene.kept_apart,
-        int(scene.owners.max(initial=len(scene.file.obstacles) - 1)) + 1,  # more where some were only seen
-    )
+    last = scene.owners.max(initial=len(scene.file.obstacles) - 1)  # higher where some were only seen
+    return MovedLoad(surroundings_of(scene), block, thickness, int(last) + 1)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def find_contacts(around, nodes, offsets, cutoff, found, least):
+def find_contacts(load, nodes, offsets, cutoff, found, least):
     """Write the contacts nearer than `cutoff` into `found` and return their number.
 
     Parameters
     ----------
-    around : Surroundings
+    load : MovedLoad
     nodes : array, shape (n_samples, n_nodes, 3), positions of the nodes [m]
     offsets : array, shape (n_samples, n_rows, 3), displacements of obstacles by row of the scene's table [m];
         n_samples = 0 if none moves
@@ -128,8 +100,8 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
         from the border, and of hands beyond their separation [m], each at most `cutoff`
     """
     least[:] = cutoff
-    transit = Transit(around, nodes, offsets, _way(nodes))
-    n_samples, n_rows, n_meshes = nodes.shape[0], around.table.shape[0], count_meshes(around.surfaces)
+    around, transit = load.around, Transit(load, nodes, offsets, _way(nodes))
+    n_samples, n_rows, n_meshes = nodes.shape[0], around.convex.shape[0], count_meshes(around.surfaces)
     n_parts = around.edges.shape[0] + count_solids(around.solids)
     distance, tau = np.empty(n_samples), np.zeros(n_samples)
     contact, points = np.zeros(N_FIELDS), np.empty((_most_corners(around.solids) + 2, 3))
@@ -153,8 +125,8 @@ def find_contacts(around, nodes, offsets, cutoff, found, least):
                 n = _written(contact, found, n)
                 if distance[s] < CLOSE and thing < n_rows:
                     n = _ends(transit, part, thing, row, cutoff, contact, found, n)
-    n = _border(around, nodes, cutoff, found, least, n)
-    return _apart(around, nodes, cutoff, found, least, n)
+    n = _border(load, nodes, cutoff, found, least, n)
+    return _apart(load, nodes, cutoff, found, least, n)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -195,9 +167,9 @@ def _written(contact, found, n):
 @numba.njit(cache=True, error_model="numpy")
 def _whose(around, thing):
     """Return row in the scene's table and owner of a thing: a convex obstacle, or a mesh, which are numbered next."""
-    n_rows = around.table.shape[0]
+    n_rows = around.convex.shape[0]
     if thing < n_rows:
-        return around.rows[thing], around.owner[thing]
+        return around.convex[thing], around.owners[around.convex[thing]]
     return _whose_mesh(around.surfaces, thing - n_rows)
 
 
@@ -282,8 +254,8 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
 @numba.njit(cache=True, error_model="numpy")
 def _apart_at_least(transit, part, thing, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
-    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
-    n_rods, n_rows = around.edges.shape[0], around.table.shape[0]
+    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
+    n_rods, n_rows = around.edges.shape[0], around.convex.shape[0]
     middle, reach, corners = np.zeros(3), 0.0, _corners(around.solids, around.edges, part)
     for i in corners:
         for axis in range(3):
@@ -300,11 +272,11 @@ def _apart_at_least(transit, part, thing, row, s, enough):
         return _from_box_of_mesh(around.surfaces, thing - n_rows, middle) - reach
     square = 0.0
     for axis in range(3):
-        square += (middle[axis] - around.table[thing, CENTER + axis]) ** 2
-    bound = sqrt(square) - reach - around.table[thing, REACH]
+        square += (middle[axis] - around.obstacles[row, CENTER + axis]) ** 2
+    bound = sqrt(square) - reach - around.obstacles[row, REACH]
     if bound >= enough:
         return bound
-    return point_distance(around.table, thing, middle[0], middle[1], middle[2]) - reach
+    return point_distance(around.obstacles, row, middle[0], middle[1], middle[2]) - reach
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -327,9 +299,9 @@ def _look(transit, part, thing, row, s, tau, cutoff, points):
     Written into `points` are the corners of the part, as seen from the thing, then the nearest point, and, for a
     mesh, its direction from the thing.
     """
-    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
+    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
-    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
+    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.convex.shape[0]
     corners = _corners(around.solids, around.edges, part)
     n_corners = corners.shape[0]
     for axis in range(3):
@@ -345,14 +317,14 @@ def _look(transit, part, thing, row, s, tau, cutoff, points):
     elif part < n_rods:
         p, q = points[0], points[1]
         distance, share, high, falls, rises = nearest_on_segment(
-            around.table, thing, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, TOLERANCE
+            around.obstacles, row, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radius, TOLERANCE
         )
         if high > share:  # where the slopes, taken to change evenly, vanish
             share += (high - share) * min(max(-falls / max(rises - falls, TINY), 0.0), 1.0)
         for axis in range(3):
             near[axis] = points[0, axis] + share * (points[1, axis] - points[0, axis])
     else:
-        distance = _near_solid(around.solids, around.table, thing, points, cutoff, near)
+        distance = _near_solid(around.solids, around.obstacles, row, points, cutoff, near)
     return min(distance - radius, cutoff)
 
 
@@ -379,17 +351,17 @@ def _near_solid(solids, table, thing, points, cutoff, near):
 @numba.njit(cache=True, error_model="numpy")
 def _describe(transit, part, thing, row, s, tau, points, contact):
     """Write the contact that `_look` has just found, except its distance and owner."""
-    around, offsets = transit.around, transit.offsets
+    around, offsets = transit.load.around, transit.offsets
     t = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0)
-    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.table.shape[0]
+    w, n_rods, n_rows = abs(tau), around.edges.shape[0], around.convex.shape[0]
     near, normal = points[points.shape[0] - 2], points[points.shape[0] - 1]
     if thing < n_rows and part < n_rods:
         _, normal[0], normal[1], normal[2] = distance_and_gradient(
-            around.table, thing, near[0], near[1], near[2]
+            around.obstacles, row, near[0], near[1], near[2]
         )
     elif thing < n_rows:
-        _away_from_solid(around.solids, around.table, thing, near, normal)
-    block = around.block[_corners(around.solids, around.edges, part)[0]]
+        _away_from_solid(around.solids, around.obstacles, row, near, normal)
+    block = transit.load.block[_corners(around.solids, around.edges, part)[0]]
     contact[SAMPLE], contact[TAU], contact[BLOCK], contact[OTHER] = s, tau, block, -1
     for axis in range(3):
         moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis] if offsets.shape[0] > 0 else 0.0
@@ -407,7 +379,7 @@ def _away_from_solid(solids, table, thing, near, normal):
 @numba.njit(cache=True, error_model="numpy")
 def _ends(transit, part, thing, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
-    around, nodes, offsets = transit.around, transit.nodes, transit.offsets
+    around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
     s, tau = int(contact[SAMPLE]), contact[TAU]
     t, w = s + (1 if tau > 0.0 else -1 if tau < 0.0 else 0), abs(tau)
     corners = _corners(around.solids, around.edges, part)
@@ -426,10 +398,10 @@ def _ends(transit, part, thing, row, cutoff, contact, found, n):
             if offsets.shape[0] > 0:
                 moved = (1 - w) * offsets[s, row, axis] + w * offsets[t, row, axis]
             apart[axis] = x[axis] - moved
-        distance = point_distance(around.table, thing, apart[0], apart[1], apart[2]) - radius
+        distance = point_distance(around.obstacles, row, apart[0], apart[1], apart[2]) - radius
         if distance >= cutoff:
             continue
-        _, gx, gy, gz = distance_and_gradient(around.table, thing, apart[0], apart[1], apart[2])
+        _, gx, gy, gz = distance_and_gradient(around.obstacles, row, apart[0], apart[1], apart[2])
         contact[PLACE], contact[PLACE + 1], contact[PLACE + 2] = x[0], x[1], x[2]
         contact[NORMAL], contact[NORMAL + 1], contact[NORMAL + 2] = gx, gy, gz
         contact[DISTANCE] = distance
@@ -438,22 +410,22 @@ def _ends(transit, part, thing, row, cutoff, contact, found, n):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _border(around, nodes, cutoff, found, least, n):
+def _border(load, nodes, cutoff, found, least, n):
     """Write contacts with the border of the workspace; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
-    contact[OTHER], contact[OWNER] = -1, around.n_owners
+    contact[OTHER], contact[OWNER] = -1, load.n_owners
     for s in range(1, nodes.shape[0] - 1):
         for i in range(nodes.shape[1]):
-            if around.thickness[i] < 0.0:
+            if load.thickness[i] < 0.0:
                 continue
             for axis in range(3):
                 for side in (1.0, -1.0):
-                    border = around.lower[axis] if side > 0.0 else around.upper[axis]
-                    distance = side * (nodes[s, i, axis] - border) - around.thickness[i]
-                    least[around.n_owners] = min(least[around.n_owners], distance)
+                    border = load.around.lower[axis] if side > 0.0 else load.around.upper[axis]
+                    distance = side * (nodes[s, i, axis] - border) - load.thickness[i]
+                    least[load.n_owners] = min(least[load.n_owners], distance)
                     if distance >= cutoff or s % COARSE != 0 or found.shape[0] == 0:
                         continue
-                    contact[SAMPLE], contact[BLOCK], contact[DISTANCE] = s, around.block[i], distance
+                    contact[SAMPLE], contact[BLOCK], contact[DISTANCE] = s, load.block[i], distance
                     for k in range(3):
                         contact[PLACE + k] = nodes[s, i, k]
                         contact[NORMAL + k] = side if k == axis else 0.0
@@ -462,13 +434,14 @@ def _border(around, nodes, cutoff, found, least, n):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _apart(around, nodes, cutoff, found, least, n):
+def _apart(load, nodes, cutoff, found, least, n):
     """Write contacts of hands that must stay apart; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
-    contact[OWNER] = around.n_owners + 1
+    contact[OWNER] = load.n_owners + 1
+    around = load.around
     for k in range(around.separations.shape[0]):
         i, j = around.pairs[k, 0], around.pairs[k, 1]
-        contact[BLOCK], contact[OTHER] = around.block[i], around.block[j]
+        contact[BLOCK], contact[OTHER] = load.block[i], load.block[j]
         for s in range(1, nodes.shape[0] - 1):
             length = 0.0
             for axis in range(3):
@@ -476,7 +449,7 @@ def _apart(around, nodes, cutoff, found, least, n):
                 length += contact[NORMAL + axis] ** 2
             length = max(sqrt(length), 1e-12)
             distance = length - around.separations[k]
-            least[around.n_owners + 1] = min(least[around.n_owners + 1], distance)
+            least[load.n_owners + 1] = min(least[load.n_owners + 1], distance)
             if distance >= cutoff or s % FINE != 0 or found.shape[0] == 0:
                 continue
             contact[SAMPLE], contact[DISTANCE] = s, distance

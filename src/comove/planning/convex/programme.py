@@ -16,7 +16,7 @@ from comove.planning.convex.contacts import (
     find_contacts,
     hand_slopes,
     linearised,
-    surroundings_of,
+    moved_load,
 )
 from comove.planning.convex.limits import Limits
 from comove.primitives.basis import MotionBasis
@@ -152,7 +152,7 @@ class ConvexProgramme:
         limits: Limits | None = None,
     ):
         self.scene, self.coordinates, self.basis, self.boundary = scene, coordinates, basis, boundary
-        self.around = surroundings_of(scene, coordinates)
+        self.load = moved_load(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
         self.offsets = scene.offsets_along(n_fine)
         self.limits = limits or Limits.of(scene, scene.duration)
@@ -187,15 +187,15 @@ class ConvexProgramme:
 
     def need(self, settings: ConvexSettings) -> Array:
         """Return the distance that is required from every owner; array, shape (n_owners + 2,) [m]."""
-        need = np.full(self.around.n_owners + 2, self.scene.clearance + settings.margin)
+        need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
         return need
 
     def look(self, q: Array, cutoff: float, need: Array) -> Seen:
         """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
-        least = np.empty(self.around.n_owners + 2)
-        n = find_contacts(self.around, nodes, self.offsets, cutoff, self._found, least)
+        least = np.empty(self.load.n_owners + 2)
+        n = find_contacts(self.load, nodes, self.offsets, cutoff, self._found, least)
         if n == len(self._found):  # the array may have been too small: once more with a larger one
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)
@@ -209,7 +209,7 @@ class ConvexProgramme:
     def moves_of_hands(self, q: Array, nodes: Array) -> Array:
         """Return derivatives of hands at coarse samples by the shape weights; (n_samples, n_hands * n_dims, n)."""
         n_hands = len(self.scene.manipulators)
-        slopes = hand_slopes(self.coordinates.blocks, self.around.block, nodes, q, n_hands)
+        slopes = hand_slopes(self.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
         return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
 

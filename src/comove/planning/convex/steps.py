@@ -108,7 +108,7 @@ def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
     """Return the share of the wish for clearance that is not met, squared and summed over obstacles."""
     if settings.wish <= 0:
         return 0.0
-    n = p.around.n_owners
+    n = p.load.n_owners
     least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
     return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
 
@@ -121,7 +121,7 @@ def _further(
     There is no wish for obstacles that are too far for a step to reach.
     """
     near = bound > -settings.wish - 0.5 * radius
-    wished = near & (owner < p.around.n_owners) & (settings.wish > settings.margin)
+    wished = near & (owner < p.load.n_owners) & (settings.wish > settings.margin)
     return np.where(wished, settings.wish - settings.margin, -np.inf)
 
 
