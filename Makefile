@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo reproduce ablation test test-all lint bench clean
+.PHONY: docs demo reproduce ablation test test-all lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -24,6 +24,11 @@ test: $(VENV)/dev.stamp  ## all tests but the slow ones
 test-all: $(VENV)/dev.stamp  ## all tests
 	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow"
 
+docs: $(VENV)/docs.stamp  ## the site, in docs/_build/html; it runs the gallery, and needs no network once installed
+	$(BIN)/codespell README.md CHANGELOG.md docs examples src
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 lint: $(VENV)/dev.stamp  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -33,7 +38,7 @@ bench: $(VENV)/dev.stamp  ## the figures that the documentation states
 	$(BIN)/python benchmarks/suite.py
 
 clean:
-	rm -rf $(VENV) demo reproduced ablated build *.egg-info src/*.egg-info
+	rm -rf $(VENV) demo reproduced ablated build docs/_build docs/gallery *.egg-info src/*.egg-info
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "comove needs Python 3.11, 3.12 or 3.13: apt-get install python3.11 python3.11-venv"; exit 1; }
@@ -43,6 +48,10 @@ $(VENV)/bin/python:
 
 $(VENV)/core.stamp: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/docs.stamp: pyproject.toml $(VENV)/core.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/core.stamp

@@ -1,8 +1,14 @@
-"""Fit a primitive to a person's recorded movement and play it to another goal."""
+"""
+Learn a movement
+================
+
+Fit a primitive to a person's recorded movement and play it to another goal.
+"""
 
 import numpy as np
 
 import comove
+from comove.views import draw_primitive, save
 
 demonstration = comove.Demonstration.from_lasa("Angle")
 dmp = comove.DMP.fit(demonstration, n_basis=20)
@@ -13,3 +19,4 @@ print(
 
 elsewhere = dmp.rollout(goal=[10.0, -5.0], duration=2.0, n_steps=201)
 print("ends at", elsewhere.position[-1], "at rest:", np.allclose(elsewhere.velocity[-1], 0.0))
+save(draw_primitive(comove.learn(demonstration), demonstration), "learned.png")

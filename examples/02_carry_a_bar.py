@@ -1,6 +1,12 @@
-"""Two hands carry a bar through a passage half as wide as the bar is long."""
+"""
+Carry a bar through a narrow passage
+====================================
+
+Two hands carry a bar through a passage half as wide as the bar is long.
+"""
 
 import comove
+from comove.views import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {
@@ -23,3 +29,4 @@ solution = comove.solve(scene, seed=0)
 print("verified:", solution.verified)
 print(f"clearance at every instant: {1e3 * solution.motion.clearance_min:.1f} mm or more")
 print(f"first verified motion after {1e3 * solution.time_to_first_verified_s:.1f} ms")
+save(draw_motion(solution.attempt), "narrow.png")

@@ -1,8 +1,14 @@
-"""Three hands carry a triangular frame over a post, and keep two centimetres away from it."""
+"""
+Three hands in space
+====================
+
+Three hands carry a triangular frame over a post, and keep two centimetres away from it.
+"""
 
 import numpy as np
 
 import comove
+from comove.views import draw_motion, save
 
 corners = 0.1 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.pi / 2 + 2 * np.pi / 3 * np.arange(3)])
 names = ["front", "left", "right"]
@@ -29,3 +35,4 @@ trajectory = solution.trajectory
 apart = np.linalg.norm(trajectory.position[:, 0] - trajectory.position[:, 1], axis=1)
 print("verified:", solution.verified, f"- clearance {1e3 * solution.motion.clearance_min:.1f} mm or more")
 print(f"front and left stay {apart.mean():.6f} m apart, to {np.ptp(apart):.1e} m")
+save(draw_motion(solution.attempt), "over_a_post.png")

@@ -1,9 +1,15 @@
-"""Learn a library, find what resembles a new recording, and combine movements that get through two gaps."""
+"""
+A library of movements
+======================
+
+Learn a library, find what resembles a new recording, and combine movements that get through two gaps.
+"""
 
 import tempfile
 
 import comove
 from comove.primitives import operations as op
+from comove.views import draw_library, save
 
 
 def wall(x: float, gap: float) -> list[dict]:
@@ -30,6 +36,7 @@ with tempfile.TemporaryDirectory() as folder:
     library = comove.Library(folder)
     for shape in ("Sine", "Worm", "NShape", "Snake"):
         library.add(comove.learn(comove.Demonstration.from_lasa(shape), name=shape))
+    save(draw_library(library), "movements.png")
     print("most like another sine:", library.find(shape=comove.Demonstration.from_lasa("Sine", 4))[0].name)
 
     ranking = comove.best_movement(library, scene).ranking

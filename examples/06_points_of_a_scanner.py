@@ -1,4 +1,8 @@
-"""Carry a bar past a disc and a box of which only clouds of points are known.
+"""
+Points of a scanner
+===================
+
+Carry a bar past a disc and a box of which only clouds of points are known.
 
 A real scanner's points are passed on in the same way: in metres, in the scene's frame, with the time on the clock of
 the execution at which they were measured. Points of the arms are left out before.

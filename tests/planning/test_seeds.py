@@ -76,7 +76,7 @@ def test_sharp_bends_need_many_weights(n_basis, least, most):
     path[:, 2] = coordinates.boundary()[0, 2]
     space = configuration_space(scene, coordinates)
     basis = motion_basis(n_basis, "velocity")
-    dmp, weights = fit(targets_along(space, path), path[-1], coordinates, basis, scene)
+    dmp, weights = fit(targets_along(space, path, gentle=False), path[-1], coordinates, basis, scene)
     centers = dmp.rollouts(weights, 201)[:, :2]
     way = along(space, path, np.linspace(0.0, 1.0, 4001)[None])[0, :, :2].T
     off = min(

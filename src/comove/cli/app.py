@@ -92,29 +92,34 @@ def options(
     """Several manipulators carry one load: coordinated movement primitives, verified in continuous time."""
 
 
+def whole_application() -> typer.Typer:
+    """Return the application with all its verbs."""
+    from comove.cli import (  # noqa: F401  registers verbs
+        bench,
+        demo,
+        learn,
+        library,
+        report,
+        reproduce,
+        robot,
+        robot_files,
+        run,
+        show,
+        solve,
+        verify,
+        view,
+    )
+
+    return app
+
+
 def main() -> None:
     """Run the `comove` command; it always ends in one of the documented exit codes."""
     guard_streams()
     _unwind_when_ended()
     try:
         try:
-            from comove.cli import (  # noqa: F401  registers verbs
-                bench,
-                demo,
-                learn,
-                library,
-                report,
-                reproduce,
-                robot,
-                robot_files,
-                run,
-                show,
-                solve,
-                verify,
-                view,
-            )
-
-            app()
+            whole_application()()
         except SystemExit as leaving:
             code = leaving.code
         except BaseException as error:

@@ -86,7 +86,7 @@ class Comove(Method):
     n_unfit : plans without a verified fit after which a rejected fit is mended
     n_polishings : times that a motion is optimised, with a stricter objective after each rejection
     n_ways, n_idle : paths that are smoothed at most, and paths without gain after which smoothing ends
-    n_drawn : plans from which each path to be smoothed is chosen
+    n_drawn : plans from which each path to be smoothed is chosen, in the plane and in space
     n_met : paths that lead to a motion as good as the best after which smoothing ends
     polishing : schedule by which a verified motion is improved
     before : array, shape (n_before, n_columns), earlier path in load coordinates, at even times, with which plans
@@ -106,7 +106,7 @@ class Comove(Method):
     n_polishings: int = 5
     n_ways: int = 10
     n_idle: int = 4
-    n_drawn: int = 3
+    n_drawn: tuple[int, int] = (2, 3)
     n_met: int = 3
     polishing: Schedule = POLISHING
     before: Array | None = field(default=None, compare=False)
@@ -211,7 +211,7 @@ class Comove(Method):
         hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
         dear = search.carrier is not None or search.scene.moving.any() or ends[1].any()
-        n_drawn = 1 if dear or follows(search) else self.n_drawn
+        n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed < np.inf)):
                 break  # seconds a way, and ways differ less in time than in jerk
@@ -411,7 +411,9 @@ def _planner(search: Search, space: Space, ends: Array) -> Targets:
         margin, required = margins[failures % len(margins)], search.scene.clearance
         wind(space.clock, search.until)
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
-        return None if path is None else (targets_along(space, path), path[-1])
+        # To arrive early pays by equation (4) alone; arms may need it too.
+        gentle = search.carrier is None and not isinstance(search.aim, PaperCost)
+        return None if path is None else (targets_along(space, path, gentle=gentle), path[-1])
 
     return targets
 

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 # pace needs the least acceleration, so several are fitted and the best that is verified is kept.
 PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.7), (6.0, 1.0))
 RAMPS = (0.06, 0.15)  # shares of the time at both ends in which the speed of `steady` changes
+GENTLE = [0, len(PROFILES), len(PROFILES) + 1]  # minimum jerk, and a steady pace
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 NARROWEST, WIDEST = 0.025, 0.15  # widths of a bump, in durations
 
@@ -46,18 +47,20 @@ def profiles(n_steps: int) -> Array:
     return np.stack([*early, *(steady(t, ramp) for ramp in RAMPS)])
 
 
-def targets_along(space: Space, path: Array) -> Array:
+def targets_along(space: Space, path: Array, *, gentle: bool) -> Array:
     """Return a path, run with every time profile.
 
     Parameters
     ----------
     path : array, shape (n_configurations, n_columns), in load coordinates, continuous
+    gentle : whether to leave out the profiles that arrive early
 
     Returns
     -------
     array, shape (n_profiles, N_STEPS, n_columns)
     """
-    return along(space, path, profiles(N_STEPS))
+    shares = profiles(N_STEPS)
+    return along(space, path, shares[GENTLE] if gentle else shares)
 
 
 def fit(

@@ -22,6 +22,7 @@ from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.reaction.twists import poses_at
 from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
@@ -52,9 +53,11 @@ RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is no
 USUAL = PaperCost()
 NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 SAMPLES = ("time", "position", "velocity", "manipulators")
+MORE_SAMPLES = ("acceleration", "center", "quaternion")  # results of earlier versions lack them
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 AGAIN = "solve the scene again"
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
+REBUILT_RATE = 1e-8  # m/s^2, likewise accelerations: second derivatives of the basis are large numbers
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
 JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
@@ -86,6 +89,7 @@ SOLUTION = ResultKind(
     made_by="comove solve SCENE --out DIR",
     hint=AGAIN,
     required=(*SAMPLES, *CURVE),
+    optional=MORE_SAMPLES,
     unsealed=("time_to_first_verified_s", "wall_time_s"),
     require_entries=_require_entries,
 )
@@ -119,12 +123,26 @@ def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summ
 
 
 def motion_arrays(motion: CoordinatedMotion) -> Arrays:
-    """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly."""
+    """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly.
+
+    Samples are `time` (n_steps,) [s]; `position`, `velocity` and `acceleration` of the hands, each of shape
+    (n_steps, n_manipulators, n_dims); and where the coordinates hold the load, the poses of the rigid groups:
+    `center` (n_steps, n_groups, 3) [m] and `quaternion` (n_steps, n_groups, 4), w x y z.
+    """
     trajectory, basis = motion.trajectory(), motion.basis
+    shares = trajectory.time / motion.scene.duration
+    poses = {}
+    if motion.coordinates.kind == "load":
+        placed = [poses_at(motion.coordinates, q) for q in motion.at(shares)[0]]
+        poses = {
+            name: np.stack([getattr(pose, name) for pose in placed]) for name in ("center", "quaternion")
+        }
     return {
         "time": trajectory.time,
         "position": trajectory.position,
         "velocity": trajectory.velocity,
+        "acceleration": motion.hands(shares)[2] / motion.scene.duration**2,
+        **poses,
         "manipulators": np.array(trajectory.manipulators),
         "coordinates": np.array(motion.coordinates.kind),
         "weights": motion.weights,
@@ -343,20 +361,27 @@ def _positive(value: object) -> float:
 def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:
     """List the samples that are not on the rebuilt curve, in words."""
     expected, reasons = motion_arrays(motion), []
-    for name in SAMPLES:
-        found, right = stored.arrays[name], expected[name]
+    for name in (*SAMPLES, *(name for name in MORE_SAMPLES if name in stored.arrays)):
+        found, right = stored.arrays[name], expected.get(name, np.zeros(0))
         if found.shape != right.shape or found.dtype.kind != right.dtype.kind:
             reasons.append(f"'{name}' was edited: its shape is {found.shape}, the motion's is {right.shape}")
         elif right.dtype.kind == "U":
             if list(found) != list(right):
                 reasons.append("the manipulators are not those of the scene")
-        elif not np.abs(found - right).max() <= REBUILT:
-            at = np.unravel_index(first_largest(np.abs(found - right)), right.shape)
+        elif not _apart(name, found, right).max() <= (REBUILT_RATE if name == "acceleration" else REBUILT):
+            at = np.unravel_index(first_largest(_apart(name, found, right)), right.shape)
             where = ", ".join(str(int(i)) for i in at)
             reasons.append(
                 f"'{name}[{where}]' was edited: it is {float(found[at])!r}, the motion's is {float(right[at])!r}"
             )
     return reasons
+
+
+def _apart(name: str, found: Any, right: Any) -> Any:
+    """Return by how much samples differ, number by number; of quaternions the sign says nothing."""
+    if name == "quaternion":
+        right = np.where((found * right).sum(axis=-1, keepdims=True) < 0.0, -right, right)
+    return np.abs(found - right)
 
 
 def _edited_smoothness(summary: Summary, motion: CoordinatedMotion) -> list[str]:

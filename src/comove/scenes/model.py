@@ -369,7 +369,7 @@ class DemonstrationSource(Sparse):
 
 
 class SceneFile(Sparse):
-    """A scene as written in its file; :func:`load_scene_file` and :func:`parse_scene` create and cross-check it."""
+    """A scene as written in its file; `load_scene_file` and `parse_scene` create and cross-check it."""
 
     LATER = ("objective",)
     version: Annotated[int, AfterValidator(_version)] = 1

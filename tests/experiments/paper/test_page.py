@@ -105,7 +105,7 @@ def test_what_is_typed_gives_the_motions_of_the_figures(tmp_path):
         env={**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"},
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=2400,
     )
     assert "error:" not in done.stderr
     found = {

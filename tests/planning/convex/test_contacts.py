@@ -31,7 +31,7 @@ def drawn(seed, **options):
 @pytest.mark.parametrize("seed", range(20))
 def test_least_distances_are_those_of_brute_force(seed):
     programme, z = drawn(seed)
-    need = np.zeros(programme.around.n_owners + 2)
+    need = np.zeros(programme.load.n_owners + 2)
     seen = programme.look(programme.fine.q(z), FAR, need)
     a, b, radii = brute_force.body_of(
         programme.scene, seen.nodes[:, : len(programme.scene.manipulators), : programme.scene.n_dims]
@@ -51,7 +51,7 @@ def test_least_distances_are_those_of_brute_force(seed):
 def test_rows_are_the_slopes_of_distances(seed):
     """Of rods, points, solids, borders and hands that stay apart, in every kind of coordinates."""
     programme, z = drawn(seed)
-    p, need = programme, np.zeros(programme.around.n_owners + 2)
+    p, need = programme, np.zeros(programme.load.n_owners + 2)
     seen = p.look(p.fine.q(z), FAR, need)
     rows, bound, _ = p.linear(seen, np.zeros((N, p.fine.base.shape[1])), need)
     rng = np.random.default_rng(seed)
@@ -65,7 +65,7 @@ def test_rows_are_the_slopes_of_distances(seed):
             continue
         assert contact[c.DISTANCE] == pytest.approx(-least)
         s, point = int(contact[c.SAMPLE]), contact[c.PLACE : c.PLACE + 3]
-        own = np.flatnonzero(p.around.block == int(contact[c.BLOCK]))
+        own = np.flatnonzero(p.load.block == int(contact[c.BLOCK]))
         moved = [carried(nodes[s, own], seen.nodes[s, own], point) for nodes in (ahead, behind)]
         if moved[0] is None:
             continue

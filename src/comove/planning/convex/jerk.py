@@ -152,7 +152,9 @@ def third_differences(y: Array) -> Array:
     -------
     array, shape (n_samples - 1, ...)
     """
-    rate = len(y) - 1
-    second = np.zeros_like(y)
-    second[1:-1] = y[2:] - 2 * y[1:-1] + y[:-2]
-    return np.diff(second, axis=0) * rate**3
+    first = y[1:] - y[:-1]
+    second, third = first[1:] - first[:-1], np.empty_like(first)
+    third[0], third[-1] = second[0], -second[-1]
+    np.subtract(second[1:], second[:-1], out=third[1:-1])
+    third *= (len(y) - 1) ** 3
+    return third

@@ -121,12 +121,14 @@ class LinearLimits(NamedTuple):
         -------
         rows, bounds : arrays, shapes (n, n_variables) and (n,), of ``rows dz + dp >= bounds``
         """
-        rates = self.rates + self.slopes @ dz
-        size = np.linalg.norm(rates, axis=1)
-        at = np.flatnonzero(size > share * (self.limits + self.slower * dp))
-        unit = rates[at] / size[at][:, None]
+        rates = self.rates + (self.slopes.reshape(-1, len(dz)) @ dz).reshape(self.rates.shape)
+        square = np.einsum("kd,kd->k", rates, rates)
+        bound = np.maximum(share * (self.limits + self.slower * dp), 0.0)
+        at = np.flatnonzero(square > bound**2)
+        size = np.sqrt(square[at])
+        unit = rates[at] / size[:, None]
         rows = -np.einsum("kd,kdn->kn", unit, self.slopes[at]) / self.slower[at][:, None]
-        return rows, (size[at] - self.limits[at]) / self.slower[at] + rows @ dz
+        return rows, (size - self.limits[at]) / self.slower[at] + rows @ dz
 
 
 def _rate(y: Array, order: int) -> Array:

@@ -109,10 +109,13 @@ class Grid(NamedTuple):
         return self.base + self.shape @ z.reshape(self.base.shape[1], -1).T
 
 
-def grid(basis: MotionBasis, boundary: Array, n_samples: int) -> Grid:
-    """Return the map to `n_samples` even samples, where `n_samples` - 1 must divide `N_INTERVALS`."""
+def grid(basis: MotionBasis, boundary: Array, n_samples: int, order: int = 0) -> Grid:
+    """Return the map to `n_samples` even samples, or to their derivatives of an order by normalised time.
+
+    `n_samples` - 1 must divide `N_INTERVALS`.
+    """
     step = N_INTERVALS // (n_samples - 1)
-    return Grid(np.ascontiguousarray(basis.shape[0][::step]), basis.boundary[0][::step] @ boundary)
+    return Grid(np.ascontiguousarray(basis.shape[order][::step]), basis.boundary[order][::step] @ boundary)
 
 
 class Seen(NamedTuple):
@@ -154,6 +157,7 @@ class ConvexProgramme:
         self.scene, self.coordinates, self.basis, self.boundary = scene, coordinates, basis, boundary
         self.load = moved_load(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
+        self.fine_rate = grid(basis, boundary, n_fine, order=1)
         self.offsets = scene.offsets_along(n_fine)
         self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [

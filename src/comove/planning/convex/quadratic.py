@@ -106,8 +106,9 @@ def minimum(
     n = len(gradient)
     rows, bound, owner, further = clearances
     wished = np.flatnonzero(np.isfinite(further) & (bound + further > -np.inf))
-    owners, mine = np.unique(owner[wished], return_inverse=True)
-    k, m, more = len(rows), len(wished), len(owners)
+    is_wished = np.bincount(owner[wished]) > 0
+    mine = (np.cumsum(is_wished) - 1)[owner[wished]]
+    k, m, more = len(rows), len(wished), int(is_wished.sum())
     # Variables: the weights, the slack, the amount by which each owner's wish is missed, and the change of the pace.
     dear = prices.duration * prices.pace
     square = np.concatenate(

@@ -19,6 +19,7 @@ from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 Array = NDArray[np.float64]
 
 SOUND = 1e-9  # m, by which margins may be missed
+UNDIVIDED = 64  # rows of a triangular matrix that is inverted as a whole
 HASTIER = 0.5  # share of the pace that a step may save
 
 
@@ -89,9 +90,9 @@ def stand(
     residuals = np.concatenate([cost.residuals(hands), p.gauge(q, settings.gauge)])
     slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
     square = slopes.T @ slopes
-    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / p.n
+    square.flat[:: p.n + 1] += 1e-9 * np.trace(square) / p.n
     # All by numpy: its threads and those of scipy would delay each other for longer than the work takes.
-    whiten = np.linalg.inv(np.linalg.cholesky(square))
+    whiten = _inverse_of_lower(np.linalg.cholesky(square))
     gradient = whiten @ (slopes.T @ residuals)
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
@@ -102,6 +103,18 @@ def stand(
     wish = _wish(p, seen, settings)
     limits = p.limits.linear(hands, moves, pace)
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
+
+
+def _inverse_of_lower(lower: Array) -> Array:
+    """Return the inverse of a lower triangular matrix, by halves: of large ones in half the time that numpy takes."""
+    n, half = len(lower), len(lower) // 2
+    if n <= UNDIVIDED:
+        return np.linalg.inv(lower)
+    inverse = np.zeros_like(lower)
+    above, below = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
+    inverse[:half, :half], inverse[half:, half:] = above, below
+    inverse[half:, :half] = -below @ (lower[half:, :half] @ above)
+    return inverse
 
 
 def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:

@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 
@@ -32,8 +31,8 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     if cost.haste > 0:
         return z
     value, hands = programme.value(cost, z, settings.gauge)
-    rate = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
-    slopes = cost.slopes(rate[:, :, None] * _waves(len(hands))[:, None, :])
+    speed = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
+    slopes = cost.slopes(speed[:, :, None] * _waves(len(hands))[:, None, :])
     square, gradient = slopes.T @ slopes, slopes.T @ cost.residuals(hands)
     order = np.arange(1, N_WAVES + 1)
     square[np.diag_indices(N_WAVES)] += SMOOTH * np.trace(square) / N_WAVES * (np.pi * order) ** 2
@@ -43,10 +42,10 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
     shift = _waves(len(t)) @ heights
     shift *= min(1.0, STEEPEST / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
-    way = CubicSpline(t, programme.fine.q(z))
+    way, rate = programme.fine.q(z), programme.fine_rate.q(z)
     near = settings.margin + 1e-3 + programme.scene.clearance
     for share in SHARES:
-        later = programme.fit(way(t + share * shift), RIDGE)
+        later = programme.fit(_interpolated(way, rate, t + share * shift), RIDGE)
         cheaper, hands = programme.value(cost, later, settings.gauge)
         if cheaper > (1 - settings.gain) * value:
             continue
@@ -54,6 +53,24 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
         if programme.missed(seen, hands, settings, cost) == 0.0:
             return later
     return z
+
+
+def _interpolated(way: Array, rate: Array, t: Array) -> Array:
+    """Return a movement at other times, by the cubics that meet its values and derivatives at even samples.
+
+    Parameters
+    ----------
+    way, rate : arrays, shape (n_samples, n_columns), movement and its derivative by normalised time
+    t : array, shape (n,), normalised times
+    """
+    n_intervals = len(way) - 1
+    i = np.clip((t * n_intervals).astype(int), 0, n_intervals - 1)
+    u = (t * n_intervals - i)[:, None]
+    here, further = way[i], way[i + 1] - way[i]
+    begin, end = rate[i] / n_intervals, rate[i + 1] / n_intervals
+    return np.asarray(
+        here + u * (begin + u * (3 * further - 2 * begin - end + u * (begin + end - 2 * further)))
+    )
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ class LeastJerk:
     """The objective of least squared jerk of all hands; with a demonstration, of the deviation and its jerk.
 
     In unit duration, with L the root of the summed squared distances from start to goal and d_i the demonstration
-    transferred to hand i, it is
+    transferred to hand i, it is ::
 
         1/(720 L^2) integral sum_i |y_i''' - d_i'''|^2 ds + pull/L^2 integral sum_i |y_i - d_i|^2 ds,
 

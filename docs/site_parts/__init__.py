@@ -1,0 +1,1 @@
+"""What the site adds to the pages: generated references, formulas without scripts, and pictures of the gallery."""

@@ -1,0 +1,33 @@
+"""
+Your own objective and constraint
+=================================
+
+A function of the sampled motion is minimised, and another one must not exceed zero. The scene's own rules
+hold as ever.
+"""
+
+import comove
+from comove.experiments.examples import example
+from comove.views import draw_side_by_side, save
+
+
+def height(motion: comove.Samples) -> float:
+    """Return the mean height of the hands [m]."""
+    return motion.position[..., 1].mean()
+
+
+def slow(motion: comove.Samples) -> float:
+    """Return by how much a hand is faster along x than 0.25 m/s."""
+    return abs(motion.velocity[..., 0]).max() - 0.25
+
+
+scene = example("narrow")
+smooth = comove.solve(scene, seed=0)
+low = comove.solve(scene, objective=height, constraints=[slow], budget=8.0, seed=0)
+for name, solution in (("smooth", smooth), ("low", low)):
+    samples = comove.Samples.of(solution.attempt)
+    print(
+        f"{name}: verified {solution.verified}, mean height {height(samples):.3f} m, "
+        f"at most {0.25 + slow(samples):.3f} m/s along x"
+    )
+save(draw_side_by_side([smooth.attempt, low.attempt], ["least jerk", "least height"]), "own.png")
