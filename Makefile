@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
-.PHONY: docs demo reproduce ablation test test-all lint bench clean
+.PHONY: dist docs demo reproduce ablation test test-all lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -23,6 +23,15 @@ test: $(VENV)/dev.stamp  ## all tests but the slow ones
 
 test-all: $(VENV)/dev.stamp  ## all tests
 	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow"
+
+dist: $(VENV)/docs.stamp  ## wheel and source archive, built, checked, and used in an empty environment
+	rm -rf dist build/empty
+	$(BIN)/python -m build --quiet .
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents --toplevel comove dist/*.whl
+	$(PYTHON) -m venv build/empty
+	build/empty/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	build/empty/bin/comove demo --out build/empty/demo
 
 docs: $(VENV)/docs.stamp  ## the site, in docs/_build/html; it runs the gallery, and needs no network once installed
 	$(BIN)/codespell README.md CHANGELOG.md docs examples src

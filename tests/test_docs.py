@@ -17,13 +17,20 @@ import pytest
 from comove.experiments.examples import copy_examples
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *(p for p in sorted(DOCS.rglob("*.md")) if not {"_build", "gallery"} & set(p.relative_to(DOCS).parts)),
+]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
     *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
     "bench ablation",
     *("--method paper", "--method task-priority", "comove reproduce"),
     "05_a_load_of_any_shape",
+    "18_the_papers_method",
+    "robot new",
+    "robot check",
 )
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import click
+from typing import Any
+
 import typer
 
 from comove.cli.app import whole_application
-
 
 INTRODUCTION = """# Command line
 
@@ -23,9 +23,9 @@ def page() -> str:
     return "\n".join(parts) + "\n"
 
 
-def _commands(command: click.Command, path: str) -> list[tuple[str, click.Command]]:
+def _commands(command: Any, path: str) -> list[tuple[str, Any]]:
     """Return all commands below one, with the words by which each is called."""
-    if not isinstance(command, click.Group):
+    if not hasattr(command, "commands"):
         return [(path, command)]
     found = []
     for name, part in command.commands.items():
@@ -33,9 +33,9 @@ def _commands(command: click.Command, path: str) -> list[tuple[str, click.Comman
     return found
 
 
-def _section(path: str, command: click.Command) -> list[str]:
+def _section(path: str, command: Any) -> list[str]:
     """Return the lines that describe one command."""
-    context = click.Context(command, info_name=path)
+    context = command.context_class(command, info_name=path)
     usage = command.get_usage(context).removeprefix("Usage: ")
     lines = [f"## {path}", "", (command.help or "").strip(), "", "```text", usage, "```", ""]
     options = [p for p in command.params if p.name != "help"]
@@ -43,13 +43,13 @@ def _section(path: str, command: click.Command) -> list[str]:
         lines += ["| | |", "|---|---|"]
     for parameter in options:
         names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
-        if isinstance(parameter, click.Argument):
-            names = f"`{parameter.make_metavar(context)}`"
+        if parameter.param_type_name == "argument":
+            names = f"`{parameter.metavar or parameter.name.upper()}`"
         lines.append(f"| {names} | {_said(parameter)} |")
     return [*lines, ""]
 
 
-def _said(parameter: click.Parameter) -> str:
+def _said(parameter: Any) -> str:
     """Return the help of a parameter and its default, on one line."""
     text = " ".join((getattr(parameter, "help", None) or "").split()).replace("|", "\\|")
     default = parameter.default

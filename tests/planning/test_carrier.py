@@ -85,11 +85,11 @@ def test_the_papers_method_asks_it_about_the_load_as_it_is():
             self.apart.append(np.linalg.norm(nodes[:, :, 0] - nodes[:, :, 1], axis=2).mean())
             return super().ask(nodes)
 
-    free = solve(SCENE, method=Paper(), budget=10)
+    free = solve(SCENE, method=Paper(), budget=120)
     assert free.verified
     low = highest(free.attempt) - 0.02
     carrier = Watched(low)
-    found = solve(SCENE, method=Paper(), budget=20, carrier=carrier)
+    found = solve(SCENE, method=Paper(), budget=120, carrier=carrier)
     assert found.verified and highest(found.attempt) <= low
     assert min(carrier.apart) > 0.05
 
