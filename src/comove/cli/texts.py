@@ -194,8 +194,8 @@ def learned_text(primitive: Primitive) -> str:
 
     dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit
     what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
-    what += " and orientation" if primitive.kind == "pose" else ""
-    what = f"distribution, {what}" if primitive.kind == "distribution" else what
+    what += " and orientation" if primitive.kind in ("pose", "cooperative") else ""
+    what = what if primitive.kind in ("position", "pose") else f"{primitive.kind}, {what}"
     lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
     if isinstance(primitive.dmp, ProMP):
         shares = [i / N_SPREAD for i in range(N_SPREAD + 1)]

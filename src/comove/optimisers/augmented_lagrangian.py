@@ -76,7 +76,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         self._memory = 5 + 3 * n // population
         self._curvatures: list[float] = []
         self._least_curvature = np.inf
-        self._sample()
+        self._next()
 
     # --- Samples ---
 
@@ -88,8 +88,7 @@ class AugmentedLagrangianRun(OptimiserRun):
     @np.errstate(over="ignore", invalid="ignore")  # what overflows is found by `_sound`
     def _samples_told(self, objective: Array, constraints: Array) -> None:
         self._model.add(self._inside, np.column_stack([constraints, objective]))
-        if len(self._model) < 3:
-            self.reason = Reason.NOT_FINITE
+        if not self._teaches(len(self._model) >= 3):
             return
         local = self._model.around_mean(self._es)
         if np.isfinite(local.slope).all():
@@ -243,4 +242,4 @@ class AugmentedLagrangianRun(OptimiserRun):
         if es.generation > 30:
             self._least_curvature = min(self._least_curvature, self._curvature)
         if self.reason is None:
-            self._sample()
+            self._next()

@@ -14,8 +14,9 @@ from comove.primitives.files import (
     write_primitive,
 )
 from comove.primitives.library import Library, Match, shape_distance
-from comove.primitives.limits import ViaPoint, constrained, largest, slowed
+from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
+from comove.primitives.pacing import PacedDMP, slowed
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
 from comove.primitives.probabilistic import ProMP
@@ -31,6 +32,7 @@ __all__ = [
     "LinearPhase",
     "Match",
     "MotionBasis",
+    "PacedDMP",
     "Phase",
     "Pose",
     "PoseDMP",
