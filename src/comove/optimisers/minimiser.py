@@ -269,6 +269,7 @@ class Minimiser:
         self._failures = 0
         self._asked = False
         self._guests = np.zeros((0, n))
+        self._begun: Start
         self._begin(Setting(population), np.clip(self._x0, self._lower, self._upper))
 
     def ask(self) -> Request:

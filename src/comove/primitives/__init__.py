@@ -18,6 +18,7 @@ from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
 from comove.primitives.pacing import PacedDMP, slowed
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
 from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import Variant
@@ -36,6 +37,7 @@ __all__ = [
     "Phase",
     "Pose",
     "PoseDMP",
+    "PoseProMP",
     "PoseState",
     "Primitive",
     "ProMP",

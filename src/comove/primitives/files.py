@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.entries import COPY_ANEW, LEARN_AGAIN, Part, shown
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
 from comove.primitives.phase import Phase
+from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP, Recordings
 from comove.primitives.variants import Variant
@@ -93,15 +94,18 @@ class Primitive:
 
     @property
     def kind(self) -> str:
-        """Return the kind of the movement: position, pose, distribution, average or cooperative."""
+        """Return the kind of the movement: position, pose, distribution, poses, average or cooperative."""
         return kind_of(self.dmp).name
 
     @property
     def followed(self) -> DMP | PoseDMP | ProMP:
         """Return the movement that a scene can follow.
 
-        It is the mean of an average; of hands that cooperate the load's movement, or else the first hand's.
+        It is the mean of an average, the distribution of positions of one of poses, and of hands that cooperate the
+        load's movement, or else the first hand's.
         """
+        if isinstance(self.dmp, PoseProMP):
+            return self.dmp.positions
         if isinstance(self.dmp, AveragedDMP):
             return self.dmp.mean
         if isinstance(self.dmp, CooperativeDMP):
@@ -175,6 +179,7 @@ def learn_distribution(
     n_basis: int = 20,
     phase: Phase | None = None,
     alignment: str = "duration",
+    poses: bool = False,
 ) -> Primitive:
     """Fit a distribution of movements to several recordings, and note their origin.
 
@@ -184,17 +189,27 @@ def learn_distribution(
     name : name of the primitive
     sources : the recordings' names, which are noted
     n_basis, phase, alignment : as for `ProMP.fit`
+    poses : learn orientations as well
 
     Raises
     ------
     DemonstrationError, OptionError
         As `ProMP.fit`.
     """
-    promp = ProMP.fit(demonstrations, n_basis=n_basis, phase=phase, alignment=alignment)
+    options: dict[str, Any] = {"n_basis": n_basis, "phase": phase, "alignment": alignment}
+    found: PoseProMP | ProMP
+    if poses:
+        found = PoseProMP.fit(cast(PoseRecordings, demonstrations), **options)
+    else:
+        found = ProMP.fit(demonstrations, **options)
     first = demonstrations[0]
     unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
-    notes = (*promp.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
-    return Primitive(name, replace(promp, notes=()), unit, notes=notes)
+    notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
+    if isinstance(found, PoseProMP):
+        found = replace(found, promp=replace(found.promp, notes=()))
+    else:
+        found = replace(found, notes=())
+    return Primitive(name, found, unit, notes=notes)
 
 
 def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration, block_size: int = 20_000) -> dict[str, Array]:

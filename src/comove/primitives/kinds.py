@@ -20,6 +20,7 @@ from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
 from comove.primitives.entries import LEARN_AGAIN, Part, shown
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
+from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.probabilistic import ProMP
 from comove.primitives.projection import (
@@ -33,7 +34,7 @@ from comove.primitives.projection import (
 from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]
-Movement = DMP | PoseDMP | ProMP | AveragedDMP | CooperativeDMP
+Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP
 
 MAX_DIMS = 64
 _CONTEXT = ("context_mean", "context_std", "slopes")
@@ -83,6 +84,8 @@ def traced(movement: Movement, time: Array) -> Array:
     """
     if isinstance(movement, ProMP):
         return np.concatenate([movement.mean_at(time), movement.std_at(time)], axis=1)
+    if isinstance(movement, PoseProMP):
+        return traced(movement.promp, time)
     if isinstance(movement, AveragedDMP):
         shares = time / movement.duration
         parts = [movement.mean, *movement.members]
@@ -221,6 +224,23 @@ def _read_distribution(part: Part) -> ProMP:
         raise part.wrong("mean_parameters", error.message, LEARN_AGAIN) from error
 
 
+def _write_poses(poses: PoseProMP) -> dict[str, Any]:
+    return {
+        "coordinates": _write_distribution(poses.promp),
+        "references_wxyz": [reference.tolist() for reference in poses.references],
+    }
+
+
+def _read_poses(part: Part) -> PoseProMP:
+    part.with_keys(("coordinates", "references_wxyz"))
+    promp = _read_distribution(part.part("coordinates"))
+    references = part.array("references_wxyz", (None, 4))
+    try:
+        return PoseProMP(promp, tuple(references))
+    except OptionError as error:
+        raise part.wrong("references_wxyz", error.message, LEARN_AGAIN) from error
+
+
 def _write_average(average: AveragedDMP) -> dict[str, Any]:
     return {
         "mean": _write_position(average.mean),
@@ -346,6 +366,7 @@ KINDS = {
         Kind("position", DMP, _write_position, _read_position),
         Kind("pose", PoseDMP, _write_pose, _read_pose),
         Kind("distribution", ProMP, _write_distribution, _read_distribution),
+        Kind("poses", PoseProMP, _write_poses, _read_poses),
         Kind("average", AveragedDMP, _write_average, _read_average),
         Kind("cooperative", CooperativeDMP, _write_cooperative, _read_cooperative),
     )

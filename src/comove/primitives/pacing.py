@@ -157,7 +157,7 @@ def slowed(
             break
         rows, bends = rows * np.maximum(share, 1.0)[:, None], bends * np.maximum(share, 1.0)[:, None]
     x /= max(1.0, float(share.max()) + ROUNDING)
-    speed = np.sqrt(x)
+    speed: Array = np.sqrt(x)
     steps = 2 * INTERVAL / (speed[1:] + speed[:-1])
     return PacedDMP(dmp, np.concatenate([[0.0], np.cumsum(steps)]), speed)
 
