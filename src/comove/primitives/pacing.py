@@ -165,7 +165,7 @@ def slowed(
 def _derivatives(dmp: DMP) -> tuple[Array, Array]:
     """Return y' and y'' with respect to the progress at the knots and between them; arrays, (2 N + 1, n_dims)."""
     curve = dmp.curve
-    middles = (np.arange(N_INTERVALS) + 0.5) * INTERVAL
+    middles: Array = np.linspace(0.5 * INTERVAL, 1.0 - 0.5 * INTERVAL, N_INTERVALS)
     between = values_at(curve.knots, curve.force, curve.goal, middles)
     whole = np.empty((2, 2 * N_INTERVALS + 1, dmp.n_dims))
     whole[:, ::2], whole[:, 1::2] = curve.knots[1:], between[1:]
