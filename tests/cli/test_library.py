@@ -157,7 +157,8 @@ def test_several_recordings_make_a_distribution(tmp_path):
     ("arguments", "words"),
     [
         (("lasa:Sine:0", "lasa:Sine:0"), "recordings 0 and 1 are one and the same"),
-        (("lasa:Sine:all", "--poses"), "--poses: several recordings"),
+        (("lasa:Sine:all", "--poses"), "holds no orientations"),
+        (("lasa:Sine:all", "--in-motion"), "--in-motion: several recordings"),
         (("lasa:Sine:all", "--variant", "classic"), "--variant: several recordings"),
         (("lasa:Sine:all", "--align", "warp"), "alignment = 'warp'"),
         (("lasa:Sine:0", "swing.csv"), "recording 1"),

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.optimisers import (
     BIPOP,
     CCMAES,
@@ -200,7 +200,8 @@ def test_methods_for_constraints_serve_without_any(method):
 
 def test_nothing_outside_the_bounds_is_evaluated_even_if_the_start_lies_there():
     f, h = Counted(sphere), Counted(wall)
-    minimise(f, np.full(3, 9.0), 0.5, constraints=h, bounds=(0.0, 3.0), max_evaluations=300)
+    with pytest.warns(ComoveWarning, match="nearest point inside"):
+        minimise(f, np.full(3, 9.0), 0.5, constraints=h, bounds=(0.0, 3.0), max_evaluations=300)
     points = np.array(f.points + h.points)
     assert points.min() >= 0.0
     assert points.max() <= 3.0

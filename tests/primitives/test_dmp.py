@@ -1,5 +1,6 @@
 """A primitive meets both ends, keeps its shape, fits handwriting and runs online as it rolls out."""
 
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,8 @@ from hypothesis import strategies as st
 
 from comove.demonstrations import lasa_names
 from comove.demonstrations.demonstration import Demonstration
-from comove.errors import DemonstrationError, OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
 
 seeds = st.integers(0, 2**32 - 1)
 phases = st.sampled_from([LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=3.0)])
@@ -130,8 +131,61 @@ def test_a_fit_keeps_the_ends_of_the_recording():
     assert np.abs(path.position[-1] - demo.goal).max() < 1e-10
     assert np.allclose(path.velocity[0], demo.start_velocity)
     assert np.linalg.norm(path.velocity[0]) > 1.0
-    assert np.abs(path.velocity[-1]).max() < 1e-10
+    assert np.abs(path.velocity[-1]).max() < 1e-10  # although the recording breaks off in motion
     assert path.time[-1] == demo.duration
+    moving = DMP.fit(demo, at_rest=False).rollout()
+    assert np.abs(moving.velocity[-1] - demo.goal_velocity).max() < 1e-9
+    assert np.abs(moving.position[-1] - demo.goal).max() < 1e-10
+
+
+ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
+
+
+@pytest.mark.parametrize("variant", ENDING)
+@pytest.mark.parametrize("duration", [0.5, 2.0])
+def test_a_recording_that_ends_in_motion_is_learned_with_its_final_velocity(variant, duration):
+    """y = t^2: position and velocity are its own at the end, exactly, and between the ends nearly."""
+    time = np.linspace(0, duration, 101)
+    parabola = Demonstration(time, np.stack([time**2, -3 * time**2], axis=1))
+    path = DMP.fit(parabola, n_basis=10, variant=variant, at_rest=False).rollout(n_steps=101)
+    wanted = 2 * duration * np.array([1.0, -3.0])
+    assert np.abs(path.position[-1] - parabola.goal).max() < 1e-9 * duration**2
+    assert np.abs(path.velocity[-1] - wanted).max() < 1e-8 * duration
+    assert np.abs(path.position - parabola.position).max() < 1e-2 * duration**2
+
+
+def test_half_of_a_movement_is_learned_as_it_was():
+    """Half of a minimum-jerk movement, cut off where it is fastest."""
+    s = np.linspace(0, 0.5, 101)
+    bell = 10 * s**3 - 15 * s**4 + 6 * s**5
+    cut = Demonstration(2 * s, np.stack([bell, -bell], axis=1))
+    fast = DMP.fit(cut, n_basis=12, at_rest=False)
+    assert np.allclose(fast.goal_velocity, [0.9375, -0.9375], rtol=2e-3)
+    assert np.abs(fast.at(cut.time).position - cut.position).max() < 1e-4
+    resting = DMP.fit(cut, n_basis=12)
+    assert np.abs(resting.rollout().velocity[-1]).max() < 1e-10
+    assert np.abs(resting.at(cut.time).position - cut.position).max() > 1e-3
+    with pytest.raises(OptionError, match="rhythmic"):
+        DMP.fit(cut, variant="rhythmic", at_rest=False)
+    with pytest.raises(OptionError, match="knows no velocity at its end"):
+        DMP.fit(minimum_jerk(), at_rest=False)
+
+
+@pytest.mark.parametrize("variant", list(Variant))
+def test_more_weights_than_samples_are_told(variant):
+    """With the way out, and without inventing anything at the samples."""
+    time = np.linspace(0, 1, 9)
+    few = Demonstration(time, np.stack([np.sin(1.7 * np.pi * time), time], axis=1))
+    options = {"period": 1.0} if variant is Variant.RHYTHMIC else {}
+    telling = 9 if variant is Variant.RHYTHMIC else 7
+    with pytest.warns(ComoveWarning, match=f"9 samples for 30 weights .* give n_basis = {telling} or less"):
+        dmp = DMP.fit(few, n_basis=30, variant=variant, **options)
+    if variant is not Variant.RHYTHMIC:
+        assert np.abs(dmp.at(time).position - few.position).max() < 1e-6
+        assert np.abs(dmp.rollout().position).max() < 1.6  # smooth in between
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        DMP.fit(few, n_basis=telling - 2, variant=variant, **options)
 
 
 def test_the_fit_is_least_squares():

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
+from comove.primitives import DMP, ExponentialPhase, Library, LinearPhase, Variant, average
+from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.files import (
     MAX_BYTES,
     Primitive,
@@ -23,7 +24,8 @@ from comove.primitives.files import (
     require_name,
     write_primitive,
 )
-from comove.primitives.poses import PoseDMP
+from comove.primitives.poses import Pose, PoseDMP
+from comove.primitives.projection import HandDistance, RelativePose, SameHeight, Separation, Upright
 
 seeds = st.integers(0, 2**32 - 1)
 finite = st.floats(-1e6, 1e6)
@@ -368,3 +370,123 @@ def test_learning_is_fitting():
     assert learn(recording).unit == "LASA unit"
     with pytest.raises(OptionError, match="period"):
         learn(turning(), poses=True, period=1.0)
+
+
+def cooperating(constraints=(), **options):
+    """Two hands that move for themselves."""
+    one = PoseDMP.fit(turning(), n_basis=6)
+    moved = Pose(one.start.position + [0.1, 0.6, 0.0], one.start.orientation)
+    return CooperativeDMP(None, {"left": one, "right": one.towards(start=moved)}, constraints, **options)
+
+
+def several():
+    """One of every kind that is no single movement."""
+    held = {"left": Pose([0, -0.3, 0.1]), "right": Pose([0, 0.3, 0], [0.0, 1.0, 0.0, 0.0])}
+    lid = PoseDMP.fit(turning(), n_basis=4)
+    everything = (
+        HandDistance("left", "right", 0.6),
+        Separation("left", "right", 0.3),
+        SameHeight("left", "right"),
+        RelativePose("left", "right", Pose([0.0, 0.6, 0.0], [0.6, 0.0, 0.0, 0.8])),
+        Upright("left", (0.0, 1.0, 1.0)),
+    )
+    return {
+        "load": CooperativeDMP(PoseDMP.fit(turning(), n_basis=5), held),
+        "lid": CooperativeDMP(PoseDMP.fit(turning(), n_basis=5), {**held, "lid": lid}),
+        "alone": cooperating(everything, mobility={"left": 0.0}),
+        "average": average([Demonstration.from_lasa("Angle", k) for k in range(3)], n_basis=7),
+    }
+
+
+def same(one, other):
+    """Whether two movements hold the same bits, whatever they are made of."""
+    if is_dataclass(one) and not callable(one):
+        return type(one) is type(other) and all(
+            same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one)
+        )
+    if is_dataclass(one):
+        return type(one) is type(other) and same(vars(one), vars(other))
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    return one == other
+
+
+@pytest.mark.parametrize("name", ["load", "lid", "alone", "average"])
+def test_what_is_made_of_several_movements_is_stored_too(name, tmp_path):
+    dmp = several()[name]
+    path = tmp_path / "several.json"
+    write_primitive(path, Primitive("several", dmp, notes=("made here",)))
+    read = read_primitive(path)
+    assert read.kind == ("average" if name == "average" else "cooperative")
+    assert same(read.dmp, dmp) and not same(read.dmp, several()["load" if name != "load" else "lid"])
+    assert dumps(read) == path.read_bytes()
+    assert read.positions.n_dims == (2 if name == "average" else 3)
+    if name == "average":
+        assert np.array_equal(read.dmp.spread(11), dmp.spread(11))
+    else:
+        time = np.linspace(0, 2, 5)
+        free = replace(dmp, constraints=()), replace(read.dmp, constraints=())
+        assert np.array_equal(free[0].at(time).position, free[1].at(time).position)
+
+
+def test_constraints_of_the_user_are_refused_with_the_way_out(tmp_path):
+    own = cooperating((lambda poses: poses.position("left")[:, 2],))
+    with pytest.raises(LibraryError, match="cannot be written to a file; write the movement without it"):
+        write_primitive(tmp_path / "own.json", Primitive("own", own))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (lambda m: (m["hands"].clear(), m["constraints"].clear()), "movement.hands"),
+        (lambda m: m["hands"].update(third={"held": {"position": [0, 0]}}), "movement.hands.third.held"),
+        (lambda m: m["hands"].update(third={}), "movement.hands.third"),
+        (lambda m: m["mobility"].update(left=-1.0), "movement.hands"),
+        (lambda m: m["mobility"].update(left="all"), "movement.mobility.left"),
+        (lambda m: m["constraints"].append({"kind": "distanse"}), "movement.constraints[5].kind"),
+        (lambda m: m["constraints"].append(3), "movement.constraints[5]"),
+        (lambda m: m["constraints"][0].update(first="nobody"), "movement.constraints[0].first"),
+        (lambda m: m["constraints"][0].update(distance=-0.1), "movement.constraints[0].kind"),
+        (lambda m: m.pop("load"), "movement.load"),
+    ],
+)
+def test_what_is_wrong_with_several_hands_is_told_by_its_key(change, key):
+    content = json.loads(dumps(Primitive("several", several()["alone"])))
+    change(content["movement"])
+    with pytest.raises(LibraryError) as caught:
+        loads(resealed(content), "some.json")
+    assert caught.value.key.startswith(key)
+    assert caught.value.way_out
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (lambda m: m["members"].pop(), "movement.members"),
+        (lambda m: m.update(members={}), "movement.members"),
+        (lambda m: [row.pop() for row in m["members"][1]["weights"]], "movement.members[1]"),
+        (lambda m: m["members"][0].update(duration=0), "movement.members[0].duration"),
+    ],
+)
+def test_what_is_wrong_with_an_average_is_told_by_its_key(change, key):
+    found = average([Demonstration.from_lasa("Angle", k) for k in range(2)], n_basis=3)
+    content = json.loads(dumps(Primitive("two", found)))
+    change(content["movement"])
+    with pytest.raises(LibraryError) as caught:
+        loads(resealed(content), "some.json")
+    assert caught.value.key.startswith(key)
+
+
+def test_a_library_holds_them_and_a_scene_follows_them(tmp_path):
+    library = Library(tmp_path / "shelf")
+    for name, dmp in several().items():
+        library.add(Primitive(name, dmp))
+    found = {name: library[name] for name in several()}
+    assert same(found["average"].followed, several()["average"].mean)
+    assert same(found["load"].followed, several()["load"].load)
+    assert same(found["alone"].followed, several()["alone"].hands["left"])

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.primitives import DMP, LinearPhase, Variant
-from comove.primitives.limits import ViaPoint, constrained, largest, slowed
+from comove.primitives.limits import ViaPoint, constrained, largest
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -88,7 +88,6 @@ def test_an_infinite_limit_is_none():
     kept = constrained(dmp, velocity=limit, acceleration=np.inf)
     assert np.array_equal(kept.weights[0], constrained(dmp, velocity=limit[0]).weights[0])
     assert np.allclose(kept.weights[1], dmp.weights[1], rtol=1e-12)
-    assert slowed(dmp, velocity=np.inf).duration == dmp.duration == slowed(dmp).duration
 
 
 def test_the_change_is_the_least():
@@ -118,15 +117,6 @@ def least_change(dmp, d, limit):
     return found.fun
 
 
-def test_slowed_keeps_the_path():
-    dmp = random_dmp(6)
-    velocity, acceleration = largest(dmp)
-    slow = slowed(dmp, velocity=velocity / 2, acceleration=acceleration / 9)
-    assert slow.duration == pytest.approx(3 * dmp.duration)
-    assert np.abs(slow.rollout().position - dmp.rollout().position).max() < 1e-11
-    assert slowed(dmp, velocity=2 * velocity).duration == dmp.duration
-
-
 def test_what_cannot_be_is_said():
     dmp = random_dmp(7)
     with pytest.raises(
@@ -150,8 +140,6 @@ def test_what_cannot_be_is_said():
     cycle = replace(dmp, variant="rhythmic")
     with pytest.raises(OptionError, match="rhythmic"):
         constrained(cycle, velocity=1.0)
-    with pytest.raises(OptionError, match="rhythmic"):
-        slowed(cycle, velocity=1.0)
     still = replace(dmp, variant="classic").towards(goal=dmp.start)
     with pytest.raises(OptionError, match="learns nothing where the goal is the start"):
         constrained(still, via=[ViaPoint(0.2, dmp.start + 0.1)])
@@ -162,6 +150,6 @@ def test_slips_are_told():
     for via in (ViaPoint(0.1, [0, 0]), [(0.1, [0, 0])], [ViaPoint("1", [0, 0])], [ViaPoint(0.1, "a")]):
         with pytest.raises(OptionError, match="via"):
             constrained(dmp, via=via)
-    for function in (largest, slowed, constrained):
+    for function in (largest, constrained):
         with pytest.raises(OptionError, match="the movement is"):
             function(None)

@@ -295,3 +295,48 @@ def test_states_of_other_movements():
     for options in ({"dt": "0.1"}, {"dt": None}, {"dt": 0.1, "rate": "fast"}, {"dt": 0.1, "rate": None}):
         with pytest.raises(OptionError):
             random_dmp(13).step(random_dmp(13).initial_state(), **options)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.floats(0.05, 0.8), st.floats(0.3, 3.0), st.booleans())
+def test_couplings_act_as_the_equations_say(seed, when, rate, backwards):
+    """``y' = z + u, z' = alpha (beta (g - y) - z) + f + c``, integrated by an independent method at any pace."""
+    dmp, rng = random_dmp(seed), np.random.default_rng(seed)
+    rate = -rate if backwards else rate
+    velocity, push = rng.uniform(-0.2, 0.2, (2, 2))
+    state = dmp.step(dmp.initial_state(), when * dmp.duration)
+    dt = 0.08 * dmp.duration / abs(rate)
+    if backwards:
+        dt = min(dt, 0.9 * when * dmp.duration / abs(rate))
+    stepped = dmp.step(state, dt, rate=rate, coupling=push, velocity_coupling=velocity)
+    span, scale = dt * abs(rate) / dmp.duration, dmp.duration / abs(rate)
+
+    def system(s, e):
+        """Of the deviation from the undisturbed movement, which both have in common."""
+        return np.concatenate(
+            [e[2:] + scale * velocity, -ALPHA_Y * (ALPHA_Y / 4 * e[:2] + e[2:]) + scale**2 * push]
+        )
+
+    solved = solve_ivp(system, (0, span), np.zeros(4), rtol=1e-10, atol=1e-12)
+    there = dmp.at([stepped.progress * dmp.duration])
+    size = 1 + np.abs(solved.y).max()
+    assert np.abs(stepped.position - there.position[0] - solved.y[:2, -1]).max() < 1e-8 * size
+    own = np.sign(rate) * (stepped.slope - there.velocity[0] * dmp.duration)
+    assert np.abs(own - solved.y[2:, -1]).max() < 1e-7 * size
+
+
+def test_couplings_in_parts_are_couplings_at_once_and_end_with_their_step():
+    dmp, u = random_dmp(5), np.array([0.1, -0.3])
+    whole = dmp.step(dmp.initial_state(), 0.4 * dmp.duration, velocity_coupling=u, coupling=-u)
+    parts = dmp.initial_state()
+    for _ in range(100):
+        parts = dmp.step(parts, 0.004 * dmp.duration, velocity_coupling=u, coupling=-u)
+    assert np.abs(parts.position - whole.position).max() < 1e-11
+    assert np.abs(parts.slope - whole.slope).max() < 1e-9
+    assert np.abs(whole.position - dmp.at([0.4 * dmp.duration]).position[0]).max() > 0.01
+    later = dmp.step(whole, 4 * dmp.duration)
+    assert np.abs(later.position - dmp.goal).max() < 1e-11
+    paused = dmp.step(whole, 1.0, rate=0.0, velocity_coupling=u)
+    assert np.array_equal(paused.position, whole.position)
+    with pytest.raises(OptionError, match="velocity_coupling"):
+        dmp.step(whole, 0.1, velocity_coupling=[0.0, np.nan])

@@ -293,3 +293,64 @@ def test_a_level_body_that_was_tilted_takes_the_nearest_turn():
     pushed = dmp.pose(dmp.displaced(state, tilted))
     assert np.abs(pushed.rotation.apply(VERTICAL) - VERTICAL).max() < 1e-12
     assert angle_between(pushed.rotation, Rotation.from_rotvec([0, 0, 0.6])) < 0.01
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.sampled_from(ENDING))
+def test_end_velocities_are_met_as_twists(seed, variant):
+    """Velocity and angular velocity in the world's axes at both ends; the poses there stay."""
+    rng = np.random.default_rng(seed)
+    dmp = PoseDMP.fit(recording(seed % 50), variant=variant)
+    first, last = rng.uniform(-0.5, 0.5, (2, 6))
+    path = dmp.rollout(start_velocity=first, goal_velocity=last, duration=1.5, n_steps=11)
+    for k, twist, pose in ((0, first, dmp.start), (-1, last, dmp.goal)):
+        assert np.abs(path.velocity[k] - twist[:3]).max() < 1e-9
+        assert np.abs(path.angular_velocity[k] - twist[3:]).max() < 1e-8
+        assert np.abs(path.position[k] - pose.position).max() < 1e-10
+        assert angle_between(path.rotation[k], pose.rotation) < 1e-9
+
+
+def test_about_a_fixed_axis_the_twist_has_one_number_of_it():
+    dmp = PoseDMP.fit(recording(4, n_dims=2))
+    path = dmp.rollout(goal_velocity=[0.1, -0.2, 0.7])
+    assert np.abs(path.velocity[-1] - [0.1, -0.2]).max() < 1e-9
+    assert np.abs(path.angular_velocity[-1] - [0, 0, 0.7]).max() < 1e-9
+    for wrong in ([0.1, 0.2], [0.1, 0.2, 0, 0, 0.7], [0, 0, np.nan]):
+        with pytest.raises(OptionError, match="goal_velocity"):
+            dmp.towards(goal_velocity=wrong)
+        with pytest.raises(OptionError, match="coupling"):
+            dmp.step(dmp.initial_state(), 0.1, coupling=wrong)
+
+
+def test_a_recording_cut_off_in_motion_ends_with_its_twist():
+    shown = recording(5)
+    cut = Demonstration(shown.time[:200], shown.position[:200], orientation=shown.orientation[:200])
+    path = PoseDMP.fit(cut, n_basis=30, at_rest=False).at(cut.time)
+    ahead, behind = shown.rotation[200], shown.rotation[198]
+    dt = shown.time[1]
+    assert np.abs(path.velocity[-1] - (shown.position[200] - shown.position[198]) / (2 * dt)).max() < 5e-3
+    assert np.abs(path.angular_velocity[-1] - (ahead * behind.inv()).as_rotvec() / (2 * dt)).max() < 2e-2
+
+
+def test_a_body_at_rest_is_pushed_as_a_free_body_at_first():
+    """For a short while c t^2 / 2 and u t, in the world's axes, and later nothing is left of it."""
+    pose = Pose.of([0.2, -0.1, 0.3], Rotation.from_rotvec([0.5, -1.0, 0.3]))
+    still = Demonstration(np.linspace(0, 1, 50), np.tile(pose.position, (50, 1)),
+                          orientation=np.tile(pose.orientation, (50, 1)))  # fmt: skip
+    dmp, push = PoseDMP.fit(still), np.array([1.0, -2.0, 0.5, 0.3, 2.0, -1.0])
+    dt = 1e-4
+    pushed = dmp.pose(dmp.step(dmp.initial_state(), dt, coupling=push))
+    turned = (pushed.rotation * pose.rotation.inv()).as_rotvec()
+    assert np.abs(pushed.position - pose.position - push[:3] * dt**2 / 2).max() < 5e-3 * dt**2
+    assert np.abs(turned - push[3:] * dt**2 / 2).max() < 5e-3 * dt**2
+    led = dmp.pose(dmp.step(dmp.initial_state(), dt, velocity_coupling=push))
+    turned = (led.rotation * pose.rotation.inv()).as_rotvec()
+    assert np.abs(led.position - pose.position - push[:3] * dt).max() < 1e-5 * dt
+    assert np.abs(turned - push[3:] * dt).max() < 1e-5 * dt
+    state = dmp.step(dmp.initial_state(), 0.3, coupling=push, velocity_coupling=push)
+    assert angle_between(dmp.pose(state).rotation, pose.rotation) > 0.01
+    state = dmp.step(state, 5.0)
+    assert angle_between(dmp.pose(state).rotation, pose.rotation) < 1e-9
+    level = PoseDMP.fit(recording(6, n_dims=2))
+    state = level.step(level.initial_state(), 0.4, coupling=[0.0, 0.0, 3.0])
+    assert np.abs(state.aside.position[:2]).max() == 0.0 < state.aside.position[2]

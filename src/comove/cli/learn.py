@@ -27,6 +27,7 @@ def learn(
     phase: r.PhaseOption = None,
     period: r.Period = None,
     poses: r.Poses = False,
+    in_motion: r.InMotion = False,
     align: Annotated[
         str,
         typer.Option(
@@ -52,15 +53,19 @@ def learn(
     r.check_target(out)
     reading = r.reading_options(columns, clean, unit=unit, delimiter=delimiter, time=time, rate=rate)
     if len(demos) > 1 or is_several(demos[0]):
-        r.refuse_of_distributions(variant=variant, period=period, poses=poses)
+        r.refuse_of_distributions(variant=variant, period=period, in_motion=in_motion)
         chosen = {"manipulator": manipulator, "episode": episode, "topic": topic}
         given = reading | {key: value for key, value in chosen.items() if value is not None}
-        return _learn_distribution(demos, out, given, n_basis=n_basis, phase=phase, alignment=align)
+        return _learn_distribution(
+            demos, out, given, n_basis=n_basis, phase=phase, alignment=align, poses=poses
+        )
     demo = demos[0]
     recording = read_recording(demo, manipulator, episode, topic, **reading)
     if unit is None:
         require_metres(recording.demonstration, demo)
-    options = r.learning_options(phase, n_basis=n_basis, variant=variant, period=period, poses=poses)
+    options = r.learning_options(
+        phase, n_basis=n_basis, variant=variant, period=period, poses=poses, at_rest=not in_motion
+    )
     primitive = learn(recording.demonstration, name=r.name_of_file(out), source=recording.source, **options)
     write_primitive(out, primitive)
     print(learned_text(primitive))
@@ -76,6 +81,7 @@ def _learn_distribution(
     n_basis: int,
     phase: r.PhaseName | None,
     alignment: str,
+    poses: bool,
 ) -> int:
     from comove.cli.texts import learned_text
     from comove.primitives import learn_distribution, write_primitive
@@ -85,7 +91,7 @@ def _learn_distribution(
     for recording, source in zip(found, sources, strict=True) if "unit" not in reading else ():
         for one in recording.values() if isinstance(recording, dict) else [recording]:
             require_metres(one, source)
-    options = r.learning_options(phase, n_basis=n_basis, alignment=alignment)
+    options = r.learning_options(phase, n_basis=n_basis, alignment=alignment, poses=poses)
     primitive = learn_distribution(found, name=r.name_of_file(out), sources=sources, **options)
     write_primitive(out, primitive)
     print(learned_text(primitive))

@@ -41,6 +41,7 @@ def add(
     phase: r.PhaseOption = None,
     period: r.Period = None,
     poses: r.Poses = False,
+    in_motion: r.InMotion = False,
     manipulator: r.Manipulator = None,
     episode: r.Episode = None,
     topic: r.Topic = None,
@@ -59,7 +60,9 @@ def add(
 
     library, primitives = Library(folder), []
     library.require_room()
-    options = r.learning_options(phase, n_basis=n_basis, variant=variant, period=period, poses=poses)
+    options = r.learning_options(
+        phase, n_basis=n_basis, variant=variant, period=period, poses=poses, at_rest=not in_motion
+    )
     reading = r.reading_options(columns, clean, unit=unit, delimiter=delimiter, time=time, rate=rate)
     for demo in demos:
         if demo.endswith(".json"):

@@ -157,7 +157,7 @@ def from_library(
             raise KeyboardInterrupt
         return f"a combination of {', '.join(found.names)}", found.dmp
     best = best_movement(library, scene, plane=plane, budget=0.25 * budget).best
-    whole = library.get(best.name).dmp
+    whole = library.get(best.name).followed
     is_spread = isinstance(whole, ProMP) and whole.n_dims == scene.n_dims
     return best.name, whole if is_spread and isinstance(whole, ProMP) else best.dmp
 
@@ -172,7 +172,7 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     if is_several(named):
         return ProMP.fit(read_several([named])[0])
     if path.suffix == ".json":
-        return read_primitive(path).dmp
+        return read_primitive(path).followed
     return fitted(scene, read_recording(named).demonstration)
 
 

@@ -29,6 +29,12 @@ Period = Annotated[
     float | None, typer.Option(help="Period of a rhythmic movement [s]; found in the recording unless given.")
 ]
 Poses = Annotated[bool, typer.Option("--poses", help="Learn orientations as well.")]
+InMotion = Annotated[
+    bool,
+    typer.Option(
+        "--in-motion", help="End with the recording's velocity, such as a throw; at rest unless given."
+    ),
+]
 Manipulator = Annotated[str | None, typer.Option(help="Whose movement, where several were recorded.")]
 Episode = Annotated[str | None, typer.Option(help="Which recording of a file that holds several.")]
 Topic = Annotated[str | None, typer.Option(help="Which topic of a bag.")]
@@ -77,13 +83,13 @@ def learning_options(phase: PhaseName | None, **others: Any) -> dict[str, Any]:
     return {"phase": phases[phase], **others}
 
 
-def refuse_of_distributions(*, variant: str, period: float | None, poses: bool) -> None:
+def refuse_of_distributions(*, variant: str, period: float | None, in_motion: bool) -> None:
     """Raise if an option was given that distributions of movements do not have."""
-    given = {"--variant": variant != "closed-form", "--period": period is not None, "--poses": poses}
+    given = {"--variant": variant != "closed-form", "--period": period is not None, "--in-motion": in_motion}
     for key, is_given in given.items():
         if is_given:
             raise OptionError(
-                "several recordings make a distribution of positions, in the closed form",
+                "several recordings make a distribution, in the closed form and with the velocities of its ends",
                 key=key,
                 way_out="leave it out, or give one recording",
             )

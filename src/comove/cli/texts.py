@@ -194,12 +194,14 @@ def learned_text(primitive: Primitive) -> str:
 
     dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit
     what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"
-    what += " and orientation" if primitive.kind == "pose" else ""
-    what = f"distribution, {what}" if primitive.kind == "distribution" else what
+    what += " and orientation" if primitive.kind in ("pose", "poses", "cooperative") else ""
+    kind = "distribution" if primitive.kind == "poses" else primitive.kind
+    what = what if kind in ("position", "pose") else f"{kind}, {what}"
     lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
-    if isinstance(primitive.dmp, ProMP):
+    spreading = primitive.followed
+    if isinstance(spreading, ProMP):
         shares = [i / N_SPREAD for i in range(N_SPREAD + 1)]
-        spread = primitive.dmp.std_at([share * dmp.duration for share in shares]).max(axis=1)
+        spread = spreading.std_at([share * dmp.duration for share in shares]).max(axis=1)
         lines.append(
             f"  spread         {spread.min():.3g} to {spread.max():.3g} {unit} (standard deviation, over the course)"
         )

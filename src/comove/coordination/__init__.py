@@ -1,7 +1,16 @@
 """Coordinates that hold the constraints, and movements of several manipulators in them."""
 
 from comove.coordination.adaptation import modulate
-from comove.coordination.constraints import (
+from comove.coordination.coordinates import (
+    Coordinates,
+    arms_coordinates,
+    load_coordinates,
+    projected_coordinates,
+)
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, rollouts
+from comove.errors import ConstraintError
+from comove.primitives.cooperative import CooperativeDMP, CooperativeState
+from comove.primitives.projection import (
     Constraint,
     HandDistance,
     Poses,
@@ -11,15 +20,6 @@ from comove.coordination.constraints import (
     Upright,
     project,
 )
-from comove.coordination.cooperative import CooperativeDMP, CooperativeState
-from comove.coordination.coordinates import (
-    Coordinates,
-    arms_coordinates,
-    load_coordinates,
-    projected_coordinates,
-)
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, rollouts
-from comove.errors import ConstraintError
 
 __all__ = [
     "Constraint",

@@ -48,6 +48,8 @@ class AugmentedLagrangian:
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
     adaptation : share of the logarithmic way to their target that the penalties go in a generation
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint;
+        disconnected feasible sets, seen from afar, have no slope
     """
 
     penalty: float = 0.5
@@ -56,6 +58,7 @@ class AugmentedLagrangian:
     integral: float = 0.1
     adaptation: float = 0.1
     repairs: int = 8
+    trust: float = 1.0
 
     def start(self, start: Start) -> AugmentedLagrangianRun:
         """Return a new run of the method."""
@@ -76,7 +79,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         self._memory = 5 + 3 * n // population
         self._curvatures: list[float] = []
         self._least_curvature = np.inf
-        self._sample()
+        self._next()
 
     # --- Samples ---
 
@@ -88,8 +91,7 @@ class AugmentedLagrangianRun(OptimiserRun):
     @np.errstate(over="ignore", invalid="ignore")  # what overflows is found by `_sound`
     def _samples_told(self, objective: Array, constraints: Array) -> None:
         self._model.add(self._inside, np.column_stack([constraints, objective]))
-        if len(self._model) < 3:
-            self.reason = Reason.NOT_FINITE
+        if not self._teaches(len(self._model) >= 3):
             return
         local = self._model.around_mean(self._es)
         if np.isfinite(local.slope).all():
@@ -110,18 +112,20 @@ class AugmentedLagrangianRun(OptimiserRun):
             start.equality, np.sign(self._multipliers) * start.tolerance * (1 - INSIDE), 0.0
         )  # an optimum uses the tolerance of an equality
         length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
-        self._length = np.where(length > UNKNOWN, length, np.inf)
+        rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
+        self._length = np.where((length > UNKNOWN) & (length > settings.trust * rough), length, np.inf)
+        scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
+        scale = np.where(scale > UNKNOWN, scale, np.inf)
         rows = local.slope[:-1] / self._length[:, None]
-        missed = (local.value[:-1] - self._shift) / self._length
+        value = local.value[:-1] - self._shift
+        missed = value / self._length
         m = len(missed)
         self._rows, self._missed, self._free = self._with_bounds(rows, missed)
         if not self._curvatures:
             self._remember_curvature(local, np.zeros(m), gradient)
             self._penalties = (
                 np.full(m, TINY)
-                + self._penalty
-                * self._curvature
-                / np.where(np.isfinite(self._length), self._length, 1e150) ** 2
+                + self._penalty * self._curvature / np.where(np.isfinite(scale), scale, 1e150) ** 2
             )
         curvature = self._curvature
         forces = curvature * nearest_feasible(
@@ -134,10 +138,12 @@ class AugmentedLagrangianRun(OptimiserRun):
         known = np.where(np.isfinite(self._length), self._length, 0.0)
         surprise = np.abs(wanted - self._multipliers) * known / (10 * self._curvature)
         self._multipliers += np.clip(surprise, settings.learning, 1.0) * (wanted - self._multipliers)
-        self._multipliers += settings.integral * self._penalties * missed * known
+        self._multipliers += settings.integral * self._penalties * np.where(np.isfinite(scale), value, 0.0)
         self._multipliers = np.where(start.equality, self._multipliers, np.maximum(self._multipliers, 0.0))
-        away = np.where(start.equality, np.abs(missed), np.maximum(missed, 0.0))
-        target = self._penalty * self._curvature * (1 + away**2) / np.where(known > 0, known, 1.0) ** 2
+        away = np.where(start.equality, np.abs(value), np.maximum(value, 0.0)) / scale
+        target = (
+            self._penalty * self._curvature * (1 + away**2) / np.where(np.isfinite(scale), scale, 1.0) ** 2
+        )
         self._penalties *= (target / self._penalties + TINY) ** settings.adaptation
 
     def _with_bounds(self, rows: Array, missed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -243,4 +249,4 @@ class AugmentedLagrangianRun(OptimiserRun):
         if es.generation > 30:
             self._least_curvature = min(self._least_curvature, self._curvature)
         if self.reason is None:
-            self._sample()
+            self._next()

@@ -143,7 +143,7 @@ class CCMAES:
         follows
     """
 
-    form: Callable[[int], ReducibleCovariance] = MatrixForm
+    form: Callable[..., ReducibleCovariance] = MatrixForm
     reduction: Reduction = Reduction()
     passes: int = 100
     stalls: int = 10
@@ -167,25 +167,29 @@ class CCMAESRun(OptimiserRun):
     def __init__(self, settings: CCMAES, start: Start) -> None:
         n = len(start.x)
         parameters = Parameters.default(n, start.population)
-        super().__init__(start, parameters, settings.form(n), settings.patience)
-        self.settings = settings
+        self.settings, self._start = settings, start
+        super().__init__(start, parameters, self._first_form(), settings.patience)
         self.bands: Array | None = None
         self.boundaries: Array | None = None
         # Of every constraint and, where there are bounds, of every variable's.
         self._records = np.zeros((len(start.equality) + n * start.bounded, n))
         self._stalled = 0
-        self._sample()
+        self._next()
 
     @property
     def _form(self) -> ReducibleCovariance:
         return cast(ReducibleCovariance, self._es.covariance)
 
+    def _first_form(self) -> ReducibleCovariance:
+        """Return the distribution's shape at the beginning."""
+        n, first = len(self._start.x), self._start.covariance
+        return self.settings.form(n) if first is None else self.settings.form(n, first)
+
     # --- Samples ---
 
     def _sample(self) -> None:
-        self._es.ask()
+        self._x = self._es.ask()
         self._before = copy.deepcopy((self._form, self._records))
-        self._x = self._es.mean + self._es.sigma * self._es.y
         self._values = np.full((len(self._x), len(self._start.equality)), np.nan)
         self._open = np.arange(len(self._x))
         self._pass = 0
@@ -237,7 +241,7 @@ class CCMAESRun(OptimiserRun):
         assert self.bands is not None
         self.bands = self.bands / self.settings.shrinkage**2
         self._es.tell(self._violation)
-        self._sample()
+        self._next()
 
     def _resample(self) -> None:
         """Draw the infeasible samples again, from the shortened distribution."""
@@ -308,7 +312,7 @@ class CCMAESRun(OptimiserRun):
         self._shrink(order[: es.parameters.mu])
         self._end_generation(values)
         if self.reason is None:
-            self._sample()
+            self._next()
 
     def _shrink(self, best: NDArray[np.intp]) -> None:
         """Move boundaries to zero with the best samples, and bands to the tolerance while samples lie inside."""
@@ -330,6 +334,6 @@ class CCMAESRun(OptimiserRun):
     def _begin_anew(self) -> None:
         """Begin at the present mean with an isotropic distribution and empty records."""
         start, es = self._start, self._es
-        form = self.settings.form(len(start.x))
+        form = self._first_form()
         self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=form)
         self._records = np.zeros_like(self._records)

@@ -130,6 +130,9 @@ class Covariance(Protocol):
     def axis_ratio(self) -> float:
         """Return the ratio of the longest to the shortest principal axis."""
 
+    def as_matrix(self) -> Array:
+        """Return the covariance of the steps; array, shape (n, n)."""
+
 
 class Path:
     """The evolution paths of one generation.
@@ -149,12 +152,19 @@ class FullCovariance:
     """A covariance matrix that is decomposed only as often as it changes noticeably.
 
     Algorithm 1 of the paper, line 11. A is the symmetric root of the covariance.
+
+    Parameters
+    ----------
+    n : dimension of the search space
+    matrix : the first covariance, array, shape (n, n); the identity by default
     """
 
-    def __init__(self, n: int) -> None:
-        self.matrix = np.eye(n)
+    def __init__(self, n: int, matrix: Array | None = None) -> None:
+        self.matrix = np.eye(n) if matrix is None else matrix.copy()
         self.root, self.inverse_root, self.axes = np.eye(n), np.eye(n), np.ones(n)
         self._age = 0
+        if matrix is not None:
+            self._decompose()
 
     def scaled(self, z: Array) -> Array:
         return z @ self.root
@@ -191,12 +201,21 @@ class FullCovariance:
     def axis_ratio(self) -> float:
         return float(self.axes.max() / self.axes.min())
 
+    def as_matrix(self) -> Array:
+        return self.matrix
+
 
 class DiagonalCovariance:
-    """A covariance that has variances along the axes only (Ros and Hansen, 2008): for large or well-scaled spaces."""
+    """A covariance that has variances along the axes only (Ros and Hansen, 2008): for large or well-scaled spaces.
 
-    def __init__(self, n: int) -> None:
-        self.variances = np.ones(n)
+    Parameters
+    ----------
+    n : dimension of the search space
+    matrix : the first covariance, array, shape (n, n), of which the variances count; the identity by default
+    """
+
+    def __init__(self, n: int, matrix: Array | None = None) -> None:
+        self.variances = np.ones(n) if matrix is None else np.diag(matrix).copy()
 
     def scaled(self, z: Array) -> Array:
         return z * np.sqrt(self.variances)
@@ -218,12 +237,21 @@ class DiagonalCovariance:
     def axis_ratio(self) -> float:
         return float(np.sqrt(self.variances.max() / self.variances.min()))
 
+    def as_matrix(self) -> Array:
+        return np.diag(self.variances)
+
 
 class TransformationMatrix:
-    """A covariance whose factor A itself is learned, without any decomposition (MA-ES; Beyer and Sendhoff, 2017)."""
+    """A covariance whose factor A itself is learned, without any decomposition (MA-ES; Beyer and Sendhoff, 2017).
 
-    def __init__(self, n: int) -> None:
-        self.matrix = np.eye(n)
+    Parameters
+    ----------
+    n : dimension of the search space
+    matrix : the first covariance, array, shape (n, n), of which A is the Cholesky factor; the identity by default
+    """
+
+    def __init__(self, n: int, matrix: Array | None = None) -> None:
+        self.matrix = np.eye(n) if matrix is None else np.linalg.cholesky(matrix)
 
     def scaled(self, z: Array) -> Array:
         return z @ self.matrix.T
@@ -243,6 +271,9 @@ class TransformationMatrix:
 
     def axis_ratio(self) -> float:
         return float(np.linalg.cond(self.matrix))
+
+    def as_matrix(self) -> Array:
+        return self.matrix @ self.matrix.T
 
 
 class CMAES:
@@ -287,12 +318,23 @@ class CMAES:
         self.generation = 0
         self.rng = rng
         self.z = self.y = np.zeros((0, n))
+        self._guests = np.zeros((0, n))
 
     def ask(self) -> Array:
-        """Draw the samples of a generation (line 4); array, shape (population, n)."""
-        self.z = self.rng.standard_normal((self.parameters.population, len(self.mean)))
+        """Draw the samples of a generation (line 4); array, shape (population, n). The first are guests, if any."""
+        population = self.parameters.population
+        self.z = self.rng.standard_normal((population, len(self.mean)))
         self.y = self.covariance.scaled(self.z)
-        return self.mean + self.sigma * self.y
+        x = self.mean + self.sigma * self.y
+        guests, self._guests = self._guests[:population], self._guests[population:]
+        for i, guest in enumerate(guests):
+            self.inject(i, guest)
+            x[i] = guest
+        return x
+
+    def invite(self, points: Array) -> None:
+        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        self._guests = np.concatenate([self._guests, points])
 
     def whitened(self, x: Array) -> Array:
         """Return points in units z of the distribution, (x - mean) = sigma A z; arrays, shape (n_points, n)."""

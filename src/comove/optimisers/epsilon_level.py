@@ -55,7 +55,7 @@ class EpsilonLevelRun(OptimiserRun):
         self.settings = settings
         self._model = LinearModel(n, m, capacity=max(3 * n + 2, self._es.parameters.population))
         self.epsilon = np.inf
-        self._sample()
+        self._next()
 
     def _sample(self) -> None:
         self._x = self._start.inside(self._es.ask())
@@ -64,10 +64,10 @@ class EpsilonLevelRun(OptimiserRun):
         self._wait(Request(self._x, constraints=True), self._constraints_told)
 
     def _constraints_told(self, _: Array | None, constraints: Array) -> None:
-        self._model.add(self._request.x, constraints)
+        self._model.add(self.ask().x, constraints)
         better = self._repeat == 0 or self._total(constraints) < self._total(self._values[self._open])
         accepted = np.flatnonzero(np.broadcast_to(better, len(self._open)))
-        self._x[self._open[accepted]] = self._request.x[accepted]
+        self._x[self._open[accepted]] = self.ask().x[accepted]
         self._values[self._open[accepted]] = constraints[accepted]
         if self._repeat == 0:
             self._slope = self._jacobian()
@@ -114,7 +114,7 @@ class EpsilonLevelRun(OptimiserRun):
         self.epsilon = self._first * left**3 if left > 0 else 0.0
         self._end_generation(np.where(allowed, objective, np.inf))
         if self.reason is None:
-            self._sample()
+            self._next()
 
 
 def corrections(slope: Array, missed: Array) -> Array:

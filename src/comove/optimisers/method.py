@@ -14,6 +14,8 @@ from comove.optimisers.cmaes import CMAES, Covariance, FullCovariance, Parameter
 
 Array = NDArray[np.float64]
 
+VALUELESS = 10  # generations in a row without any value, after which a run ends
+
 
 class Reason(Enum):
     """Reason for the end of a run or of the whole search; the value describes it and gives advice."""
@@ -64,6 +66,7 @@ class Start:
     lower, upper : bounds of x, infinite where there are none; arrays, shape (n,)
     population : samples per generation, None for the method's own
     failures : number of earlier runs that diverged
+    covariance : first covariance in units of sigma^2; array, shape (n, n), None for the identity
     """
 
     x: Array
@@ -75,6 +78,7 @@ class Start:
     upper: Array
     population: int | None = None
     failures: int = 0
+    covariance: Array | None = None
 
     @property
     def bounded(self) -> bool:
@@ -94,12 +98,19 @@ class Start:
 class AskAndTell:
     """A process that waits with a request until it is told the values; may be copied and pickled at any time."""
 
-    _request: Request
+    _request: Request | None = None
     _then: Callable[[Any, Any], None]  # each takes what its request asked for
 
     def ask(self) -> Request:
         """Return the next request for evaluations; repeated calls return the same request."""
+        if self._request is None:
+            self._sample()
+        assert self._request is not None
         return self._request
+
+    def _sample(self) -> None:
+        """Begin with the next samples, by a request for their values."""
+        raise NotImplementedError
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
         """Receive the values at the points of the last request; arrays, shapes (n_points,) and (n_points, m)."""
@@ -108,6 +119,10 @@ class AskAndTell:
     def _wait(self, request: Request, then: Callable[[Any, Any], None]) -> None:
         """Wait for the values of `request`, and call `then` with them."""
         self._request, self._then = request, then
+
+    def _next(self) -> None:
+        """Draw the next samples as soon as somebody asks."""
+        self._request = None
 
 
 class OptimiserRun(AskAndTell):
@@ -132,7 +147,9 @@ class OptimiserRun(AskAndTell):
         self.reason: Reason | None = None
         self._start = start
         parameters = parameters or Parameters.default(n, start.population, active=True)
+        covariance = FullCovariance(n, start.covariance) if covariance is None else covariance
         self._es = CMAES(start.x, start.sigma, start.rng, parameters=parameters, covariance=covariance)
+        self._valueless = 0
         # The window grows with the number of variables per sample.
         self._patience = Patience(start.sigma, int(patience * (100 + 50 * n / parameters.population)))
 
@@ -141,6 +158,24 @@ class OptimiserRun(AskAndTell):
         """Return the covariance of a run that was started with none of its own."""
         assert isinstance(self._es.covariance, FullCovariance)
         return self._es.covariance
+
+    @property
+    def distribution(self) -> tuple[Array, float, Array]:
+        """Return mean, step size and covariance of the samples; shapes (n,), (), (n, n)."""
+        return self._es.mean, self._es.sigma, self._es.covariance.as_matrix()
+
+    def invite(self, points: Array) -> None:
+        """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
+        self._es.invite(points)
+
+    def _teaches(self, known: bool) -> bool:
+        """Return whether a generation has values to learn from; otherwise draw it again, some times in a row."""
+        self._valueless = 0 if known else self._valueless + 1
+        if self._valueless >= VALUELESS:
+            self.reason = Reason.NOT_FINITE
+        elif not known:
+            self._next()
+        return known
 
     def _end_generation(self, values: Array) -> None:
         """Set the reason to end, if there is one after a generation with these values, array (population,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,13 +12,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
 from comove.optimisers.cmaes import check_start, default_population
 from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
 from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
 from comove.optimisers.restoration import Restoration
-from comove.optimisers.simple import Plain
+from comove.optimisers.simple import Plain, ProjectionRepair
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,8 @@ def minimise(
     method: ConstrainedMethod | None = None,
     restarts: Restarts | None = None,
     population: int | None = None,
+    covariance: object = None,
+    injected: object = None,
     seed: int = 0,
     target: float = -np.inf,
     max_evaluations: int | None = None,
@@ -85,8 +88,10 @@ def minimise(
         Objective: array, shape (n_points, n) -> array, shape (n_points,). NaN counts as infeasible.
     constraints
         h: array, shape (n_points, n) -> array, shape (n_points, m); h <= 0 is feasible, NaN is not.
-    x0, sigma0, equality, tolerance, bounds, method, restarts, population, seed
+    x0, sigma0, equality, tolerance, bounds, method, restarts, population, covariance, seed
         As in `Minimiser`.
+    injected
+        Points that take part in the first generations, such as guesses; array, shape (n_points, n).
     target
         Objective value at which the search ends, as soon as a feasible point is at least as good.
     max_evaluations
@@ -142,8 +147,11 @@ def minimise(
         method=method,
         restarts=restarts,
         population=population,
+        covariance=covariance,
         seed=seed,
     )
+    if injected is not None:
+        search.inject(injected)
     search.n_constraint += n_constraints > 0
     while True:
         if search.reason is not None:
@@ -191,13 +199,16 @@ class Minimiser:
     tolerance : float
         Largest absolute value of an equality that counts as met.
     bounds : pair of arrays, each of shape (n,) or a number
-        Lowest and highest x; no point outside is ever requested.
+        Lowest and highest x; no point outside is ever requested. A variable whose bounds are equal is fixed: the
+        search knows nothing of it.
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
         Rule of restarts; by default `BIPOP`.
     population : int
         Samples per generation of the first run; by default the method's own number.
+    covariance : array, shape (n, n), or (n,) for variances along the axes
+        First covariance of every run in units of sigma0^2; the identity by default.
     seed : int
         Seed of all random numbers.
 
@@ -205,6 +216,11 @@ class Minimiser:
     ------
     OptionError
         If an argument is out of range or shapes do not match.
+
+    Warns
+    -----
+    ComoveWarning
+        If x0 lies outside the bounds; the search begins at the nearest point inside.
     """
 
     def __init__(
@@ -219,11 +235,15 @@ class Minimiser:
         method: ConstrainedMethod | None = None,
         restarts: Restarts | None = None,
         population: int | None = None,
+        covariance: object = None,
         seed: int = 0,
     ):
         self._x0, self._sigma0 = check_start(x0, sigma0)
         n = len(self._x0)
         self._lower, self._upper = _checked_bounds(bounds, n)
+        self._free = _free(self._lower, self._upper, method)
+        self._covariance, self._shaped = _checked_covariance(covariance, n), covariance is not None
+        _tell_outside(self._x0, self._lower, self._upper)
         _check_whole("n_constraints", n_constraints, 0)
         self._equality = _checked_mask(equality, n_constraints)
         if not 0 <= tolerance < np.inf:
@@ -247,11 +267,94 @@ class Minimiser:
         self._finite_objective = self._finite_constraints = False
         self._ended: list[Ended] = []
         self._failures = 0
+        self._asked = False
+        self._guests = np.zeros((0, n))
+        self._begun: Start
         self._begin(Setting(population), np.clip(self._x0, self._lower, self._upper))
 
     def ask(self) -> Request:
-        """Return the next request for evaluations."""
-        return (self._restoration or self._run).ask()
+        """Return the next request for evaluations; repeated calls return the same request."""
+        self._asked = True
+        request = (self._restoration or self._run).ask()
+        return request if self._free.all() else replace(request, x=self._whole(request.x))
+
+    def inject(self, points: object) -> None:
+        """Let points take the place of samples in the next generation, or as many generations as they fill.
+
+        They are evaluated as they are; the distribution learns from them as if they were no farther away than samples
+        usually are (Hansen, 2011).
+
+        Parameters
+        ----------
+        points : array, shape (n_points, n), or (n,) for one
+
+        Raises
+        ------
+        OptionError
+            If they have another shape, are not finite, or lie outside the bounds.
+        """
+        guests = _numbers(points)
+        guests = guests[None] if guests.ndim == 1 else guests
+        if guests.ndim != 2 or guests.shape[1] != len(self._x0) or not np.isfinite(guests).all():
+            raise OptionError(
+                f"points of shape {guests.shape} cannot be injected",
+                way_out=f"give finite numbers, (n_points, {len(self._x0)})",
+            )
+        outside = np.flatnonzero(((guests < self._lower) | (guests > self._upper)).any(axis=1))
+        if outside.size:
+            raise OptionError(
+                f"the injected point {outside[0]} lies outside the bounds", way_out="move it inside"
+            )
+        self._guests = np.concatenate([self._guests, guests])
+        if self._restoration is None:
+            self._invite()
+
+    def change_bounds(self, bounds: tuple[object, object] | None) -> None:
+        """Go on within other bounds: with the samples' distribution as it is, its mean moved inside.
+
+        The best point so far is forgotten if it lies outside. Variables may become fixed, or free again.
+
+        Raises
+        ------
+        OptionError
+            If a request waits for its values, or the bounds are none.
+        """
+        if self._asked:
+            raise OptionError("the last request still waits for its values", way_out="tell them first")
+        lower, upper = _checked_bounds(bounds, len(self._x0))
+        free = _free(lower, upper, self._method)
+        mean, covariance = self._whole((self._restoration or self._begun).x[None])[0], self._covariance.copy()
+        sigma = self._begun.sigma
+        if self._restoration is None:
+            inner, sigma, learned = self._run.distribution
+            mean = self._whole(inner[None])[0]
+            covariance[np.ix_(self._free, self._free)] = learned
+        self._lower, self._upper, self._free = lower, upper, free
+        if not ((self._best_x >= lower) & (self._best_x <= upper)).all():
+            self._best_x, self._best_fun = np.clip(self._best_x, lower, upper), np.nan
+            self._least_violation = np.inf
+        self._guests = np.clip(self._guests, lower, upper)
+        x = np.clip(mean, lower, upper)
+        self._begun = replace(
+            self._begun,
+            x=x[free],
+            sigma=sigma,
+            lower=lower[free],
+            upper=upper[free],
+            covariance=covariance[np.ix_(free, free)],
+        )
+        self._start_run(x[free])
+
+    def _whole(self, x: Array) -> Array:
+        """Return points with the fixed variables at their values; arrays, (n_points, n_free) -> (n_points, n)."""
+        whole = np.repeat(self._lower[None], len(x), axis=0)
+        whole[:, self._free] = x
+        return whole
+
+    def _invite(self) -> None:
+        if len(self._guests):
+            self._run.invite(self._guests[:, self._free])
+            self._guests = self._guests[:0]
 
     def tell(self, objective: Array | None = None, constraints: Array | None = None) -> None:
         """Receive the values at the points of the last request.
@@ -266,11 +369,17 @@ class Minimiser:
         Raises
         ------
         OptionError
-            If requested values are missing or have another shape.
+            If requested values are missing or have another shape, or nothing was requested since the last ones.
         """
-        request, n_points, m = self.ask(), len(self.ask().x), len(self._equality)
+        if not self._asked:
+            raise OptionError(
+                "values were told that nobody asked for", way_out="ask() first, and tell() once"
+            )
+        request, m = self.ask(), len(self._equality)
+        n_points = len(request.x)
         f = _checked_values(objective, (n_points,), "objective") if request.objective else None
         h = _checked_values(constraints, (n_points, m), "constraints") if request.constraints else None
+        self._asked = False
         self.n_objective += n_points * request.objective
         self.n_constraint += n_points * (request.constraints and m > 0)
         self._remember(request, f, h)
@@ -303,24 +412,26 @@ class Minimiser:
         self._setting, self._cost = setting, max(self.n_objective, self.n_constraint)
         self._restoration: Restoration | None = None
         self._begun = Start(
-            x=x,
+            x=x[self._free],
             sigma=self._sigma0 * setting.sigma,
             rng=np.random.default_rng([self._seed, 1, len(self._ended)]),
             equality=self._equality,
             tolerance=self._tolerance,
-            lower=self._lower,
-            upper=self._upper,
+            lower=self._lower[self._free],
+            upper=self._upper[self._free],
             population=setting.population,
             failures=self._failures,
+            covariance=self._covariance[np.ix_(self._free, self._free)] if self._shaped else None,
         )
         if len(self._equality):
             self._restoration = Restoration(self._begun)
         else:
-            self._start_run(x)
+            self._start_run(self._begun.x)
 
     def _start_run(self, x: Array) -> None:
         self._restoration = None
         self._run: OptimiserRun = self._method.start(replace(self._begun, x=x))
+        self._invite()
 
     def check_finite(self) -> None:
         """Raise `OptionError` if values were told and none of them was ever finite."""
@@ -341,7 +452,7 @@ class Minimiser:
         """Restart from another point, or end the search."""
         self.check_finite()
         self._failures += reason is Reason.DIVERGED
-        population = self._setting.population or default_population(len(self._x0))
+        population = self._setting.population or default_population(int(self._free.sum()))
         cost = max(self.n_objective, self.n_constraint) - self._cost
         self._ended.append(Ended(self._setting, population, cost))
         following = self._restarts.following(self._ended, self._choices)
@@ -354,9 +465,13 @@ class Minimiser:
             x = np.where(
                 np.isfinite(self._lower) & np.isfinite(self._upper),
                 self._lower + uniform * (self._upper - self._lower),
-                self._x0 + SPREAD * self._sigma0 * normal,
+                self._x0 + SPREAD * self._sigma0 * self._drawn(normal),
             )
         self._begin(following, np.clip(x, self._lower, self._upper))
+
+    def _drawn(self, normal: Array) -> Array:
+        """Return a step of the first covariance from standard normal numbers; arrays, shape (n,)."""
+        return np.linalg.cholesky(self._covariance) @ normal if self._shaped else normal
 
     def _remember(self, request: Request, objective: Array | None, constraints: Array | None) -> None:
         """Keep the best point: feasible before infeasible, then the lower objective or violation."""
@@ -420,13 +535,60 @@ def _checked_bounds(bounds: tuple[object, object] | None, n: int) -> tuple[Array
         lower, upper = (np.broadcast_to(bound, (n,)).copy() for bound in ends)
     except (TypeError, ValueError):
         lower, upper = np.full(n, np.nan), np.full(n, np.nan)
-    if not (lower < upper).all():
+    if not ((lower <= upper) & (lower < np.inf) & (upper > -np.inf)).all():
         raise OptionError(
-            "bounds must be a lower and a higher end for every variable",
+            "bounds must be a lower and a higher end for every variable, or the same twice to fix it",
             key="bounds",
             way_out=f"give a pair of numbers, or of arrays of shape ({n},), -inf or inf where there is no bound",
         )
     return lower, upper
+
+
+def _free(lower: Array, upper: Array, method: object) -> NDArray[np.bool_]:
+    """Return which variables are not fixed by equal bounds; array of bool, shape (n,)."""
+    free = lower < upper
+    if not free.any():
+        raise OptionError("every variable is fixed", key="bounds", way_out="leave one of them free")
+    if isinstance(method, ProjectionRepair) and not free.all():
+        raise OptionError(
+            "a projection would move fixed variables", key="bounds", way_out="leave them out of the problem"
+        )
+    return free
+
+
+def _tell_outside(x0: Array, lower: Array, upper: Array) -> None:
+    """Warn if the first mean lies outside the bounds; names the worst variable."""
+    away = np.maximum(lower - x0, x0 - upper)
+    i = int(np.argmax(away))
+    if away[i] > 0 and lower[i] < upper[i]:
+        warnings.warn(
+            f"x0[{i}] = {x0[i]:g} lies outside its bounds, {lower[i]:g} to {upper[i]:g}: the search begins at the "
+            "nearest point inside",
+            ComoveWarning,
+            stacklevel=3,
+        )
+
+
+def _checked_covariance(covariance: object, n: int) -> Array:
+    """Return the first covariance as a symmetric, positive definite array, shape (n, n)."""
+    matrix = np.eye(n) if covariance is None else _numbers(covariance)
+    matrix = np.diag(matrix) if matrix.shape == (n,) else matrix
+    good = matrix.shape == (n, n) and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9)
+    if not good or not np.linalg.eigvalsh(matrix)[0] > 0:
+        raise OptionError(
+            f"a covariance of shape {matrix.shape} that is none",
+            key="covariance",
+            way_out=f"give {n} positive variances, or a symmetric positive definite matrix ({n}, {n})",
+        )
+    return 0.5 * (matrix + matrix.T)
+
+
+def _numbers(values: object) -> Array:
+    """Convert values to a new array of floats; return a zero-dimensional NaN if that is impossible."""
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
 
 
 def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:

@@ -80,5 +80,5 @@ class Restoration(AskAndTell):
         if best == 0:
             self._end()
             return
-        self.x = self._request.x[best - 1]
+        self.x = self.ask().x[best - 1]
         self._here_told(None, constraints[best - 1 : best])

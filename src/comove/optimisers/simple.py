@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.optimisers.cmaes import DiagonalCovariance, Parameters
-from comove.optimisers.method import OptimiserRun, Reason, Request, Start, spread
+from comove.optimisers.method import OptimiserRun, Request, Start, spread
 
 Array = NDArray[np.float64]
 
@@ -125,18 +125,18 @@ class PlainRun(OptimiserRun):
         super().__init__(
             start,
             Parameters.default(n, start.population, active=active, separable=separable),
-            DiagonalCovariance(n) if separable else None,
+            DiagonalCovariance(n, start.covariance) if separable else None,
         )
         self._project, self._weight = project, weight
         self._spread = 1.0
-        self._sample()
+        self._next()
 
     def _sample(self) -> None:
         self._sampled = self._es.ask()
         points = self._sampled if self._project is None else self._project(self._sampled)
         has_constraints = len(self._start.equality) > 0
-        request = Request(self._start.inside(points), objective=True, constraints=has_constraints)
-        self._wait(request, self._values_told)
+        self._inside = self._start.inside(points)
+        self._wait(Request(self._inside, objective=True, constraints=has_constraints), self._values_told)
 
     def _values_told(self, objective: Array, constraints: Array | None) -> None:
         es, start = self._es, self._start
@@ -147,13 +147,12 @@ class PlainRun(OptimiserRun):
                 values = values + self._weight * (violation**2).sum(axis=1)
             values = np.where(np.isfinite(violation).all(axis=1), values, np.inf)
         finite = np.isfinite(values)
-        if es.generation == 0 and not finite.any():
-            self.reason = Reason.NOT_FINITE
+        if not self._teaches(bool(finite.any())):
             return
         if finite.sum() > 1:
             self._spread = spread(values[finite])
-        moved = (self._sampled - self._request.x) / es.standard_deviations()
+        moved = (self._sampled - self._inside) / es.standard_deviations()
         es.tell(values + self._spread * (moved**2).sum(axis=1) / len(start.x))
         self._end_generation(values)
         if self.reason is None:
-            self._sample()
+            self._next()

@@ -150,6 +150,6 @@ def _named(movements: Movements) -> Iterator[tuple[str, DMP]]:
         movements = [Primitive(name, dmp) for name, dmp in movements.items()]
     for i, movement in enumerate(movements):
         name = movement.name if isinstance(movement, Primitive) else str(i)
-        dmp = movement.dmp if isinstance(movement, Primitive) else movement
+        dmp = movement.followed if isinstance(movement, Primitive) else movement
         dmp = dmp.mean if isinstance(dmp, ProMP) else dmp
         yield name, dmp.translation if isinstance(dmp, PoseDMP) else dmp

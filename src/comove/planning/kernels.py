@@ -101,7 +101,7 @@ def _search_by_forest(search: Search) -> None:
 def _stand_in(kind: SceneKind) -> Search:
     """Return the search for a motion in a small scene of a kind."""
     scene = _scene(kind)
-    way = np.linspace(0.0, 1.0, 21)
+    way = np.linspace(0.0, 1.0, 41)
     dmp = DMP.fit(Demonstration(way, np.outer(minimum_jerk(way), np.ones(kind.n_dims))))
     return Search(
         objective=Objective(scene, load_coordinates(scene), PaperCost()),

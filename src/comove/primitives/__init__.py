@@ -14,9 +14,11 @@ from comove.primitives.files import (
     write_primitive,
 )
 from comove.primitives.library import Library, Match, shape_distance
-from comove.primitives.limits import ViaPoint, constrained, largest, slowed
+from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
+from comove.primitives.pacing import PacedDMP, slowed
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
 from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import Variant
@@ -31,9 +33,11 @@ __all__ = [
     "LinearPhase",
     "Match",
     "MotionBasis",
+    "PacedDMP",
     "Phase",
     "Pose",
     "PoseDMP",
+    "PoseProMP",
     "PoseState",
     "Primitive",
     "ProMP",

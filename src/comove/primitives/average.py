@@ -34,6 +34,11 @@ class AveragedDMP:
     mean: DMP
     members: tuple[DMP, ...]
 
+    @property
+    def duration(self) -> float:
+        """Return the duration of the mean movement [s]."""
+        return self.mean.duration
+
     def spread(self, n_steps: int = 201) -> Array:
         """Return the standard deviation of the members about the mean at even phases.
 
@@ -60,6 +65,7 @@ def average(
     n_basis: int = 20,
     variant: Variant | str = Variant.CLOSED_FORM,
     phase: Phase | None = None,
+    at_rest: bool = True,
 ) -> AveragedDMP:
     """Fit several demonstrations and average them.
 
@@ -67,7 +73,7 @@ def average(
     ----------
     demonstrations
         Two or more, all with the same number of coordinates.
-    n_basis, variant, phase
+    n_basis, variant, phase, at_rest
         As for `DMP.fit`.
 
     Raises
@@ -96,7 +102,7 @@ def average(
             way_out="give recordings of one kind",
         )
     members = tuple(
-        DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase)
+        DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
         for demonstration in demonstrations
     )
     return AveragedDMP(_mixed(members[0], members, np.full(len(members), 1 / len(members))), members)

@@ -33,7 +33,10 @@ Array = NDArray[np.float64]
 
 
 class Recording(Protocol):
-    """A recording to which a primitive can be fitted."""
+    """A recording to which a primitive can be fitted.
+
+    Where it has a `goal_velocity` too, shape (n_dims,), [m/s], movements that end in motion can be learned.
+    """
 
     @property
     def time(self) -> Array:
@@ -107,14 +110,15 @@ class DMP:
         variant: Variant | str = Variant.CLOSED_FORM,
         phase: Phase | None = None,
         period: float | None = None,
+        at_rest: bool = True,
     ) -> DMP:
         """Fit the shape weights to one demonstration by least squares on its positions.
 
         Parameters
         ----------
         demonstration
-            The recording; its time may be sampled unevenly. The primitive starts with the demonstration's velocity
-            and ends at rest at its last position.
+            The recording; its time may be sampled unevenly. The primitive has its first and last position and its
+            velocity at the start.
         n_basis
             Number of free shape weights per dimension; the functions for the end conditions are not counted.
         variant
@@ -123,6 +127,9 @@ class DMP:
             Canonical system; by default the variant's usual one.
         period
             Period of a rhythmic movement [s]; by default estimated from the recording, which may hold many periods.
+        at_rest
+            Whether the movement ends at rest, whatever the recording does; otherwise it ends with the recording's
+            velocity, such as a throw.
 
         Raises
         ------
@@ -134,7 +141,8 @@ class DMP:
         Warns
         -----
         ComoveWarning
-            If the variant cannot learn a dimension, because the recorded ends coincide in it.
+            If the variant cannot learn a dimension, because the recorded ends coincide in it, or there are more
+            weights than samples to determine them.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
@@ -149,11 +157,14 @@ class DMP:
         if len(time) < 2 or not time[-1] > 0:
             raise DemonstrationError("the recording lasts no time", way_out="give two samples or more")
         position = demonstration.position
-        if variant is Variant.RHYTHMIC and phase is not None:
-            raise OptionError(
-                "a rhythmic movement has no canonical system", key="phase", way_out="leave it out"
-            )
+        _tell_few(len(time), n_basis, 0 if variant is Variant.RHYTHMIC else 2)
         if variant is Variant.RHYTHMIC:
+            if phase is not None:
+                raise OptionError(
+                    "a rhythmic movement has no canonical system", key="phase", way_out="leave it out"
+                )
+            if not at_rest:
+                raise OptionError("a rhythmic movement has no end", key="at_rest", way_out="leave it out")
             return cls._fit_cycle(time, position, n_basis, period)
         if period is not None:
             raise OptionError(f"period = {period!r} of a movement that ends", way_out="leave it out")
@@ -162,25 +173,14 @@ class DMP:
             start=position[0],
             goal=position[-1],
             start_velocity=demonstration.start_velocity,
-            goal_velocity=np.zeros(position.shape[1]),
+            goal_velocity=np.zeros(position.shape[1]) if at_rest else _goal_velocity(demonstration),
             duration=float(time[-1]),
             phase=phase or variant.usual_phase,
             variant=variant,
         )
         weights = dmp._shape_of(time, position)
         if variant is Variant.CLASSIC:
-            extent = np.ptp(position, axis=0).max()
-            untaught = np.abs(dmp.learned) <= NO_WAY * extent
-            weights = np.where(untaught[:, None], 0.0, weights)
-            moving = untaught & (np.ptp(position, axis=0) > NO_WAY * extent)
-            if moving.any():
-                which = ", ".join(map(str, np.flatnonzero(moving)))
-                warnings.warn(
-                    f"the recording ends where it started in dimension {which}: the classic form learns nothing "
-                    "there; use another variant",
-                    ComoveWarning,
-                    stacklevel=2,
-                )
+            weights = np.where(_untaught(dmp, position)[:, None], 0.0, weights)
         return replace(dmp, weights=weights)
 
     def _shape_of(self, time: Array, position: Array) -> Array:
@@ -338,7 +338,8 @@ class DMP:
     def at(self, time: ArrayLike) -> Trajectory:
         """Return positions and velocities at the times `time` [s], array of shape (n_steps,).
 
-        A movement that ends is at rest after its end; a rhythmic one runs from its start into its cycle.
+        A movement that ends at rest stays there; what ends in motion is then drawn back to its goal. A rhythmic one
+        runs from its start into its cycle.
         """
         time = instants(time)
         curve, s = self.curve, np.maximum(time / self.duration, 0.0)
@@ -368,7 +369,13 @@ class DMP:
         return begin(self.curve, self.start, self.start_velocity * self.duration, self.duration)
 
     def step(
-        self, state: DMPState, dt: float, *, rate: float = 1.0, coupling: ArrayLike | None = None
+        self,
+        state: DMPState,
+        dt: float,
+        *,
+        rate: float = 1.0,
+        coupling: ArrayLike | None = None,
+        velocity_coupling: ArrayLike | None = None,
     ) -> DMPState:
         """Advance the state by `dt` [s] online; the result equals that of `rollout`, whatever the step lengths.
 
@@ -382,6 +389,9 @@ class DMP:
             slow down while a robot lags behind.
         coupling
             An acceleration [m/s^2] that acts during the step, shape (n_dims,); it has no effect in a pause.
+        velocity_coupling
+            A velocity [m/s] by which the position moves besides during the step, shape (n_dims,); the system's own
+            velocity, which the state holds, answers to where that leads (Gams et al., 2014).
 
         Raises
         ------
@@ -394,7 +404,10 @@ class DMP:
             curve = self.towards(goal=state.goal).curve.after(state.curve, state.progress)
             state = replace(state, curve=curve)
         push = None if coupling is None else vector("coupling", coupling, self.n_dims)
-        return advance(state, dt, rate, push)
+        drift = (
+            None if velocity_coupling is None else vector("velocity_coupling", velocity_coupling, self.n_dims)
+        )
+        return advance(state, dt, rate, push, drift)
 
     def scaling(self) -> Array:
         """Return A(d), the matrix by which the variant multiplies the learned forcing term for these ends.
@@ -408,6 +421,46 @@ class DMP:
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         return default if value is None else vector(name, value, self.n_dims)
+
+
+def _goal_velocity(demonstration: Recording) -> Array:
+    """Return the recording's velocity at its end, shape (n_dims,), [m/s]."""
+    if not hasattr(demonstration, "goal_velocity"):
+        raise OptionError(
+            f"the {type(demonstration).__name__} knows no velocity at its end",
+            key="at_rest",
+            way_out="give a Demonstration(time, position), or leave it out",
+        )
+    return vector("goal_velocity", demonstration.goal_velocity, demonstration.position.shape[1])
+
+
+def _untaught(dmp: DMP, position: Array) -> NDArray[np.bool_]:
+    """Return in which dimensions the classic form learns nothing, shape (n_dims,); warn where they moved."""
+    extent = np.ptp(position, axis=0).max()
+    untaught = np.abs(dmp.learned) <= NO_WAY * extent
+    moving = untaught & (np.ptp(position, axis=0) > NO_WAY * extent)
+    if moving.any():
+        which = ", ".join(map(str, np.flatnonzero(moving)))
+        warnings.warn(
+            f"the recording ends where it started in dimension {which}: the classic form learns nothing "
+            "there; use another variant",
+            ComoveWarning,
+            stacklevel=3,
+        )
+    return untaught
+
+
+def _tell_few(n_steps: int, n_basis: int, n_ends: int) -> None:
+    """Warn of more weights than samples; `n_ends` samples are met whatever the weights."""
+    telling = n_steps - n_ends
+    if n_basis > telling:
+        fewer = f"give n_basis = {telling} or less, or " if telling > 0 else ""
+        warnings.warn(
+            f"the recording has {n_steps} samples for {n_basis} weights a dimension, and what is between them is the "
+            f"smoothest of many movements: {fewer}record more samples",
+            ComoveWarning,
+            stacklevel=3,
+        )
 
 
 def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int, block: int = 4000) -> Array:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,13 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
-from comove.primitives.basis import MAX_BASIS
+from comove.primitives.average import AveragedDMP
+from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
-from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
+from comove.primitives.entries import COPY_ANEW, LEARN_AGAIN, Part, shown
+from comove.primitives.kinds import KINDS, Movement, kind_of, traced
+from comove.primitives.phase import Phase
+from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP, Recordings
 from comove.primitives.variants import Variant
@@ -35,11 +39,8 @@ Array = NDArray[np.float64]
 FORMAT, VERSION = "comove primitive", 1
 MAX_BYTES = 8 * 2**20
 MAX_NAME = 100
-MAX_DIMS = 64
 TRACED = 11  # positions, at even shares of the duration
 SAME = 1e-6  # by which the trace may be missed, in the movement's extent
-LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"
-COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
 
 
 @dataclass(frozen=True)
@@ -79,30 +80,45 @@ class Primitive:
     Attributes
     ----------
     name : name of the primitive
-    dmp : the movement, or a distribution of movements
+    dmp : the movement, of one hand or of several that cooperate; an average or a distribution of movements
     unit : unit of its positions
     provenance : origin of a learned primitive; None if it was made in another way
     notes : how it was made otherwise, in words
     """
 
     name: str
-    dmp: DMP | PoseDMP | ProMP
+    dmp: Movement
     unit: str = "m"
     provenance: Provenance | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
     def kind(self) -> str:
-        """Return the kind of the movement: "position", "pose", or "distribution"."""
-        kinds = {PoseDMP: "pose", ProMP: "distribution"}
-        return kinds.get(type(self.dmp), "position")
+        """Return the kind of the movement: position, pose, distribution, poses, average or cooperative."""
+        return kind_of(self.dmp).name
+
+    @property
+    def followed(self) -> DMP | PoseDMP | ProMP:
+        """Return the movement that a scene can follow.
+
+        It is the mean of an average, the distribution of positions of one of poses, and of hands that cooperate the
+        load's movement, or else the first hand's.
+        """
+        if isinstance(self.dmp, PoseProMP):
+            return self.dmp.positions
+        if isinstance(self.dmp, AveragedDMP):
+            return self.dmp.mean
+        if isinstance(self.dmp, CooperativeDMP):
+            return next(iter(self.dmp.movements.values()))
+        return self.dmp
 
     @property
     def positions(self) -> DMP:
-        """Return the movement of the position; of a distribution the mean, in all coordinates of its hands."""
-        if isinstance(self.dmp, ProMP):
-            return self.dmp.mean
-        return self.dmp.translation if isinstance(self.dmp, PoseDMP) else self.dmp
+        """Return what is followed of the position; of a distribution the mean, in all coordinates of its hands."""
+        dmp = self.followed
+        if isinstance(dmp, ProMP):
+            return dmp.mean
+        return dmp.translation if isinstance(dmp, PoseDMP) else dmp
 
 
 def learn(
@@ -115,6 +131,7 @@ def learn(
     phase: Phase | None = None,
     period: float | None = None,
     poses: bool = False,
+    at_rest: bool = True,
 ) -> Primitive:
     """Fit a primitive to a recording, and note its origin and how well it fits.
 
@@ -123,7 +140,7 @@ def learn(
     demonstration : the recording
     name : name of the primitive; by default the recording's
     source : the recording's file name, which is stored in the provenance
-    n_basis, variant, phase, period : as for `DMP.fit`
+    n_basis, variant, phase, period, at_rest : as for `DMP.fit`
     poses : learn orientations as well
 
     Raises
@@ -135,9 +152,10 @@ def learn(
         raise OptionError(f"period = {period!r} of poses", way_out="leave it out")
     dmp: DMP | PoseDMP
     if poses:
-        dmp = PoseDMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase)
+        dmp = PoseDMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
     else:
-        dmp = DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, period=period)
+        options: dict[str, Any] = {"variant": variant, "phase": phase, "period": period, "at_rest": at_rest}
+        dmp = DMP.fit(demonstration, n_basis=n_basis, **options)
     measures: dict[str, Any] = {}
     for what, error in _errors(dmp, demonstration).items():
         measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}
@@ -161,6 +179,7 @@ def learn_distribution(
     n_basis: int = 20,
     phase: Phase | None = None,
     alignment: str = "duration",
+    poses: bool = False,
 ) -> Primitive:
     """Fit a distribution of movements to several recordings, and note their origin.
 
@@ -170,17 +189,27 @@ def learn_distribution(
     name : name of the primitive
     sources : the recordings' names, which are noted
     n_basis, phase, alignment : as for `ProMP.fit`
+    poses : learn orientations as well
 
     Raises
     ------
     DemonstrationError, OptionError
         As `ProMP.fit`.
     """
-    promp = ProMP.fit(demonstrations, n_basis=n_basis, phase=phase, alignment=alignment)
+    options: dict[str, Any] = {"n_basis": n_basis, "phase": phase, "alignment": alignment}
+    found: PoseProMP | ProMP
+    if poses:
+        found = PoseProMP.fit(cast(PoseRecordings, demonstrations), **options)
+    else:
+        found = ProMP.fit(demonstrations, **options)
     first = demonstrations[0]
     unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
-    notes = (*promp.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
-    return Primitive(name, replace(promp, notes=()), unit, notes=notes)
+    notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
+    if isinstance(found, PoseProMP):
+        found = replace(found, promp=replace(found.promp, notes=()))
+    else:
+        found = replace(found, notes=())
+    return Primitive(name, found, unit, notes=notes)
 
 
 def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration, block_size: int = 20_000) -> dict[str, Array]:
@@ -252,14 +281,13 @@ def is_primitive(path: str | os.PathLike[str]) -> bool:
 
 def dumps(primitive: Primitive, file: object = None) -> bytes:
     """Return the contents of a primitive's file."""
-    write, _ = _KINDS[primitive.kind]
     content = {
         "format": FORMAT,
         "version": VERSION,
         "kind": primitive.kind,
         "name": primitive.name,
         "unit": primitive.unit,
-        "movement": write(primitive.dmp),
+        "movement": _written(primitive, file),
         "trace": _trace(primitive).tolist(),
         "provenance": None if primitive.provenance is None else asdict(primitive.provenance),
         "notes": list(primitive.notes),
@@ -282,6 +310,13 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
     return data
 
 
+def _written(primitive: Primitive, file: object) -> dict[str, Any]:
+    try:
+        return kind_of(primitive.dmp).write(primitive.dmp)
+    except OptionError as error:  # a constraint that is a function of the user
+        raise LibraryError(error.message, file=file, key=error.key, way_out=error.way_out) from error
+
+
 def loads(data: bytes, file: object = None) -> Primitive:
     """Read the primitive in the contents of a file; errors name `file`."""
     try:
@@ -300,7 +335,7 @@ def loads(data: bytes, file: object = None) -> Primitive:
         )
     if content.get("version") != VERSION or isinstance(content["version"], bool):
         raise LibraryError(
-            f"the version {_shown(content.get('version'))} is not known",
+            f"the version {shown(content.get('version'))} is not known",
             file=file,
             key="version",
             way_out=f"this comove {__version__} reads version {VERSION}: update it, or {LEARN_AGAIN}",
@@ -326,7 +361,7 @@ def require_name(name: str, file: object = None) -> str:
         or not name.isprintable()
     ):
         raise LibraryError(
-            f"{_shown(name)} cannot name a primitive",
+            f"{shown(name)} cannot name a primitive",
             file=file,
             key="name",
             way_out=f"begin with a letter or digit; up to {MAX_NAME} letters, digits, blanks and . _ + -",
@@ -348,13 +383,13 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
         "notes",
         "sha256",
     )
-    part = _Part(content, "", file).with_keys(known)
+    part = Part(content, "", file).with_keys(known)
     stated = part.text("sha256")
     kind = part.text("kind")
-    if kind not in _KINDS:
-        raise part.wrong("kind", f"{_shown(kind)} is not known", near_name(kind, _KINDS))
+    if kind not in KINDS:
+        raise part.wrong("kind", f"{shown(kind)} is not known", near_name(kind, KINDS))
     name = require_name(part.text("name"), file)
-    dmp = _KINDS[kind][1](part.part("movement"))
+    dmp = KINDS[kind].read(part.part("movement"))
     primitive = Primitive(
         name, dmp, part.text("unit"), _provenance(part.value("provenance"), file), part.texts("notes")
     )
@@ -373,153 +408,14 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
 
 
 def _trace(primitive: Primitive) -> Array:
-    """Return the coordinates at even shares of the duration, position first; array, shape (TRACED, n_columns).
-
-    Standard deviations follow the mean of a distribution.
-    """
-    parts = [primitive.positions]
-    if isinstance(primitive.dmp, PoseDMP):
-        parts.append(primitive.dmp.turning)
-    time = np.linspace(0.0, primitive.dmp.duration, TRACED)
-    if isinstance(primitive.dmp, ProMP):
-        return np.concatenate([primitive.dmp.mean_at(time), primitive.dmp.std_at(time)], axis=1)
-    return np.concatenate([part.at(time).position for part in parts], axis=1)
-
-
-def _write_phase(phase: Phase) -> dict[str, Any]:
-    if isinstance(phase, ExponentialPhase):
-        return {"name": "exponential", "alpha": float(phase.alpha)}
-    return {"name": "linear"}
-
-
-def _write_position(dmp: DMP) -> dict[str, Any]:
-    return {
-        "variant": str(dmp.variant),
-        "phase": _write_phase(dmp.phase),
-        "duration": float(dmp.duration),
-        **{name: getattr(dmp, name).tolist() for name in _VECTORS},
-        "weights": dmp.weights.tolist(),
-    }
-
-
-def _read_position(part: _Part, n_dims: int | None = None) -> DMP:
-    part.with_keys(("variant", "phase", "duration", *_VECTORS, "weights"))
-    variant = part.text("variant")
-    names = [known.value for known in Variant]
-    if variant not in names:
-        raise part.wrong("variant", f"{_shown(variant)} is not known", near_name(variant, names))
-    duration = part.number("duration")
-    if not duration > 0:
-        raise part.wrong(
-            "duration", f"{duration!r} is no duration", "a positive number of seconds belongs there"
-        )
-    weights = part.array("weights", (n_dims, None))
-    n_dims, n_basis = weights.shape
-    if n_dims > MAX_DIMS or n_basis > MAX_BASIS:
-        way_out = f"at most {MAX_DIMS} lists of {MAX_BASIS} weights belong there"
-        raise part.wrong("weights", f"{n_dims} lists of {n_basis} weights", way_out)
-    vectors = {name: part.array(name, (n_dims,)) for name in _VECTORS}
-    phase = _phase(part.part("phase"))
-    return DMP(weights=weights, duration=duration, phase=phase, variant=Variant(variant), **vectors)
-
-
-def _phase(part: _Part) -> Phase:
-    name = part.text("name")
-    if name == "linear":
-        part.with_keys(("name",))
-        return LinearPhase()
-    if name != "exponential":
-        raise part.wrong("name", f"{_shown(name)} is not known", near_name(name, ("linear", "exponential")))
-    alpha = part.with_keys(("name", "alpha")).number("alpha")
-    if not 0 < alpha <= FASTEST:
-        way_out = f"a number above 0, at most {FASTEST:g}, belongs there"
-        raise part.wrong("alpha", f"{alpha!r} is no decay rate", way_out)
-    return ExponentialPhase(alpha)
-
-
-def _write_pose(dmp: PoseDMP) -> dict[str, Any]:
-    return {
-        "translation": _write_position(dmp.translation),
-        "turning": _write_position(dmp.turning),
-        "reference_wxyz": np.asarray(dmp.reference).tolist(),
-        "axis": None if dmp.axis is None else np.asarray(dmp.axis).tolist(),
-    }
-
-
-def _read_pose(part: _Part) -> PoseDMP:
-    part.with_keys(("translation", "turning", "reference_wxyz", "axis"))
-    axis = None if part.value("axis") is None else part.array("axis", (3,))
-    translation = _read_position(part.part("translation"))
-    if translation.n_dims not in (2, 3):
-        message = f"a pose in {translation.n_dims} dimensions"
-        raise part.wrong("translation.weights", message, "2 or 3 lists of weights belong there")
-    turning = _read_position(part.part("turning"), 3 if axis is None else 1)
-    if turning.duration != translation.duration:
-        message = f"{turning.duration!r} is not the {translation.duration!r} of the translation"
-        raise part.wrong("turning.duration", message, LEARN_AGAIN)
-    reference = part.array("reference_wxyz", (4,))
-    for key, vector in (("reference_wxyz", reference), ("axis", axis)):
-        if vector is not None and not abs(np.linalg.norm(vector) - 1.0) <= 1e-9:
-            raise part.wrong(key, f"its norm is {np.linalg.norm(vector):.6g}", "a unit vector belongs there")
-    return PoseDMP(translation, turning, reference, axis)
-
-
-def _write_distribution(promp: ProMP) -> dict[str, Any]:
-    context = None
-    if len(promp.context_mean):
-        context = {name: getattr(promp, name).tolist() for name in _CONTEXT}
-    return {
-        "phase": _write_phase(promp.phase),
-        "duration": float(promp.duration),
-        "duration_std": float(promp.duration_std),
-        "manipulators": list(promp.manipulators),
-        "n_recordings": promp.n_recordings,
-        "mean_parameters": promp.mean_parameters.tolist(),
-        "noise": promp.noise.tolist(),
-        "context": context,
-        "covariance": promp.covariance.tolist(),
-    }
-
-
-def _read_distribution(part: _Part) -> ProMP:
-    arrays = ("mean_parameters", "noise", "covariance")
-    part.with_keys(("phase", "duration", "duration_std", "manipulators", "n_recordings", "context", *arrays))
-    mean = part.array("mean_parameters", (None, None))
-    context: dict[str, Any] = {}
-    if part.value("context") is not None:
-        inner = part.part("context").with_keys(_CONTEXT)
-        means = inner.array("context_mean", (None,))
-        context = {
-            "context_mean": means,
-            "context_std": inner.array("context_std", (len(means),)),
-            "slopes": inner.array("slopes", (len(means), *mean.shape)),
-        }
-    n_recordings = part.value("n_recordings")
-    try:
-        return ProMP(
-            mean,
-            part.array("covariance", (mean.size, mean.size)),
-            part.array("noise", (len(mean),)),
-            duration=part.number("duration"),
-            duration_std=part.number("duration_std"),
-            phase=_phase(part.part("phase")),
-            manipulators=part.texts("manipulators"),
-            n_recordings=part.count("n_recordings") if n_recordings != 0 else 0,
-            **context,
-        )
-    except OptionError as error:
-        raise part.wrong("mean_parameters", error.message, LEARN_AGAIN) from error
-
-
-_CONTEXT = ("context_mean", "context_std", "slopes")
-_VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")
-_KINDS: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[[_Part], Any]]]
+    """Return the coordinates at even shares of the duration; array, shape (TRACED, n_columns)."""
+    return traced(primitive.dmp, np.linspace(0.0, primitive.dmp.duration, TRACED))
 
 
 def _provenance(value: object, file: object) -> Provenance | None:
     if value is None:
         return None
-    part = _Part(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
+    part = Part(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
     turns = {key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")}
     return Provenance(
         source=part.text("source"),
@@ -533,100 +429,6 @@ def _provenance(value: object, file: object) -> Provenance | None:
         version=part.text("version"),
         **turns,
     )
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A mapping in the file, with methods that check and return its values; errors name file and key."""
-
-    content: Any
-    key: str
-    file: object
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.content, dict):
-            raise LibraryError(
-                f"{_shown(self.content)} is no mapping",
-                file=self.file,
-                key=self.key,
-                way_out=COPY_ANEW,
-            )
-
-    def with_keys(self, known: Sequence[str]) -> _Part:
-        """Raise unless the mapping has exactly these keys; return the part itself."""
-        for key in self.content:
-            if key not in known:
-                raise self.wrong(key, "the key is not known", near_name(key, known))
-        for key in known:
-            self.value(key)
-        return self
-
-    def value(self, key: str) -> Any:
-        if key not in self.content:
-            raise self.wrong(key, "the key is missing", COPY_ANEW)
-        return self.content[key]
-
-    def part(self, key: str) -> _Part:
-        return _Part(self.value(key), self._path(key), self.file)
-
-    def text(self, key: str) -> str:
-        value = self.value(key)
-        if not isinstance(value, str) or len(value) > 10_000:
-            raise self.wrong(key, f"{_shown(value)} is no text", "a text in quotes belongs there")
-        return value
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        value = self.value(key)
-        if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
-            raise self.wrong(key, f"{_shown(value)} is no list of texts", "texts in quotes belong there")
-        return tuple(value)
-
-    def count(self, key: str) -> int:
-        value = self.value(key)
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise self.wrong(
-                key, f"{_shown(value)} is no number of things", "a whole number from 1 on belongs there"
-            )
-        return value
-
-    def number(self, key: str) -> float:
-        return float(self.array(key, ()))
-
-    def array(self, key: str, shape: tuple[int | None, ...]) -> Array:
-        """Return finite numbers from nested lists as an array; None in `shape` stands for any length from 1 on."""
-        value = self.value(key)
-        found: tuple[int, ...] = ()
-        level = [value]
-        for wanted in shape:
-            lengths = {len(entry) if isinstance(entry, list) else -1 for entry in level}
-            if len(lengths) != 1 or min(lengths) < 1 or (wanted is not None and lengths != {wanted}):
-                raise self._misshaped(key, value, shape)
-            found += (lengths.pop(),)
-            level = [entry for row in level for entry in row]
-        for entry in level:
-            if isinstance(entry, bool) or not isinstance(entry, (int, float)):
-                raise self._misshaped(key, entry, shape)
-            if not abs(entry) <= 1e300:
-                raise self.wrong(key, f"{_shown(entry)} is not finite", "finite numbers belong there")
-        return np.array(level, dtype=float).reshape(found)
-
-    def wrong(self, key: str, message: str, way_out: str) -> LibraryError:
-        return LibraryError(message, file=self.file, key=self._path(key), way_out=way_out)
-
-    def _path(self, key: str) -> str:
-        return f"{self.key}.{key}" if self.key else key
-
-    def _misshaped(self, key: str, value: object, shape: tuple[int | None, ...]) -> LibraryError:
-        sizes = " lists of ".join("some" if size is None else str(size) for size in shape)
-        wanted = f"{sizes} numbers belong" if shape else "a number belongs"
-        return self.wrong(key, f"{_shown(value)} has another shape", f"{wanted} there")
-
-
-_KINDS = {
-    "position": (_write_position, _read_position),
-    "pose": (_write_pose, _read_pose),
-    "distribution": (_write_distribution, _read_distribution),
-}
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
@@ -646,11 +448,6 @@ def _laid_out(value: Any, indent: str = "") -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _no_constant(text: str) -> float:
     raise ValueError(f"it holds {text}, which is no number")
 
@@ -660,7 +457,7 @@ def _no_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(content) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"it holds the key {_shown(twice)} twice")
+        raise ValueError(f"it holds the key {shown(twice)} twice")
     return content
 
 

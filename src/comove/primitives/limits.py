@@ -54,22 +54,9 @@ def largest(dmp: DMP) -> tuple[Array, Array]:
     OptionError
         For rhythmic movements.
     """
-    _basis_of(dmp)
+    ending_basis(dmp)
     velocity, acceleration = _largest(dmp.curve.knots)
     return velocity / dmp.duration, acceleration / dmp.duration**2
-
-
-def slowed(dmp: DMP, *, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None) -> DMP:
-    """Return the movement on the same path with the shortest duration, not below its own, that satisfies the limits.
-
-    Parameters
-    ----------
-    velocity, acceleration : limits per coordinate; a number or an array of shape (n_dims,), [m/s] and [m/s^2]
-    """
-    fastest, hardest = largest(dmp)
-    by_velocity = (fastest / _limit("velocity", velocity, dmp)).max()
-    by_acceleration = np.sqrt((hardest / _limit("acceleration", acceleration, dmp)).max())
-    return dmp.towards(duration=dmp.duration * max(1.0, float(by_velocity), float(by_acceleration)))
 
 
 def constrained(
@@ -93,9 +80,9 @@ def constrained(
     OptionError
         If no weights satisfy all conditions, or an argument is out of range.
     """
-    basis, values, weights = _basis_of(dmp), dmp.boundary_values(), dmp.shape_weights
-    of_velocity = _limit("velocity", velocity, dmp) * dmp.duration
-    of_acceleration = _limit("acceleration", acceleration, dmp) * dmp.duration**2
+    basis, values, weights = ending_basis(dmp), dmp.boundary_values(), dmp.shape_weights
+    of_velocity = limits_of("velocity", velocity, dmp) * dmp.duration
+    of_acceleration = limits_of("acceleration", acceleration, dmp) * dmp.duration**2
     limits = np.stack([of_velocity, of_acceleration], axis=1)
     rows, targets = _via_rows(dmp, via)
     new = np.stack(
@@ -234,7 +221,7 @@ def _via_rows(dmp: DMP, via: Sequence[ViaPoint]) -> tuple[Array, Array]:
     return np.concatenate(rows), np.concatenate(targets)
 
 
-def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
+def limits_of(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
     """Return the limit of every coordinate, infinite if none is given; array, shape (n_dims,)."""
     limit = numbers(np.inf if value is None else value)
     if limit.shape not in ((), dmp.start.shape) or not (limit > 0).all():
@@ -242,7 +229,7 @@ def _limit(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
     return np.broadcast_to(limit, dmp.start.shape)
 
 
-def _basis_of(dmp: DMP) -> MotionBasis:
+def ending_basis(dmp: DMP) -> MotionBasis:
     """Return the basis of a movement that ends; raise for others."""
     if not isinstance(dmp, DMP):
         raise OptionError(

@@ -5,11 +5,12 @@ phase, and a deviation e that obeys the same equation without goal and forcing,
 
     e'' = -alpha_y e' - alpha_y beta_y e + coupling,
 
-in units of duration. Both are advanced exactly, whatever the step. Because the curve depends on the phase alone, a
-movement can be slowed down and run backwards without leaving its path, while the deviation decays; in a pause both
-stand still. A goal that moves changes the curve: a bridge, a polynomial of fifth degree, leads to the new curve
-without a jump in position, velocity or acceleration. It ends when the movement ends, or a fifth of a duration after
-its own beginning if that is later. Run backwards, another bridge leads to the start.
+in units of duration. Both are advanced exactly, whatever the step; so is a coupling velocity, which moves the
+position beside the system's own. Because the curve depends on the phase alone, a movement can be slowed down and run
+backwards without leaving its path, while the deviation decays; in a pause both stand still. A goal that moves
+changes the curve: a bridge, a polynomial of fifth degree, leads to the new curve without a jump in position,
+velocity or acceleration. It ends when the movement ends, or a fifth of a duration after its own beginning if that is
+later. Run backwards, another bridge leads to the start.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, require_positive, vector
-from comove.primitives.flow import LONG_AFTER, flow, responses, values_at
+from comove.primitives.flow import ALPHA_Y, LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
 
@@ -150,28 +151,40 @@ def begin(curve: Curve, start: Array, slope: Array, duration: float) -> DMPState
     return DMPState(0.0, 0.0, start, slope, 1.0, curve.goal, duration, curve)
 
 
-def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | None = None) -> DMPState:
+def advance(
+    state: DMPState,
+    dt: float,
+    rate: float = 1.0,
+    coupling: Array | None = None,
+    velocity_coupling: Array | None = None,
+) -> DMPState:
     """Advance the state by `dt` [s], exactly.
+
+    With a velocity u the deviation obeys ``e' = z + u, z' = -alpha_y z - alpha_y beta_y e + coupling``; so e moves as
+    under the acceleration ``coupling + alpha_y u`` from the velocity ``z + u``.
 
     Parameters
     ----------
     rate : pace of the phase: 1 as recorded, 0 paused, negative backwards (not beyond the start)
     coupling : array, shape (n_dims,), an acceleration [m/s^2] that acts during the step
+    velocity_coupling : array, shape (n_dims,), a velocity [m/s] that is added during the step
 
     Raises
     ------
     OptionError
-        If `dt` is not positive, or `rate` or `coupling` are not finite.
+        If `dt` is not positive, or `rate` or a coupling is not finite.
     """
     require_positive("dt", dt, of="seconds")
     if not is_number(rate):
         raise OptionError(f"rate = {rate!r}", way_out="give a finite number: 1 as recorded, 0 paused")
     if rate == 0.0:
         return replace(state, time=state.time + dt, rate=0.0)
-    curve, pushed = state.curve, np.zeros_like(state.position)
+    curve, pushed, led = state.curve, np.zeros_like(state.position), np.zeros_like(state.position)
     if coupling is not None:
-        pushed = vector("coupling", coupling, len(state.position))
-        pushed = pushed * (state.duration / rate) ** 2
+        pushed = vector("coupling", coupling, len(state.position)) * (state.duration / rate) ** 2
+    if velocity_coupling is not None:
+        led = vector("velocity_coupling", velocity_coupling, len(state.position))
+        led = led * (state.duration / abs(rate))
     ds = float(np.clip(rate * dt / state.duration, -LONG_AFTER, LONG_AFTER))
     now = state.progress
     if not curve.periodic and ds < 0.0:
@@ -179,7 +192,9 @@ def advance(state: DMPState, dt: float, rate: float = 1.0, coupling: Array | Non
     then = now + ds if curve.periodic else max(now + ds, 0.0)
     at_now, at_then = curve.at(now), curve.at(then)
     apart, drift = state.position - at_now[0], np.sign(ds) * (state.slope - at_now[1])
-    apart, drift = flow(abs(ds), responses(abs(ds)), apart, drift, pushed, np.zeros_like(pushed))
+    response, steady = responses(abs(ds)), np.zeros_like(pushed)
+    apart, drift = flow(abs(ds), response, apart, drift + led, pushed + ALPHA_Y * led, steady)
+    drift = drift - led
     return replace(
         state,
         time=state.time + dt,

@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
-from comove.primitives.arguments import numbers, require_steps
+from comove.primitives.arguments import numbers, require_steps, vector
 from comove.primitives.dmp import DMP, Recording
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.online import Curve, DMPState, advance, begin
@@ -160,6 +160,7 @@ class PoseDMP:
         variant: Variant | str = Variant.CLOSED_FORM,
         phase: Phase | None = None,
         axis: Sequence[float] | None = None,
+        at_rest: bool = True,
     ) -> PoseDMP:
         """Fit a primitive to the positions and orientations of a recording.
 
@@ -172,6 +173,8 @@ class PoseDMP:
         axis
             The only axis of rotation, `VERTICAL` for a tray that stays level; the rest of the recorded rotation is
             left out, with a warning. In the plane the axis is always the vertical.
+        at_rest
+            Whether it ends at rest, as for `DMP.fit`.
 
         Raises
         ------
@@ -223,7 +226,7 @@ class PoseDMP:
                     ComoveWarning,
                     stacklevel=2,
                 )
-        fit = partial(DMP.fit, n_basis=n_basis, variant=variant, phase=phase)
+        fit = partial(DMP.fit, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
         turned = Demonstration(demonstration.time, turning, unit="rotation vector")
         return cls(fit(demonstration), fit(turned), reference, about)
 
@@ -253,9 +256,22 @@ class PoseDMP:
         return Pose(self.translation.goal, self._orientation(self.turning.goal))
 
     def towards(
-        self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
     ) -> PoseDMP:
         """Return the movement with the same shape weights between other poses; arguments not given keep their values.
+
+        Parameters
+        ----------
+        start, goal : poses
+        duration : [s]
+        start_velocity, goal_velocity : arrays, shape (n_dims + 3,): velocity [m/s], then angular velocity [rad/s];
+            with a fixed axis shape (n_dims + 1,), with the angular velocity about it
 
         Raises
         ------
@@ -264,15 +280,20 @@ class PoseDMP:
         """
         poses = {"start": start, "goal": goal}
         given = {name: self._checked(name, pose) for name, pose in poses.items() if pose is not None}
-        translation = self.translation.towards(
-            duration=duration, **{name: pose.position for name, pose in given.items()}
-        )
-        turns = {"start": self.turning.start, "goal": self.turning.goal}
+        moved: dict[str, Any] = {name: pose.position for name, pose in given.items()}
+        turns: dict[str, Any] = {"start": self.turning.start, "goal": self.turning.goal}
         for name, pose in given.items():
             near, turns[name] = turns[name], self._turn(pose, turns[name])
             self._require_no_leap(name, pose, near, turns[name])
+        for name, twist in (("start", start_velocity), ("goal", goal_velocity)):
+            if twist is not None:
+                moved[f"{name}_velocity"], spin = self._parts(f"{name}_velocity", twist)
+                free = self.axis is None
+                turns[f"{name}_velocity"] = rotations.rates_of(turns[name], spin) if free else spin
         return replace(
-            self, translation=translation, turning=self.turning.towards(duration=duration, **turns)
+            self,
+            translation=self.translation.towards(duration=duration, **moved),
+            turning=self.turning.towards(duration=duration, **turns),
         )
 
     def rollout(
@@ -281,11 +302,19 @@ class PoseDMP:
         start: Pose | None = None,
         goal: Pose | None = None,
         duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
         n_steps: int = 201,
     ) -> PoseTrajectory:
-        """Play the movement, between other poses if they are given; exact at every sample."""
+        """Play the movement, between other ends if they are given (see `towards`); exact at every sample."""
         require_steps(n_steps)
-        dmp = self.towards(start=start, goal=goal, duration=duration)
+        dmp = self.towards(
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
+        )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
@@ -306,12 +335,30 @@ class PoseDMP:
         aside = begin(nothing, np.zeros(3), np.zeros(3), self.duration)
         return PoseState(self.translation.initial_state(), self.turning.initial_state(), aside)
 
-    def step(self, state: PoseState, dt: float, *, rate: float = 1.0) -> PoseState:
-        """Advance the state by `dt` [s] online, exactly, as `DMP.step` does."""
+    def step(
+        self,
+        state: PoseState,
+        dt: float,
+        *,
+        rate: float = 1.0,
+        coupling: ArrayLike | None = None,
+        velocity_coupling: ArrayLike | None = None,
+    ) -> PoseState:
+        """Advance the state by `dt` [s] online, exactly, as `DMP.step` does.
+
+        Parameters
+        ----------
+        coupling : array, shape (n_dims + 3,), an acceleration [m/s^2], then an angular acceleration [rad/s^2], that
+            acts during the step; with a fixed axis shape (n_dims + 1,), about that axis
+        velocity_coupling : array of the same shape, a velocity [m/s] and an angular velocity [rad/s] by which the
+            body moves besides
+        """
+        push, turn = self._acting("coupling", coupling, state)
+        drift, spin = self._acting("velocity_coupling", velocity_coupling, state)
         return PoseState(
-            self.translation.step(state.translation, dt, rate=rate),
+            self.translation.step(state.translation, dt, rate=rate, coupling=push, velocity_coupling=drift),
             self.turning.step(state.turning, dt, rate=rate),
-            advance(state.aside, dt, rate),
+            advance(state.aside, dt, rate, turn, spin),
         )
 
     def pose(self, state: PoseState) -> Pose:
@@ -371,6 +418,22 @@ class PoseDMP:
         """
         own = rotations.angular_velocity(self._vectors(values[0]), self._vectors(values[1]))
         return rotations.rates_of(aside, spin - rotations.matrices(rotations.exponential(aside)) @ own)
+
+    def _acting(
+        self, name: str, coupling: ArrayLike | None, state: PoseState
+    ) -> tuple[Array | None, Array | None]:
+        """Return what acts on the position, and on the rotation vector that leads aside."""
+        if coupling is None:
+            return None, None
+        moved, turned = self._parts(name, coupling)
+        if self.axis is not None:
+            return moved, turned * self.axis
+        return moved, rotations.rates_of(state.aside.position, turned)
+
+    def _parts(self, name: str, value: ArrayLike) -> tuple[Array, Array]:
+        """Return the parts of position and rotation of an array, shape (n_dims + 3 or 1,)."""
+        array = vector(name, value, self.n_dims + self.turning.n_dims)
+        return array[: self.n_dims], array[self.n_dims :]
 
     def _vectors(self, turning: Array) -> Array:
         return turning if self.axis is None else turning * self.axis

@@ -332,9 +332,9 @@ class ProMP:
         rows, targets, variances = [], [], []
         for point in via:
             row, target = self._via_rows(point, columns)
-            known = [_covariance("position_covariance", position_covariance, len(columns))]
+            known = [covariance_of("position_covariance", position_covariance, len(columns))]
             if point.velocity is not None:
-                known.append(_covariance("velocity_covariance", velocity_covariance, len(columns)))
+                known.append(covariance_of("velocity_covariance", velocity_covariance, len(columns)))
             variance = np.zeros((len(target), len(target)))
             for i, part in enumerate(known):
                 at = slice(i * len(columns), (i + 1) * len(columns))
@@ -612,7 +612,8 @@ def _without_noise(covariance: Array, least: float) -> Array:
     return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
 
 
-def _covariance(name: str, value: ArrayLike, n: int) -> Array:
+def covariance_of(name: str, value: ArrayLike, n: int) -> Array:
+    """Return a covariance, shape (n, n), from a variance, n variances or a matrix; errors name the argument."""
     array = numbers(value)
     if array.ndim == 0:
         array = np.full(n, float(array))

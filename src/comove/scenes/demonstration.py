@@ -149,13 +149,14 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
         primitive = Library(folder / inner).get(place.name)
     except LibraryError as error:
         raise SceneError(str(error), file=file, key=key) from error
-    if isinstance(primitive.dmp, ProMP):  # the similarity to the scene's ends scales it
-        if primitive.dmp.n_dims != scene.n_dims:
-            raise _other_dimension("distribution", primitive.dmp.n_dims, scene, key)
-        return primitive.dmp
-    as_it_is = scene.turns_as_one and primitive.kind == "pose" and source.scale is None
-    if as_it_is and primitive.dmp.n_dims == scene.n_dims:
-        return primitive.dmp
+    followed = primitive.followed
+    if isinstance(followed, ProMP):  # the similarity to the scene's ends scales it
+        if followed.n_dims != scene.n_dims:
+            raise _other_dimension("distribution", followed.n_dims, scene, key)
+        return followed
+    as_it_is = scene.turns_as_one and isinstance(followed, PoseDMP) and source.scale is None
+    if as_it_is and followed.n_dims == scene.n_dims:
+        return followed
     dmp = primitive.positions
     if dmp.variant is Variant.RHYTHMIC:
         raise SceneError(

@@ -64,7 +64,7 @@ def draw_primitive(
         _draw_acceleration(distance, dmp, unit)
     _draw_coordinates(coordinates, dmp, played, demonstration, unit)
     _draw_speed(speed, played, demonstration, unit)
-    poses = primitive.dmp if isinstance(primitive, Primitive) else primitive
+    poses = primitive.followed if isinstance(primitive, Primitive) else primitive
     if isinstance(poses, PoseDMP):
         _draw_orientation(last, poses, demonstration)
     else:
@@ -302,7 +302,7 @@ def _legend(figure: Figure, axes: Axes) -> None:
 
 
 def _movement(primitive: Primitive | DMP | PoseDMP) -> DMP:
-    dmp = primitive.dmp if isinstance(primitive, Primitive) else primitive
+    dmp = primitive.followed if isinstance(primitive, Primitive) else primitive
     if isinstance(dmp, ProMP):
         return dmp.mean
     return dmp.translation if isinstance(dmp, PoseDMP) else dmp

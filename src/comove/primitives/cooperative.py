@@ -7,24 +7,25 @@ Every hand's pose is that of a common frame times its own pose in that frame,
 where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
 prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
 construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
-move independently have no X; constraints between them are met by projection, sample by sample.
+move independently have no X; constraints between them are met by projection, sample by sample. There a leader may
+keep its movement while a follower makes way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.constraints import TURN_LENGTH, Constraint, Poses, project
 from comove.demonstrations import Demonstration
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
-from comove.primitives.arguments import instants, require_steps
+from comove.primitives.arguments import instants, is_number, require_steps
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
+from comove.primitives.projection import TURN_LENGTH, Constraint, Poses, project
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]
@@ -67,11 +68,14 @@ class CooperativeDMP:
     load : movement of the common frame; None where every hand moves independently
     hands : by name, the pose in that frame: constant, or a movement of the same duration
     constraints : constraints that are met by projection
+    mobility : by name, how readily a hand makes way in the projection, relative to the others: 0 for a leader, which
+        keeps its own movement; 1 for hands that are not named
     """
 
     load: PoseDMP | None
     hands: Mapping[str, Pose | PoseDMP]
     constraints: tuple[Constraint, ...] = ()
+    mobility: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.hands, Mapping):
@@ -94,11 +98,12 @@ class CooperativeDMP:
             length = len(hand.position) if isinstance(hand, Pose) else hand.n_dims
             if length != 3:
                 raise OptionError(f"the hand {name!r} is planar", way_out="give poses in space")
+        self._require_mobility()
         if self.load is not None and (not isinstance(self.load, PoseDMP) or self.load.n_dims != 3):
             raise OptionError(
                 "the load's movement is none in space", way_out="give a PoseDMP of three dimensions"
             )
-        movements = self._movements()
+        movements = self.movements
         if not movements:
             raise OptionError("nothing moves", way_out="give the load's movement, or one for every hand")
         if self.load is None and len(movements) < len(self.hands):
@@ -112,6 +117,28 @@ class CooperativeDMP:
                 f"the movements last {', '.join(f'{d:g}' for d in sorted(durations))} s",
                 way_out="bring them to one duration by towards(duration=...)",
             )
+
+    def _require_mobility(self) -> None:
+        if not isinstance(self.mobility, Mapping):
+            raise OptionError(
+                f"mobility = {self.mobility!r}", way_out="give a mapping of names to numbers, 0 for a leader"
+            )
+        object.__setattr__(self, "mobility", dict(self.mobility))
+        for name, share in self.mobility.items():
+            if name not in self.hands:
+                raise OptionError(f"mobility of {name!r}", way_out=near_name(str(name), self.hands))
+            if not is_number(share) or share < 0:
+                raise OptionError(
+                    f"mobility of {name!r} = {share!r}", way_out="give a number, 0 for a leader or more"
+                )
+        if self.constraints and not any(self._mobilities()):
+            raise OptionError("no hand may make way", key="mobility", way_out="give one more than 0")
+
+    def _mobilities(self) -> tuple[float, ...]:
+        return tuple(float(self.mobility.get(name, 1.0)) for name in self.hands)
+
+    def _projected(self, poses: Poses) -> Poses:
+        return project(poses, self.constraints, self._mobilities())
 
     @classmethod
     def from_hand(
@@ -156,7 +183,7 @@ class CooperativeDMP:
     @property
     def duration(self) -> float:
         """Return the duration of the movement [s]."""
-        return next(iter(self._movements().values())).duration
+        return next(iter(self.movements.values())).duration
 
     @property
     def manipulators(self) -> tuple[str, ...]:
@@ -164,15 +191,31 @@ class CooperativeDMP:
         return tuple(self.hands)
 
     def towards(
-        self, *, start: Pose | None = None, goal: Pose | None = None, duration: float | None = None
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
     ) -> CooperativeDMP:
-        """Return the movement between other poses of the load, or with another duration [s]."""
-        if self.load is None and (start is not None or goal is not None):
+        """Return the movement between other poses and velocities of the load, or with another duration [s].
+
+        Arguments are as for `PoseDMP.towards`.
+        """
+        ends = {
+            "start": start,
+            "goal": goal,
+            "start_velocity": start_velocity,
+            "goal_velocity": goal_velocity,
+        }
+        given: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
+        if self.load is None and given:
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
                 way_out="change the movement of each",
             )
-        load = None if self.load is None else self.load.towards(start=start, goal=goal, duration=duration)
+        load = None if self.load is None else self.load.towards(duration=duration, **given)
         hands = {
             name: hand.towards(duration=duration) if isinstance(hand, PoseDMP) else hand
             for name, hand in self.hands.items()
@@ -185,11 +228,19 @@ class CooperativeDMP:
         start: Pose | None = None,
         goal: Pose | None = None,
         duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
         n_steps: int = 201,
     ) -> PoseTrajectory:
-        """Return samples of the movement of all hands, between other poses of the load if they are given."""
+        """Return samples of the movement of all hands, between other ends of the load if they are given."""
         require_steps(n_steps)
-        dmp = self.towards(start=start, goal=goal, duration=duration)
+        dmp = self.towards(
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
+        )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
@@ -206,9 +257,7 @@ class CooperativeDMP:
         poses, velocity, spin = self._free(time)
         if self.constraints and len(time):
             nudge = NUDGE * self.duration
-            poses, behind, ahead = (
-                project(self._free(time + by)[0], self.constraints) for by in (0.0, -nudge, nudge)
-            )
+            poses, behind, ahead = (self._projected(self._free(time + by)[0]) for by in (0.0, -nudge, nudge))
             self._require_no_jump(time, poses)
             span = np.clip(time + nudge, 0.0, nudge) + np.clip(time, 0.0, nudge)  # held before the start
             span = np.maximum(span, 1e-3 * nudge)[:, None, None]
@@ -226,16 +275,53 @@ class CooperativeDMP:
 
     def initial_state(self) -> CooperativeState:
         """Return the state at time 0, from which `step` continues."""
+        return CooperativeState({name: movement.initial_state() for name, movement in self.movements.items()})
+
+    def step(
+        self,
+        state: CooperativeState,
+        dt: float,
+        *,
+        rate: float = 1.0,
+        coupling: Mapping[str, ArrayLike] | None = None,
+        velocity_coupling: Mapping[str, ArrayLike] | None = None,
+    ) -> CooperativeState:
+        """Advance by `dt` [s] online, exactly; `rate` is the pace of the phase, as for `DMP.step`.
+
+        Parameters
+        ----------
+        coupling, velocity_coupling : by the name of the hand, "" for the load, what acts during the step, as for
+            `PoseDMP.step`; on a hand that the load carries, in the load's frame
+        """
+        movements = self.movements
+        pushes, drifts = (
+            self._acting(name, value)
+            for name, value in (("coupling", coupling), ("velocity_coupling", velocity_coupling))
+        )
         return CooperativeState(
-            {name: movement.initial_state() for name, movement in self._movements().items()}
+            {
+                name: movements[name].step(
+                    part,
+                    dt,
+                    rate=rate,
+                    coupling=pushes.get(name),
+                    velocity_coupling=drifts.get(name),
+                )
+                for name, part in state.parts.items()
+            }
         )
 
-    def step(self, state: CooperativeState, dt: float, *, rate: float = 1.0) -> CooperativeState:
-        """Advance by `dt` [s] online, exactly; `rate` is the pace of the phase, as for `DMP.step`."""
-        movements = self._movements()
-        return CooperativeState(
-            {name: movements[name].step(part, dt, rate=rate) for name, part in state.parts.items()}
-        )
+    def _acting(self, key: str, coupling: Mapping[str, ArrayLike] | None) -> Mapping[str, ArrayLike]:
+        """Return what acts, by the name of the movement, after a check of the names."""
+        if coupling is None:
+            return {}
+        if not isinstance(coupling, Mapping):
+            raise OptionError(
+                f"{key} = {coupling!r}", way_out='give a mapping of names to numbers, "" for the load'
+            )
+        for name in coupling:
+            self._movement(name)
+        return coupling
 
     def redirected(self, state: CooperativeState, goal: Pose, name: str = "") -> CooperativeState:
         """Return the state with another goal: of the load, or of the hand `name` that moves independently."""
@@ -253,14 +339,14 @@ class CooperativeDMP:
         ConstraintError
             If the constraints cannot be met together near these poses.
         """
-        movements = self._movements()
+        movements = self.movements
         now = {name: movements[name].pose(part) for name, part in state.parts.items()}
         placed = [
             _composed(now.get("", Pose(np.zeros(3))), now[name] if isinstance(hand, PoseDMP) else hand)
             for name, hand in self.hands.items()
         ]
         positions, orientations = (np.stack(values)[None] for values in zip(*placed, strict=True))
-        poses = project(Poses(self.manipulators, positions, orientations), self.constraints)
+        poses = self._projected(Poses(self.manipulators, positions, orientations))
         return {
             name: Pose(poses.positions[0, i], poses.orientations[0, i])
             for i, name in enumerate(self.manipulators)
@@ -313,7 +399,7 @@ class CooperativeDMP:
         for _ in range(HALVINGS):
             middle = 0.5 * (begin + end)
             first, half, last = (
-                project(self._free(instants)[0], self.constraints) for instants in (begin, middle, end)
+                self._projected(self._free(instants)[0]) for instants in (begin, middle, end)
             )
             ways = _apart(first, half), _apart(half, last)
             later = ways[1] > ways[0]
@@ -327,12 +413,14 @@ class CooperativeDMP:
                 way_out="begin from a movement that nearly meets them",
             )
 
-    def _movements(self) -> dict[str, PoseDMP]:
+    @property
+    def movements(self) -> dict[str, PoseDMP]:
+        """Return what moves by its name: "" for the load, first, then the hands."""
         load = {} if self.load is None else {"": self.load}
         return load | {name: hand for name, hand in self.hands.items() if isinstance(hand, PoseDMP)}
 
     def _movement(self, name: str) -> PoseDMP:
-        movements = self._movements()
+        movements = self.movements
         if name not in movements:
             what = f"the hand {name!r}" if name else "the load"
             raise OptionError(f"{what} has no movement of its own", way_out=near_name(name, movements))

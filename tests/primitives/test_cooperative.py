@@ -1,12 +1,18 @@
 """Hands with orientations on one phase: relative poses hold whatever happens, prescribed ones are followed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.coordination.constraints import (
+from comove.demonstrations import Demonstration
+from comove.errors import ConstraintError, DemonstrationError, OptionError
+from comove.primitives.cooperative import CooperativeDMP
+from comove.primitives.poses import VERTICAL, Pose, PoseDMP
+from comove.primitives.projection import (
     TURN_LENGTH,
     HandDistance,
     Poses,
@@ -16,10 +22,6 @@ from comove.coordination.constraints import (
     Upright,
     project,
 )
-from comove.coordination.cooperative import CooperativeDMP
-from comove.demonstrations import Demonstration
-from comove.errors import ConstraintError, DemonstrationError, OptionError
-from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -343,3 +345,83 @@ def test_times_that_are_none(time, constraints):
     for movement in (load, CooperativeDMP(None, {"a": load, "b": aside}, constraints)):
         with pytest.raises(OptionError, match="give an array of finite numbers"):
             movement.at(time)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.0, 5.0), st.floats(0.1, 5.0))
+def test_who_is_twice_as_mobile_makes_way_twice_as_far(seed, one, other):
+    """For a distance both move along the line between them, in the proportion of their mobilities; a leader stays."""
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-1, 1, (3, 2, 3))
+    positions[:, 1] += 2.0
+    turned = Rotation.random(6, random_state=seed).as_quat(scalar_first=True).reshape(3, 2, 4)
+    poses = Poses(("a", "b"), positions, turned)
+    moved = project(poses, [HandDistance("a", "b", 0.7)], (one, other))
+    ways = np.linalg.norm(moved.positions - positions, axis=2)
+    assert np.abs(ways[:, 0] * other - ways[:, 1] * one).max() < 1e-6
+    assert np.abs(np.linalg.norm(moved.positions[:, 1] - moved.positions[:, 0], axis=1) - 0.7).max() < 1e-11
+    if one == 0.0:
+        assert np.array_equal(moved.positions[:, 0], positions[:, 0])
+
+
+@pytest.mark.parametrize("name", ["distance", "height", "pose"])
+def test_a_leader_keeps_its_movement_and_the_follower_comes_along(name):
+    dmp = replace(alone(CASES[name]), mobility={"left": 0.0})
+    path, own = dmp.rollout(n_steps=41), dmp.hands["left"].rollout(n_steps=41)
+    assert np.array_equal(path.position[:, 0], own.position)
+    assert np.array_equal(path.orientation[:, 0], own.orientation)
+    poses = Poses(path.manipulators, path.position, path.orientation)
+    assert max(np.abs(constraint(poses)).max() for constraint in CASES[name]) < 1e-10
+    alike = alone(CASES[name]).rollout(n_steps=41)
+    assert np.abs(alike.position[:, 0] - own.position).max() > 1e-3  # where both make way
+    state = dmp.step(dmp.initial_state(), 0.5)
+    leader = dmp.hands["left"].at([0.5])
+    assert np.abs(dmp.poses(state)["left"].position - leader.position[0]).max() < 1e-12
+
+
+def test_mobilities_that_are_none():
+    distance = [HandDistance("left", "right", 0.5)]
+    for mobility in ({"left": -1.0}, {"left": np.nan}, {"lefft": 0.0}, [0.0, 1.0], {"left": "0"}):
+        with pytest.raises(OptionError, match="mobility"):
+            replace(alone(distance), mobility=mobility)
+    with pytest.raises(OptionError, match="no hand may make way"):
+        replace(alone(distance), mobility={"left": 0.0, "right": 0.0})
+    with pytest.raises(ConstraintError, match="cannot be met"):
+        replace(alone([*distance, Upright("left")]), mobility={"left": 0.0}).rollout()
+    poses = Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]))
+    with pytest.raises(OptionError, match="mobility"):
+        project(poses, [Upright("a")], (1.0, 2.0))
+
+
+def test_the_load_is_pushed_and_the_grasps_hold():
+    """A coupling of the load acts on the load alone; that of a carried hand in the load's frame."""
+    dmp = carried(3)
+    pushed, free = dmp.initial_state(), dmp.initial_state()
+    push, drift = np.array([0.5, 0, 0, 0, 0, 1.0]), np.array([0, 0.1, 0, 0.2, 0, 0])
+    for _ in range(20):
+        pushed = dmp.step(pushed, 0.02, coupling={"": push}, velocity_coupling={"": drift})
+        free = dmp.step(free, 0.02)
+    load = [dmp.load.pose(state.parts[""]) for state in (pushed, free)]
+    assert np.linalg.norm(load[0].position - load[1].position) > 0.01
+    assert (load[0].rotation * load[1].rotation.inv()).magnitude() > 0.01
+    assert relative_error(dmp.poses(pushed), dmp.hands) < 1e-12
+    with pytest.raises(OptionError, match="has no movement of its own"):
+        dmp.step(free, 0.1, coupling={"hand0": push})
+    with pytest.raises(OptionError, match="coupling"):
+        dmp.step(free, 0.1, coupling=push)
+
+
+def test_a_load_may_be_caught_and_handed_on_in_motion():
+    twist = np.array([0.2, -0.1, 0.05, 0.3, 0.1, -0.4])
+    dmp = carried(2).towards(start_velocity=twist, goal_velocity=-twist)
+    path = dmp.load.rollout()
+    for k, wanted in ((0, twist), (-1, -twist)):
+        assert np.abs(path.velocity[k] - wanted[:3]).max() < 1e-9
+        assert np.abs(path.angular_velocity[k] - wanted[3:]).max() < 1e-9
+    assert np.abs(path.position[-1] - carried(2).load.goal.position).max() < 1e-10
+    velocity, spin = differences(dmp, np.array([0.1, 2.9]))
+    played = dmp.at([0.1, 2.9])
+    assert np.abs(velocity - played.velocity).max() < 1e-6
+    assert np.abs(spin - played.angular_velocity).max() < 1e-5
+    with pytest.raises(OptionError, match="no common start or goal"):
+        alone([]).towards(goal_velocity=twist)

@@ -7,7 +7,9 @@ the linearised constraints,
 
     xi = -W J^T (J W J^T)^+ residual,      y <- y + xi_y,      R <- exp(xi_r) R,
 
-with a metric W in which a radian counts as `TURN_LENGTH` metres. J is computed by central differences.
+with a metric W in which a radian counts as `TURN_LENGTH` metres, times the mobility of each manipulator: a leader has
+none and keeps its pose, and of two followers the one with twice the mobility makes way twice as far. J is computed by
+central differences.
 """
 
 from __future__ import annotations
@@ -154,8 +156,15 @@ class Upright:
         return pointing[:, :2] * np.where(aside > 1e-9, angle / np.maximum(aside, 1e-9), 1.0)
 
 
-def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
+def project(
+    poses: Poses, constraints: Sequence[Constraint], mobility: Sequence[float] | None = None
+) -> Poses:
     """Return the poses moved onto all constraints, at every sample.
+
+    Parameters
+    ----------
+    mobility : of every manipulator, how readily it moves relative to the others, 0 for one that must not; all alike
+        by default
 
     Raises
     ------
@@ -166,6 +175,13 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
     """
     if not constraints:
         return poses
+    moves = np.ones(len(poses.manipulators)) if mobility is None else numbers(mobility)
+    if moves.shape != (len(poses.manipulators),) or not (np.isfinite(moves) & (moves >= 0)).all():
+        raise OptionError(
+            f"mobility = {mobility!r}", way_out=f"give {len(poses.manipulators)} numbers, 0 or more"
+        )
+    metric = np.tile(np.repeat([1.0, TURN_LENGTH**-2], 3), len(poses.manipulators)) * np.repeat(moves, 6)
+    still = moves == 0
     residual = _residual(poses, constraints)
     for _ in range(MAX_ITERATIONS):
         off = np.flatnonzero(np.abs(residual).max(axis=1) > TOLERANCE)
@@ -173,12 +189,12 @@ def project(poses: Poses, constraints: Sequence[Constraint]) -> Poses:
             return poses
         part = Poses(poses.manipulators, poses.positions[off], poses.orientations[off])
         jacobian = _jacobian(part, constraints)
-        metric = np.tile(np.repeat([1.0, TURN_LENGTH**-2], 3), len(poses.manipulators))
         weighted = metric[:, None] * jacobian.transpose(0, 2, 1)
         step = -weighted @ (np.linalg.pinv(jacobian @ weighted, rcond=1e-9) @ residual[off, :, None])
         moved = _moved(part, step[:, :, 0])
         positions, orientations = poses.positions.copy(), poses.orientations.copy()
-        positions[off], orientations[off] = moved.positions, moved.orientations
+        positions[off] = moved.positions
+        orientations[off] = np.where(still[:, None], orientations[off], moved.orientations)
         poses = Poses(poses.manipulators, positions, orientations)
         residual = _residual(poses, constraints)
     worst = np.abs(residual).max()
