@@ -40,6 +40,7 @@ _ROOMS = {
     "combine": "planning",
     "learn": "primitives",
     "solve": "planning",
+    "solve_many": "studies",
     "verify": "verification",
 }
 

@@ -136,7 +136,7 @@ def scaling(
     ] = False,
 ) -> int:
     """Measure how the time grows with what is asked, and fit exponents."""
-    from comove.experiments.workers import ONE_THREAD
+    from comove.processes import ONE_THREAD
 
     os.environ.update(
         ONE_THREAD
