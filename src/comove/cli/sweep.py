@@ -38,6 +38,8 @@ def run(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Run every scene of STUDY with every method, seed and setting, and compare them."""
+    from json import loads
+
     from comove.cli.texts import as_table
     from comove.studies import Shard, Sweep, groups_of, on_processes, report_of, write_report
 
@@ -60,7 +62,8 @@ def run(
     ]
     for g in groups_of(out):
         figures = ("-" if value is None else f"{value:.4g}" for value in (g.cost, g.jerk, g.seconds))
-        rows.append((g.scene, g.method, g.settings or "-", f"{g.verified}/{g.runs}", *figures))
+        settings = ", ".join(f"{key} {value}" for key, value in loads(g.settings or "{}").items())
+        rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *figures))
     print(f"{report.ended} of {report.total} runs: {s.statuses_text(report)}")
     print(as_table(rows), f"report: {path}", sep="\n")
     return VERIFIED if report.verified else NOT_VERIFIED

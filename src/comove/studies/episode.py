@@ -29,6 +29,7 @@ from comove.scenes.scene import Scene
 from comove.studies.many import Taught
 from comove.studies.runs import LONGEST, StoredMotion, StudyRun
 from comove.studies.variety import N_PATH, center_path, passing_class
+from comove.verification.bounds import largest_jerk, node_bounds
 
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
@@ -74,7 +75,7 @@ def _measured(run: StudyRun, solution: Solution) -> StudyRun:
         end_error=finite(report.end_error),
         speed_max=finite(report.speed_max),
         acceleration_max=finite(report.acceleration_max),
-        jerk_max=finite(report.jerk_max),
+        jerk_max=finite(largest_jerk(motion, node_bounds(motion).jerk)),
         followed=None if solution.followed is None else solution.followed.distance,
         passing=passing_class(motion),
         motion_sha256=checksum(motion_arrays(motion)),
