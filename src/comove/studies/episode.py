@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,9 @@ from comove.planning import Solution, solve
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.results.solution import CURVE, motion_arrays, rebuild
-from comove.scenes.demonstration import demonstration_of
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.studies.many import Taught
+from comove.studies.many import movement_of
 from comove.studies.runs import LONGEST, StoredMotion, StudyRun
 from comove.studies.variety import N_PATH, center_path, passing_class
 from comove.verification.bounds import largest_jerk, node_bounds
@@ -80,32 +78,6 @@ def _measured(run: StudyRun, solution: Solution) -> StudyRun:
         passing=passing_class(motion),
         motion_sha256=checksum(motion_arrays(motion)),
     )
-
-
-class _Named:
-    """A scene that counts as equal to others whose demonstration is the same movement."""
-
-    def __init__(self, scene: Scene):
-        self.scene = scene
-        source = scene.file.demonstration
-        said = None if source is None else json.dumps(source.model_dump(), sort_keys=True)
-        self._same = (str(scene.folder), said, scene.n_dims, scene.manipulators, scene.turns_as_one)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Named) and self._same == other._same
-
-    def __hash__(self) -> int:
-        return hash(self._same)
-
-
-def movement_of(scene: Scene) -> Taught | None:
-    """Return the movement that a scene names, read and fitted once for all scenes that name it."""
-    return _movement(_Named(scene))
-
-
-@lru_cache(maxsize=64)
-def _movement(named: _Named) -> Taught | None:
-    return demonstration_of(named.scene)
 
 
 def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:

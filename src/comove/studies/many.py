@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 from comove.errors import OptionError
@@ -78,7 +79,7 @@ class SolvingWork:
         _, scene = task
         solution = solve(
             scene,
-            demonstration=demonstration_of(scene) if self.demonstration is None else self.demonstration,
+            demonstration=movement_of(scene) if self.demonstration is None else self.demonstration,
             seed=self.seed,
             method=self.method or Comove(),
             planner=self.planner,
@@ -86,6 +87,32 @@ class SolvingWork:
             objective=self.objective,
         )
         return solution.verified, replace(solution, motion=None)
+
+
+class _Named:
+    """A scene that counts as equal to others whose demonstration is the same movement."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        source = scene.file.demonstration
+        said = None if source is None else json.dumps(source.model_dump(), sort_keys=True)
+        self._same = (str(scene.folder), said, scene.n_dims, scene.manipulators, scene.turns_as_one)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Named) and self._same == other._same
+
+    def __hash__(self) -> int:
+        return hash(self._same)
+
+
+def movement_of(scene: Scene) -> Taught | None:
+    """Return the movement that a scene names, read and fitted once for all scenes that name it."""
+    return _movement(_Named(scene))
+
+
+@lru_cache(maxsize=64)
+def _movement(named: _Named) -> Taught | None:
+    return demonstration_of(named.scene)
 
 
 def solve_many(
