@@ -113,7 +113,7 @@ def generated(folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[
 
 
 def many() -> dict[str, Any]:
-    """Return what a scene of `solve_many` takes beyond its work, on one process, from scenes to outcomes in memory."""
+    """Return what a scene of `solve_many` takes beyond its work, on one process, from scenes to outcomes."""
     study = Study.load(STUDY)
     tasks = iter([(number, study.draw(number).scene) for number in range(N_MANY)])
     working = run_tasks(TimedWork(SolvingWork()), lambda: next(tasks, None), workers=1)

@@ -9,9 +9,12 @@ import typer
 
 from comove.cli import studies as s
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.options import require_one_of
 
 if TYPE_CHECKING:
     from comove.studies import StudyReport
+
+NO_FORMATS: list[str] = []
 
 
 @verb
@@ -22,12 +25,26 @@ def generate(
     shard: s.ShardOption = s.WHOLE,
     slurm: s.Slurm = None,
     shards: s.Shards = 1,
+    formats: Annotated[
+        list[str],
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="Write the verified episodes as a dataset into DIR: npz, lerobot, robomimic; may be repeated.",
+        ),
+    ] = NO_FORMATS,
+    rate: Annotated[int, typer.Option(metavar="HZ", help="Samples a second of the datasets.")] = 50,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
     from comove.studies import Shard, Study, on_processes, report_of, write_report
+    from comove.studies.datasets import FORMATS, export_episodes
+    from comove.studies.datasets.export import check_export
 
     s.require_alone(shard, slurm)
+    for name in formats:
+        require_one_of(name, tuple(FORMATS), "format")
+        check_export(out, FORMATS[name])
     part, loaded, run = Shard.parse(shard), Study.load(study), on_processes(workers)
     if slurm is not None:
         s.write_slurm("generate", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
@@ -48,6 +65,9 @@ def generate(
         print(path.read_text(encoding="utf-8"), end="")
     else:
         print(_text(report), f"report: {path}", sep="\n")
+    for name in formats if report.verified else ():
+        dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate)
+        print(f"{name}: {dataset} holds {count} episodes", file=sys.stderr if json else sys.stdout)
     return VERIFIED if report.verified else NOT_VERIFIED
 
 
