@@ -174,7 +174,7 @@ def test_a_motion_that_was_edited_is_not_exported(done, tmp_path):
             "SELECT curve FROM motions JOIN runs USING (key) WHERE number = 0"
         ).fetchone()
         connection.execute("UPDATE motions SET curve = ?", (curve,))
-    with pytest.raises(ResultError, match="does not stand the check any more|cannot be rebuilt"):
+    with pytest.raises(ResultError, match=r"does not stand the check any more|cannot be rebuilt"):
         export_episodes(copy, done[0].parent, FORMATS["npz"], RATE)
 
 
