@@ -139,7 +139,7 @@ class StudyFile(Part):
     draws: Annotated[tuple[DrawPart, ...], BeforeValidator(as_tuple)] = ()
     episodes: Annotated[int, Field(ge=1, le=MAX_EPISODES)]
     seed: Annotated[int, Field(ge=0)] = 0
-    budget: Positive = 10.0
+    budget: Positive = 30.0
     """Time for each episode [s]."""
 
 
@@ -157,7 +157,7 @@ class SweepFile(Part):
         default_factory=dict
     )
     """Values of keys of the scenes, of which all combinations are run."""
-    budget: Positive = 10.0
+    budget: Positive = 30.0
     """Time for each run [s]."""
 
 
