@@ -41,6 +41,7 @@ _ROOMS = {
     "learn": "primitives",
     "solve": "planning",
     "solve_many": "studies",
+    "study": "studies",
     "verify": "verification",
 }
 

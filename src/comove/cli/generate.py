@@ -25,6 +25,7 @@ def generate(
     shard: s.ShardOption = s.WHOLE,
     slurm: s.Slurm = None,
     shards: s.Shards = 1,
+    dask: s.Dask = None,
     formats: Annotated[
         list[str],
         typer.Option(
@@ -37,7 +38,7 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
-    from comove.studies import Shard, Study, on_processes, report_of, write_report
+    from comove.studies import Shard, Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
 
@@ -45,7 +46,7 @@ def generate(
     for name in formats:
         require_one_of(name, tuple(FORMATS), "format")
         check_export(out, FORMATS[name])
-    part, loaded, run = Shard.parse(shard), Study.load(study), on_processes(workers)
+    part, loaded, run = Shard.parse(shard), Study.load(study), s.runs_of(workers, dask)
     if slurm is not None:
         s.write_slurm("generate", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
         return VERIFIED

@@ -29,6 +29,12 @@ Slurm = Annotated[
     typer.Option(metavar="FILE", help="Run nothing: write a script for Slurm that runs --shards parts."),
 ]
 Shards = Annotated[int, typer.Option(metavar="N", help="Parts of --slurm.")]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Run on the workers of this Dask scheduler; 'local' starts one here."
+    ),
+]
 WHOLE = "1/1"
 
 
@@ -44,6 +50,18 @@ def write_slurm(
     with whole_file(file, ResultError) as draft:
         draft.write(script.encode())
     print(f"script: {file}; send it: sbatch {file}")
+
+
+def runs_of(workers: int, dask: str | None) -> Run:
+    """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
+    from comove.studies import on_processes
+
+    on_this = on_processes(workers)
+    if dask is None:
+        return on_this
+    from comove.studies.on_dask import on_dask
+
+    return on_dask(dask, workers)
 
 
 def run_with_progress(study: Runs, out: Path, run: Run, shard: Shard) -> StudyProgress:
@@ -99,8 +117,11 @@ def _time(seconds: float) -> str:
 
 
 def statuses_text(report: StudyReport) -> str:
-    """Return the numbers of runs by status in words."""
-    return ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
+    """Return the numbers of runs by status in words, and of those that time was too short for."""
+    text = ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
+    if not report.cut_short:
+        return text
+    return f"{text}; {report.cut_short} used up their budget, and may come out otherwise on another machine"
 
 
 def require_alone(shard: str, slurm: Path | None) -> None:

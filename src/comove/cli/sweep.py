@@ -35,16 +35,17 @@ def run(
     shard: s.ShardOption = s.WHOLE,
     slurm: s.Slurm = None,
     shards: s.Shards = 1,
+    dask: s.Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Run every scene of STUDY with every method, seed and setting, and compare them."""
     from json import loads
 
     from comove.cli.texts import as_table
-    from comove.studies import Shard, Sweep, groups_of, on_processes, report_of, write_report
+    from comove.studies import Shard, Sweep, groups_of, report_of, write_report
 
     s.require_alone(shard, slurm)
-    part, loaded, runs = Shard.parse(shard), Sweep.load(study), on_processes(workers)
+    part, loaded, runs = Shard.parse(shard), Sweep.load(study), s.runs_of(workers, dask)
     if slurm is not None:
         s.write_slurm("sweep", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
         return VERIFIED

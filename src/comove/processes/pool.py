@@ -48,7 +48,7 @@ class Ended(Generic[Task, Made]):
     made : what the work made of it; None if it failed
     error : what the work raised, in one line; empty if nothing
     refused : whether it raised because of its input, and not by a defect
-    killed : whether its process was killed
+    killed : number of processes that were killed while they were at it
     late : whether its process was killed here, because it took too long
     seconds : time that it took [s]
     """
@@ -57,7 +57,7 @@ class Ended(Generic[Task, Made]):
     made: Made | None = None
     error: str = ""
     refused: bool = False
-    killed: bool = False
+    killed: int = 0
     late: bool = False
     seconds: float = 0.0
 
@@ -205,7 +205,7 @@ class _Crew(Generic[Task, Made]):
             return
         if process.ready:
             seconds = time.monotonic() - process.since
-            yield Ended(process.task, killed=not process.late, late=process.late, seconds=seconds)
+            yield Ended(process.task, killed=int(not process.late), late=process.late, seconds=seconds)
             return
         self.died += 1
         if self.died >= STARTS:

@@ -29,6 +29,7 @@ from comove.studies.runs import LONGEST, StoredMotion, StudyRun
 from comove.studies.variety import N_PATH, center_path, passing_class
 from comove.verification.bounds import largest_jerk, node_bounds
 
+CUT = 0.9  # share of the budget beyond which a search counts as cut short
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
 
@@ -51,7 +52,8 @@ def solved_run(
             solution = solve(
                 scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget
             )
-        run = _measured(run, solution)
+        cut_short = int(solution.solve_time_s > CUT * budget)
+        run = replace(_measured(run, solution), cut_short=cut_short)
         if solution.verified:
             motion = stored(run.key, solution.attempt)
     except InputError as error:

@@ -63,6 +63,7 @@ class StudyReport:
     rejected_share : their share of all draws
     verified_share : share of verified runs among those whose scene is valid
     figures : figures of the verified runs, by measure
+    cut_short : number of runs whose search used up its budget: on another machine they may come out otherwise
     seconds : median time of a verified run [s]
     bytes_each : size of the store by run [byte]
     variety : variety of the verified episodes; None where there are fewer than two
@@ -76,6 +77,7 @@ class StudyReport:
     rejected_share: float
     verified_share: float
     figures: Mapping[str, Figure]
+    cut_short: int
     seconds: float | None
     bytes_each: float
     variety: Variety | None
@@ -102,7 +104,9 @@ def report_of(folder: Path) -> StudyReport:
             f"LIMIT {MOST_REASONS}"
         )
         reasons = dict(frequent.fetchall())
-        (rejected,) = connection.execute("SELECT total(rejected) FROM runs").fetchone()
+        rejected, cut_short = connection.execute(
+            "SELECT total(rejected), total(cut_short) FROM runs"
+        ).fetchone()
         wanted = ", ".join((*MEASURES, "seconds"))
         rows = connection.execute(f"SELECT {wanted} FROM runs WHERE status = 'verified'").fetchall()
         classes = dict(
@@ -124,6 +128,7 @@ def report_of(folder: Path) -> StudyReport:
         figures={
             name: figure for name, own in zip(MEASURES, values.T, strict=False) if (figure := _figure(own))
         },
+        cut_short=int(cut_short),
         seconds=float(np.median(values[:, -1])) if len(values) else None,
         bytes_each=store.path.stat().st_size / max(1, ended),
         variety=variety(paths, classes) if len(paths) > 1 else None,

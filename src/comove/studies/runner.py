@@ -164,7 +164,7 @@ def run_study(
 
         for ended in run(study.run, next_task, TIMES * study.budget + MORE):
             key = study.key(ended.task)
-            if ended.killed and writer.note_kill(key) < KILLS:
+            if ended.killed and writer.note_kill(key, ended.killed) < KILLS:
                 waiting.append(ended.task)
                 continue
             row, motion = ended.made or (_failed(key, ended), None)

@@ -46,7 +46,9 @@ class StudyRun:
     followed : mean distance from the demonstration [m]
     passing : class of the motion among the obstacles
     motion_sha256 : checksum of the motion
-    seconds : time of the run [s]; this and `started`, its beginning in UTC (ISO 8601), differ from machine to machine
+    cut_short : 1 if the search used up its budget, so that the motion hangs on the pace of the machine, else 0
+    seconds : time of the run [s]
+    started : its beginning in UTC (ISO 8601)
     """
 
     key: str
@@ -70,12 +72,13 @@ class StudyRun:
     followed: float | None = None
     passing: str = ""
     motion_sha256: str = ""
+    cut_short: int = 0
     seconds: float | None = None
     started: str = ""
 
 
 MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name != "seconds")
-UNREPEATED = ("seconds", "started")
+UNREPEATED = ("cut_short", "seconds", "started")
 """Columns that differ from machine to machine."""
 COLUMNS = tuple(f.name for f in fields(StudyRun))
 _KINDS = {"str": "TEXT", "int": "INTEGER", "float | None": "REAL"}
@@ -231,10 +234,11 @@ class StudyWriter:
         )
         self._connection.commit()
 
-    def note_kill(self, key: str) -> int:
-        """Note that a process was killed during a run; returns how often that has happened."""
+    def note_kill(self, key: str, times: int = 1) -> int:
+        """Note that processes were killed during a run; returns how often that has happened in all."""
         self._connection.execute(
-            "INSERT INTO kills VALUES (?, 1) ON CONFLICT DO UPDATE SET times = times + 1", (key,)
+            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
+            (key, times),
         )
         self._connection.commit()
         return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]

@@ -21,9 +21,9 @@ from comove.planning import Comove, Paper, Printed, Projection
 from comove.planning.method import Method
 from comove.scenes.scene import Scene
 from comove.studies.episode import solved_run
+from comove.studies.generation import read_study
 from comove.studies.keys import change
 from comove.studies.runs import LONGEST, StoredMotion, StudyRun, digest
-from comove.studies.study import read_study
 from comove.studies.study_file import SWEEP, SweepFile
 
 METHODS: dict[str, Method] = {m.name: m for m in (Comove(), Projection(), Paper(), Printed())}
