@@ -74,6 +74,7 @@ def test_the_order_is_that_of_the_design():
             "ties",
             "trajectory",
             "io",
+            "processes",
             "geometry",
             "demonstrations",
             "primitives",
@@ -83,7 +84,7 @@ def test_the_order_is_that_of_the_design():
             "verification",
         ),
         *("optimisers", "planning", "results", "reaction", "execution", "robots", "simulators", "export"),
-        *("views", "workbench", "experiments", "cli"),
+        *("studies", "views", "workbench", "experiments", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
 

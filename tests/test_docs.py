@@ -26,6 +26,8 @@ SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
     *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
     "bench ablation",
+    "comove generate",
+    "comove sweep",
     *("--method paper", "--method task-priority", "comove reproduce"),
     "05_a_load_of_any_shape",
     "18_the_papers_method",

@@ -40,6 +40,8 @@ _ROOMS = {
     "combine": "planning",
     "learn": "primitives",
     "solve": "planning",
+    "solve_many": "studies",
+    "study": "studies",
     "verify": "verification",
 }
 

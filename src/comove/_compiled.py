@@ -23,6 +23,7 @@ from typing import Any
 
 CACHING = "numba.core.caching"
 OURS = "comove."
+ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no other process helps to compile
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 _told = False
 

@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from comove.cli import bench  # noqa: F401  registers the verbs
 from comove.cli.app import app
-from comove.experiments.bench.sets import scenes_of
+from comove.experiments.bench.sets import own_scenes, scenes_of
 from comove.experiments.bench.store import RunStore
+from comove.experiments.examples import example_path
 
 
 def invoke(*arguments):
@@ -71,6 +72,36 @@ def test_bad_runs(tmp_path, others):
     refused(invoke("run", "--out", tmp_path / "none" / "runs.sqlite"), "its folder is not there")
     refused(invoke("run", "--out", others[0]), "it is no SQLite file")
     refused(invoke("run", "--out", others[1]), "no store of runs")
+
+
+def test_scenes_of_ones_own(tmp_path):
+    """Files and folders of scenes; what is wrong is said before anything is run."""
+    store = tmp_path / "runs.sqlite"
+    invoke("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
+    found = own_scenes([tmp_path / "mine", example_path("wide")])
+    assert [scene.name for scene in found] == ["planar-00", "spatial-00", "wide"]
+    assert {scene.set for scene in found} == {"own"}
+    (tmp_path / "empty").mkdir()
+    for given, words in (
+        ([tmp_path / "none.yaml"], "there is no such file"),
+        ([tmp_path / "empty"], "the folder holds no scene"),
+        ([tmp_path / "mine", tmp_path / "mine"], "two scenes are called 'planar-00'"),
+    ):
+        refused(invoke("run", *given, "--out", store), words)
+    assert not store.exists()
+
+
+@pytest.mark.slow
+def test_runs_of_ones_own_scenes_are_reported(tmp_path):
+    store = tmp_path / "runs.sqlite"
+    arguments = ("run", example_path("wide"), "--out", store, "--seeds", "2", "--budget", "2")
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert {(r.configuration.set, r.configuration.scene) for r in RunStore.open(store).runs()} == {
+        ("own", "wide")
+    }
+    assert invoke("report", store, "--out", tmp_path / "report").exit_code == 0
+    assert "| comove | 2/2 |" in (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
 
 
 def test_bad_stores(tmp_path, others):

@@ -1,5 +1,6 @@
 """The candidate is an exact curve, its bounds hold at every instant, and demonstrations keep their shape."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -324,3 +325,25 @@ def test_rhythmic_movements_lead_nowhere():
     cycle = Demonstration(time, np.stack([np.cos(2 * np.pi * time), np.sin(2 * np.pi * time)], axis=1))
     with pytest.raises(OptionError, match="rhythmic"):
         modulate(DMP.fit(cycle, variant="rhythmic"), np.zeros(2), np.ones(2))
+
+
+@pytest.mark.parametrize("metric", ["jerk", "velocity"])
+def test_a_motion_is_sent_to_another_process_by_what_it_is_made_of(metric):
+    """It is the same curve there, cannot be changed either, and takes kilobytes."""
+    scene = PLANAR_BAR
+    straight = CoordinatedMotion.straight(scene)
+    basis = motion_basis(20, metric)
+    weights = np.random.default_rng(0).normal(size=(straight.coordinates.n_columns, basis.n_basis))
+    motion = CoordinatedMotion(scene, straight.coordinates, basis, straight.boundary, weights)
+    content = pickle.dumps(motion)
+    same = pickle.loads(content)
+    assert len(content) < 20_000
+    assert np.array_equal(same.knots, motion.knots)
+    assert not same.weights.flags.writeable
+
+
+def test_a_basis_of_other_kernels_is_sent_whole():
+    fading = motion_basis(10, fading_goal=True)
+    same = pickle.loads(pickle.dumps(fading))
+    assert np.array_equal(same.boundary, fading.boundary)
+    assert not np.array_equal(fading.boundary, motion_basis(10).boundary)

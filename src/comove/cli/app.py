@@ -31,9 +31,9 @@ app = typer.Typer(
 Command = Callable[..., int | None]
 
 
-def sub_application(name: str, about: str) -> typer.Typer:
-    """Return a new group of verbs, `comove NAME VERB`."""
-    group = typer.Typer(name=name, help=about, **STYLE)
+def sub_application(name: str, about: str, **options: Any) -> typer.Typer:
+    """Return a new group of verbs, `comove NAME VERB`; options are those of Typer."""
+    group = typer.Typer(name=name, help=about, **STYLE, **options)
     group.callback(help=about)(lambda: None)  # so that a single verb is still named
     app.add_typer(group)
     return group
@@ -97,6 +97,7 @@ def whole_application() -> typer.Typer:
     from comove.cli import (  # noqa: F401  registers verbs
         bench,
         demo,
+        generate,
         learn,
         library,
         report,
@@ -106,6 +107,7 @@ def whole_application() -> typer.Typer:
         run,
         show,
         solve,
+        sweep,
         verify,
         view,
     )

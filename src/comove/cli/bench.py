@@ -44,10 +44,17 @@ def draw(
 
 @verb_of(group)
 def run(
+    own: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[SCENE...]", help="Scenes of one's own, or folders of them, instead of sets."
+        ),
+    ] = None,
+    *,
     out: Annotated[Path, typer.Option(help="File for the runs (SQLite); one that is there is gone on with.")],
     sets: Annotated[
-        list[str], typer.Option(metavar="SET,...", help="Of: easy, hard, extreme; all unless given.")
-    ] = SETS,
+        list[str] | None, typer.Option(metavar="SET,...", help="Of: easy, hard, extreme; all unless given.")
+    ] = None,
     scenes: Annotated[
         int | None, typer.Option(metavar="N", help="Of every set, the first; all 50 unless given.")
     ] = None,
@@ -62,12 +69,13 @@ def run(
         int, typer.Option(metavar="N", help="Runs at a time; more than one share the machine's memory.")
     ] = 1,
 ) -> int:
-    """Run systems on the frozen sets of scenes; what is in the file already is not run again."""
+    """Run systems on the frozen sets, or on scenes of one's own; what is in the file already is not run again."""
     from comove.experiments.bench.runner import BenchProgress, jobs_of, run_all
-    from comove.experiments.bench.sets import scenes_of
+    from comove.experiments.bench.sets import own_scenes, scenes_of
     from comove.experiments.registry import systems_named
 
-    chosen = [scene for name in names_of(sets) for scene in scenes_of(name, scenes)]
+    named = names_of(sets if sets is not None else [] if own else SETS)
+    chosen = [scene for name in named for scene in scenes_of(name, scenes)] + own_scenes(own or [])
     jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
     last = BenchProgress(0, 0, len(jobs))
 
@@ -136,7 +144,7 @@ def scaling(
     ] = False,
 ) -> int:
     """Measure how the time grows with what is asked, and fit exponents."""
-    from comove.experiments.workers import ONE_THREAD
+    from comove.processes import ONE_THREAD
 
     os.environ.update(
         ONE_THREAD

@@ -10,13 +10,10 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
+from comove.processes import ONE_THREAD
+
 Given = TypeVar("Given")
 Made = TypeVar("Made")
-
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
-"""The environment of processes whose numerical libraries keep to one thread."""
 
 
 def run_all(

@@ -15,11 +15,11 @@ from typing import Any
 from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
+from comove._compiled import ALONE
 from comove.processors import n_processors
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]
-ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no other process helps to compile
 CALL = """
 import importlib, json, sys
 module, function, arguments = sys.argv[1:]

@@ -17,7 +17,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -148,14 +148,28 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
                     f"{name or 'the movement'} of episode {index} has {demo.n_dims} coordinates in {demo.unit}",
                     "robomimic keeps positions x, y, z in metres",
                 )
-    h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
-        data = root.create_group("data")
-        environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rates[0]}}
-        data.attrs["env_args"] = np.bytes_(json.dumps(environment))  # of fixed length, where checksums reach
+    with robomimic_file(path) as begin:
+        data = begin(rates[0])
         data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in written)
         for index, demos in enumerate(written):
-            _write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
+            write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
+
+
+@contextmanager
+def robomimic_file(path: str | os.PathLike[str]) -> Iterator[Callable[[float], Group]]:
+    """Lend a function that makes the group of the episodes for a rate [Hz]; the file appears when all is written."""
+    h5py = extra("h5py", path)
+    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+
+        def begin(rate: float) -> Group:
+            data = root.create_group("data")
+            environment = {"env_name": "comove", "type": 1, "env_kwargs": {"control_freq": rate}}
+            data.attrs["env_args"] = np.bytes_(
+                json.dumps(environment)
+            )  # of fixed length, where checksums reach
+            return data
+
+        yield begin
 
 
 def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
@@ -197,9 +211,9 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
     with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
         root.attrs["sim"] = False
         root.attrs["fps"] = rate
-        _put(root, "observations/qpos", qpos)
-        _put(root, "observations/qvel", np.gradient(qpos, 1.0 / rate, axis=0))
-        _put(root, "action", _next(qpos))
+        put(root, "observations/qpos", qpos)
+        put(root, "observations/qvel", np.gradient(qpos, 1.0 / rate, axis=0))
+        put(root, "action", _next(qpos))
 
 
 FORMAT = Format(
@@ -365,7 +379,7 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         raise fault(path, key, "not all of it was written", "record or copy it again")
 
 
-def _write_demo(group: Group, demos: list[RecordedSamples]) -> None:
+def write_demo(group: Group, demos: list[RecordedSamples]) -> None:
     """Write one episode of a robomimic file."""
     from scipy.spatial.transform import Rotation
 
@@ -373,18 +387,18 @@ def _write_demo(group: Group, demos: list[RecordedSamples]) -> None:
     group.attrs["num_samples"] = n_steps
     actions = []
     for index, demo in enumerate(demos):
-        _put(group, f"obs/robot{index}_eef_pos", demo.position)
+        put(group, f"obs/robot{index}_eef_pos", demo.position)
         actions.append(_next(demo.position))
         if demo.orientation is not None:
             turned = demo.orientation[:, [1, 2, 3, 0]]
-            _put(group, f"obs/robot{index}_eef_quat", turned)
+            put(group, f"obs/robot{index}_eef_quat", turned)
             actions.append(_next(Rotation.from_quat(turned).as_rotvec()))
-    _put(group, "actions", np.concatenate(actions, axis=1))
+    put(group, "actions", np.concatenate(actions, axis=1))
     group["rewards"] = np.zeros(n_steps)
     group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)
 
 
-def _put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
+def put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
     """Write a dataset with checksums, which every reader of HDF5 verifies."""
     group.create_dataset(name, data=rows, fletcher32=True)
 

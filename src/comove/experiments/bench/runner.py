@@ -29,8 +29,8 @@ from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
-from comove.experiments.workers import ONE_THREAD
 from comove.primitives.dmp import DMP
+from comove.processes import ONE_THREAD
 from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 
 SETS = tuple(DIFFICULTIES)
 COUNT, SEED = 50, 0  # of the frozen sets
+OWN = "own"  # name of the set in which scenes of one's own are
 WITNESSES = "witnesses.yaml"
 CONTENTS = Contents("set of scenes", frozenset(), frozenset())  # one that is drawn replaces nothing
 HEAD = """\
@@ -87,6 +89,36 @@ def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
             way_out=f"give a number from 1 to {len(paths)}, or leave it out",
         )
     return [BenchScene(name, path) for path in paths[:count]]
+
+
+def own_scenes(paths: Iterable[Path]) -> list[BenchScene]:
+    """Return scenes of one's own: files, and all scene files of folders; each is read once.
+
+    Raises
+    ------
+    OptionError
+        If two files have one name, which a report could not tell apart, or a folder holds no scene.
+    SceneError
+        If a scene cannot be read.
+    """
+    found: list[BenchScene] = []
+    for path in paths:
+        files = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
+        files = [file for file in files if file.name != WITNESSES]
+        if not files:
+            raise OptionError(
+                "the folder holds no scene", file=path, way_out="name a folder of scene files (YAML)"
+            )
+        found += [BenchScene(OWN, file) for file in files]
+    names: set[str] = set()
+    for scene in found:
+        if scene.name in names:
+            raise OptionError(
+                f"two scenes are called '{scene.name}'", file=scene.path, way_out="rename one of them"
+            )
+        names.add(scene.name)
+        scene.load()
+    return found
 
 
 def difficulty_named(name: str) -> Difficulty:

@@ -9,22 +9,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
-import sqlite3
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from types import NoneType
 from typing import TypeVar
 
 from comove.errors import ExtraError, ResultError
-from comove.io.files import telling, whole_path
+from comove.io.files import whole_path
+from comove.studies.store import AS_IT_WAS, KILLS, Store
 
 Part = TypeVar("Part")
 
 APPLICATION = 0x636F6D76  # "comv", in the header of the file
-WAIT = 60.0  # s, for others that write
 STATUSES = ("verified", "not verified", "nothing", "refused", "error", "killed", "late")
 
 
@@ -137,157 +134,17 @@ _TABLES = {
     "runs": _declared(COLUMNS),
     "planned": _declared(("key", *_WHAT)),
     "begun": "key TEXT, driver TEXT, pid INTEGER, since REAL, PRIMARY KEY (key, driver)",
-    "kills": "key TEXT PRIMARY KEY, times INTEGER",
+    "kills": KILLS,
 }
 
 
-def _columns(declared: str) -> list[str]:
-    """Return the names of the columns in a declaration of a table."""
-    return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER)', declared)
-
-
-_READ_ONLY = ("unable to open database file", "attempt to write a readonly database")
-_AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
-
-
 @dataclass(frozen=True)
-class RunStore:
-    """A store of runs, made by `open` or `create`.
+class RunStore(Store):
+    """A store of runs of the benchmark."""
 
-    Attributes
-    ----------
-    path : path of the file
-    """
-
-    path: Path
-
-    @classmethod
-    def open(cls, path: str | Path) -> RunStore:
-        """Open an existing store.
-
-        Raises
-        ------
-        ResultError
-            If there is no such file, or it is not a store.
-        """
-        store = cls(Path(path))
-        with telling(store.path, error=ResultError):
-            if not store.path.is_file():
-                what = "it is a folder" if store.path.is_dir() else "there is no such file"
-                raise ResultError(what, file=path, way_out="make it by: comove bench run --out STORE.sqlite")
-        store._check()
-        return store
-
-    @classmethod
-    def create(cls, path: str | Path) -> RunStore:
-        """Open an existing store, or create a new one.
-
-        Raises
-        ------
-        ResultError
-            If the path is taken by something else, or it cannot be written.
-        """
-        store = cls(Path(path))
-        with telling(store.path, "written", ResultError):
-            if store.path.exists() and not store.path.is_file():
-                what = "a folder" if store.path.is_dir() else "no regular file"
-                raise ResultError(f"it is {what}", file=path, way_out="name a file")
-            if store.path.exists() and store.path.stat().st_size:
-                store._check(whole=False)
-            elif not store.path.parent.is_dir():
-                raise ResultError("its folder is not there", file=path, way_out="make the folder first")
-        with store.connected() as connection:
-            connection.execute("BEGIN IMMEDIATE")  # all of it or nothing, and one after the other
-            connection.execute(f"PRAGMA application_id = {APPLICATION}")
-            for name, declared in _TABLES.items():
-                connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({declared})")
-            connection.execute("COMMIT")
-            connection.execute("PRAGMA journal_mode = WAL")
-        return store
-
-    def _check(self, *, whole: bool = True) -> None:
-        """Refuse a file that is not a store, or one of another version; with `whole`, also one that was not
-        finished.
-        """
-        with self.connected(reading=True) as connection:
-            (application,) = connection.execute("PRAGMA application_id").fetchone()
-            columns = {
-                name: [row[1] for row in connection.execute(f"PRAGMA table_info({name})")] for name in _TABLES
-            }
-        if application != APPLICATION:
-            raise ResultError(
-                "it is an SQLite file, but no store of runs", file=self.path, way_out="name another file"
-            )
-        for name, found in columns.items():
-            if found and found != _columns(_TABLES[name]):
-                raise ResultError(
-                    f"it is a store of another version of comove: its table '{name}' has other columns",
-                    file=self.path,
-                    way_out="name another file, or read it with the version that wrote it",
-                )
-            if not found and whole:
-                raise ResultError(
-                    f"it has no table '{name}': it was not finished",
-                    file=self.path,
-                    way_out="go on with it: comove bench run --out STORE.sqlite",
-                )
-
-    @contextmanager
-    def connected(self, *, reading: bool = False) -> Iterator[sqlite3.Connection]:
-        """Lend a connection whose changes are written as a whole, or not at all.
-
-        Parameters
-        ----------
-        reading : whether the connection only reads; the file may then be on a read-only medium
-
-        Raises
-        ------
-        ResultError
-            If the file is no SQLite file, or cannot be read or written.
-        """
-        connection = None
-        try:
-            with telling(self.path, "used", ResultError):
-                connection = self._readable() if reading else sqlite3.connect(self.path, timeout=WAIT)
-            with connection:
-                yield connection
-        except sqlite3.DatabaseError as error:
-            if "not a database" in str(error):
-                raise ResultError(
-                    "it is no SQLite file", file=self.path, way_out="name another file"
-                ) from error
-            damaged = "malformed" in str(error)
-            raise ResultError(
-                f"the store cannot be used: {error}",
-                file=self.path,
-                way_out=_AS_IT_WAS if damaged else "make room, or name a file that you may write",
-            ) from error
-        finally:
-            if connection is not None:
-                connection.close()
-
-    def _readable(self) -> sqlite3.Connection:
-        """Return a connection for reading; on a read-only medium, SQLite has to be told that the file does not
-        change.
-        """
-        connection = None
-        try:
-            connection = sqlite3.connect(self.path, timeout=WAIT)
-            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-            return connection
-        except sqlite3.OperationalError as error:
-            if connection is not None:
-                connection.close()
-            if str(error) not in _READ_ONLY:
-                raise
-            log = self.path.with_name(f"{self.path.name}-wal")
-            if log.exists() and log.stat().st_size:
-                raise ResultError(
-                    f"its last rows lie in {log.name}, and may not be moved into it here",
-                    file=self.path,
-                    way_out="copy both files to a folder that you may write",
-                ) from error
-        return sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    APPLICATION = APPLICATION
+    TABLES = _TABLES
+    MADE_BY = "comove bench run --out STORE.sqlite"
 
     def plan(self, configurations: Iterable[Configuration]) -> None:
         """Store the configurations that are to be run, so that a report can list the missing ones."""
@@ -303,11 +160,6 @@ class RunStore:
         with self.connected(reading=True) as connection:
             rows = connection.execute("SELECT * FROM planned").fetchall()
         return [Configuration(*row[1:]) for row in rows]
-
-    def keys(self) -> set[str]:
-        """Return the keys of the runs that have ended."""
-        with self.connected(reading=True) as connection:
-            return {key for (key,) in connection.execute("SELECT key FROM runs")}
 
     def runs(self) -> list[Run]:
         """Return the runs that have ended, in that order."""
@@ -346,7 +198,7 @@ class RunStore:
             raise ResultError(
                 f"the row '{str(values['key'])[:12]}' was changed: {str(error)[:80]}",
                 file=self.path,
-                way_out=_AS_IT_WAS,
+                way_out=AS_IT_WAS,
             ) from error
 
     def has(self, key: str) -> bool:
@@ -417,14 +269,6 @@ class RunStore:
                 f"INSERT INTO runs VALUES ({', '.join('?' * len(COLUMNS))}) ON CONFLICT DO NOTHING", row
             )
             connection.execute("DELETE FROM begun WHERE key = ?", (c.key,))
-
-    def note_kill(self, key: str) -> int:
-        """Note that a process was killed during a run; returns how often that has happened."""
-        with self.connected() as connection:
-            connection.execute(
-                "INSERT INTO kills VALUES (?, 1) ON CONFLICT DO UPDATE SET times = times + 1", (key,)
-            )
-            return connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
 
 
 def export_parquet(store: RunStore, path: str | Path) -> int:

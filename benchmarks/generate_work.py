@@ -1,0 +1,67 @@
+"""What `generate.py` runs, in a module that other processes can import."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from comove.studies import StudyRun
+from comove.studies.runs import StoredMotion
+
+
+@dataclass(frozen=True)
+class TimedWork:
+    """Work that also returns the time that it took [s]."""
+
+    work: Callable[[Any], Any]
+
+    def __call__(self, task: Any) -> tuple[float, Any]:
+        """Return the time, and what was made."""
+        begun = time.perf_counter()
+        made = self.work(task)
+        return time.perf_counter() - begun, made
+
+
+@dataclass(frozen=True)
+class Idle:
+    """A study whose runs do nothing."""
+
+    total: int
+    name: str = "idle"
+    budget: float = 1.0
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """Return nothing."""
+        return {}
+
+    def key(self, number: int) -> str:
+        """Return the number as a key."""
+        return f"{number:012d}"
+
+    def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
+        """Return a row at once."""
+        return row_of(number), None
+
+
+def row_of(number: int) -> StudyRun:
+    """Return a row as long as those of real runs."""
+    x = (number % 9973) / 9973.0
+    figures = dict.fromkeys(("duration", "cost", "clearance_min", "end_error", "speed_max", "jerk_max"), x)
+    return StudyRun(
+        f"{number:064d}",
+        number,
+        f"posts-{number:06d}",
+        f"{number:064x}",
+        "comove",
+        seed=number,
+        status="verified" if number % 100 else "not verified",
+        reason="" if number % 100 else "the load comes too near to obstacles[0] (circle)",
+        passing=f"0+ {number % 3}-",
+        motion_sha256=f"{number:064x}",
+        seconds=x,
+        started="2026-01-01T00:00:00.000+00:00",
+        **figures,
+    )

@@ -1,0 +1,132 @@
+"""Options and output that `comove generate` and `comove sweep` share."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from comove.errors import OptionError
+
+if TYPE_CHECKING:
+    from comove.studies import StudyProgress, StudyReport
+    from comove.studies.runner import Run, Runs, Shard
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YAML).")]
+OutFolder = Annotated[
+    Path, typer.Option("--out", help="Folder for the runs; one that is there is gone on with.")
+]
+Workers = Annotated[int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")]
+ShardOption = Annotated[
+    str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
+]
+Slurm = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Run nothing: write a script for Slurm that runs --shards parts."),
+]
+Shards = Annotated[int, typer.Option(metavar="N", help="Parts of --slurm.")]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Run on the workers of this Dask scheduler; 'local' starts one here."
+    ),
+]
+WHOLE = "1/1"
+
+
+def write_slurm(
+    verb: str, file: Path, study: Path, out: Path, *, shards: int, workers: int, name: str
+) -> None:
+    """Write the script for Slurm."""
+    from comove.errors import ResultError
+    from comove.io.files import whole_file
+    from comove.studies.merging import slurm_script
+
+    script = slurm_script(verb, study, out, shards, workers, name)
+    with whole_file(file, ResultError) as draft:
+        draft.write(script.encode())
+    print(f"script: {file}; send it: sbatch {file}")
+
+
+def runs_of(workers: int, dask: str | None) -> Run:
+    """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
+    from comove.studies import on_processes
+
+    on_this = on_processes(workers)
+    if dask is None:
+        return on_this
+    from comove.studies.on_dask import on_dask
+
+    return on_dask(dask, workers)
+
+
+def run_with_progress(study: Runs, out: Path, run: Run, shard: Shard) -> StudyProgress:
+    """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After an interruption, which has been told.
+    """
+    from comove.studies import StudyProgress, run_study
+
+    last = StudyProgress(0, 0, study.total)
+
+    def tell(progress: StudyProgress) -> None:
+        nonlocal last
+        if progress.done == progress.before and progress.before:
+            print(f"{progress.before} of {progress.total} runs were in {out} already", file=sys.stderr)
+        last = progress
+        show(progress)
+
+    with _progress_line() as show:
+        try:
+            return run_study(study, out, run, shard=shard, tell=tell)
+        except KeyboardInterrupt:
+            left = f"{last.done} of {last.total} runs are in {out}; the same command goes on"
+            print(f"\ninterrupted: {left}", file=sys.stderr)
+            raise
+
+
+@contextmanager
+def _progress_line() -> Iterator[Callable[[Any], None]]:
+    """Lend a function that shows progress on one line of a terminal, with rate and time left; elsewhere nothing."""
+    if not sys.stderr.isatty():
+        yield lambda progress: None
+        return
+
+    def show(progress: StudyProgress) -> None:
+        left = "" if progress.left is None else f", {_time(progress.left)} left"
+        text = f"{progress.done} of {progress.total} runs, {progress.rate:.1f} a second{left}"
+        print(f"\r{text:70s}", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield show
+    finally:
+        print(file=sys.stderr)
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def statuses_text(report: StudyReport) -> str:
+    """Return the numbers of runs by status in words, and of those that time was too short for."""
+    text = ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
+    if not report.cut_short:
+        return text
+    return f"{text}; {report.cut_short} used up their budget, and may come out otherwise on another machine"
+
+
+def require_alone(shard: str, slurm: Path | None) -> None:
+    """Refuse options that contradict each other."""
+    if slurm is not None and shard != WHOLE:
+        raise OptionError(
+            "a part, and a script for all parts", key="--shard", way_out="leave one of the two out"
+        )

@@ -1,0 +1,87 @@
+"""The verbs of `comove sweep`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from comove.cli import studies as s
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+
+
+class _RunByDefault(TyperGroup):
+    """A group of verbs in which what is no verb is the study of `run`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the verb `run` before arguments that begin with another word."""
+        if args and args[0] not in self.commands and args[0] != "--help":
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+group = sub_application(
+    "sweep", "Run scenes with methods, seeds and settings: comove sweep STUDY --out DIR.", cls=_RunByDefault
+)
+
+
+@verb_of(group)
+def run(
+    study: s.StudyPath,
+    out: s.OutFolder,
+    workers: s.Workers = 2,
+    shard: s.ShardOption = s.WHOLE,
+    slurm: s.Slurm = None,
+    shards: s.Shards = 1,
+    dask: s.Dask = None,
+    json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
+) -> int:
+    """Run every scene of STUDY with every method, seed and setting, and compare them."""
+    from json import loads
+
+    from comove.cli.texts import as_table
+    from comove.studies import Shard, Sweep, groups_of, report_of, write_report
+
+    s.require_alone(shard, slurm)
+    part, loaded, runs = Shard.parse(shard), Sweep.load(study), s.runs_of(workers, dask)
+    if slurm is not None:
+        s.write_slurm("sweep", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
+        return VERIFIED
+    try:
+        s.run_with_progress(loaded, out, runs, part)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    report = report_of(out)
+    path = write_report(report, out)
+    if json:
+        print(path.read_text(encoding="utf-8"), end="")
+        return VERIFIED if report.verified else NOT_VERIFIED
+    rows: list[tuple[str, ...]] = [
+        ("scene", "method", "settings", "verified", "cost J", "jerk [m/s^3]", "time [s]")
+    ]
+    for g in groups_of(out):
+        figures = ("-" if value is None else f"{value:.4g}" for value in (g.cost, g.jerk, g.seconds))
+        settings = ", ".join(f"{key} {value}" for key, value in loads(g.settings or "{}").items())
+        rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *figures))
+    print(f"{report.ended} of {report.total} runs: {s.statuses_text(report)}")
+    print(as_table(rows), f"report: {path}", sep="\n")
+    return VERIFIED if report.verified else NOT_VERIFIED
+
+
+@verb_of(group)
+def merge(
+    parts: Annotated[
+        list[Path], typer.Argument(metavar="PART...", help="Folders of parts that were run apart.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for all runs; its own stay.")],
+) -> int:
+    """Put the parts of a study, of generate or of sweep, together."""
+    from comove.studies.merging import merge as merged
+
+    found = merged(parts, out)
+    print(f"{out} holds {found.ended} of {found.total} runs")
+    if found.different:
+        print(f"warning: {found.different} runs had other motions in other parts; the first were kept")
+    return VERIFIED

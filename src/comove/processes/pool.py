@@ -1,0 +1,228 @@
+"""Processes that work on tasks one after the other, each with warm kernels and one numerical thread.
+
+A pool starts processes of its own (`comove.processes.worker`) and talks to each over a socket, so that it knows which
+task a process was at when it was killed: that task alone is affected, and another process takes its place. Programs
+that use a pool need no guard around their main module, which the processes do not import.
+
+What passes between the processes is pickled; it never leaves the machine and is never read from a file.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, Pipe, wait
+from typing import Generic, TypeVar
+
+from comove._compiled import ALONE
+from comove.errors import OptionError
+
+Task = TypeVar("Task")
+Made = TypeVar("Made")
+
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+"""The environment of processes whose numerical libraries keep to one thread."""
+POLL = 1.0  # s, between looks at tasks that take too long
+STARTS = 5  # processes in a row that may die before they are ready
+LEAVE = 1.0  # s, that a process has to end by itself
+
+
+@dataclass(frozen=True)
+class Ended(Generic[Task, Made]):
+    """A task that has ended, in whatever way.
+
+    Attributes
+    ----------
+    task : the task
+    made : what the work made of it; None if it failed
+    error : what the work raised, in one line; empty if nothing
+    refused : whether it raised because of its input, and not by a defect
+    killed : number of processes that were killed while they were at it
+    late : whether its process was killed here, because it took too long
+    seconds : time that it took [s]
+    """
+
+    task: Task
+    made: Made | None = None
+    error: str = ""
+    refused: bool = False
+    killed: int = 0
+    late: bool = False
+    seconds: float = 0.0
+
+
+def run_tasks(
+    work: Callable[[Task], Made],
+    next_task: Callable[[], Task | None],
+    *,
+    workers: int,
+    allowed: float = math.inf,
+) -> Iterator[Ended[Task, Made]]:
+    """Yield tasks as they end, in any order.
+
+    Processes start as tasks need them, and end with the iterator, also by Ctrl-C. They end within a second if this
+    process is killed.
+
+    Parameters
+    ----------
+    work : function of a task that can be pickled; it is sent to each process once
+    next_task : function that returns the next task, None if there is none at present; it is asked again whenever a
+        task has ended, so a task can be given back
+    workers : number of processes
+    allowed : time after which a task is stopped by killing its process [s]
+    """
+    if workers < 1:
+        raise OptionError(f"workers = {workers}", key="workers", way_out="give 1 or more")
+    crew: _Crew[Task, Made] = _Crew(_packed(work), workers, allowed)
+    try:
+        while crew.employ(next_task):
+            yield from crew.ended()
+    finally:
+        crew.close()
+
+
+def _packed(work: object) -> bytes:
+    """Return an object as bytes that another process can turn into the same object."""
+    try:
+        if getattr(work, "__module__", "") == "__main__":
+            raise ValueError(f"{work!r} belongs to the main program")
+        return pickle.dumps(work)
+    except Exception as error:  # whatever an object raises that cannot be pickled
+        raise OptionError(
+            f"the work cannot be sent to other processes: {error}",
+            way_out="define functions and classes in a module of their own",
+        ) from error
+
+
+class _Process(Generic[Task]):
+    """A process, the task that it is at, and since when."""
+
+    def __init__(self, work: bytes):
+        self.connection, theirs = Pipe()
+        with theirs:
+            # -P: a folder called comove where the program was started from must not be taken for the package
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "comove.processes.worker", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                process_group=0,  # Ctrl-C ends this process, which ends that one
+                env={**os.environ, **ONE_THREAD, ALONE: "1"},
+            )
+        self.ready = self.late = False
+        self.task: Task | None = None
+        self.since = math.inf
+        with suppress(OSError):  # it is dead already, which reading will tell
+            self.connection.send(sys.path)
+            self.connection.send_bytes(work)
+
+    def give(self, task: Task) -> None:
+        """Send a task."""
+        self.task, self.since = task, time.monotonic()
+        with suppress(OSError):
+            self.connection.send(task)
+
+    def stop_if_late(self, allowed: float) -> None:
+        """Kill the process if its task takes too long."""
+        if self.ready and self.task is not None and time.monotonic() > self.since + allowed:
+            self.late = True
+            self.process.kill()
+
+    def close(self) -> None:
+        """End the process."""
+        self.connection.close()
+        self.process.terminate()
+        try:
+            self.process.wait(LEAVE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+class _Crew(Generic[Task, Made]):
+    """The processes of a pool."""
+
+    def __init__(self, work: bytes, workers: int, allowed: float):
+        self.work, self.workers, self.allowed = work, workers, allowed
+        self.processes: dict[Connection, _Process[Task]] = {}
+        self.back: deque[Task] = deque()
+        self.died = 0
+
+    def employ(self, next_task: Callable[[], Task | None]) -> bool:
+        """Give tasks to processes that have none; return whether any is at work."""
+        while True:
+            idle = next((p for p in self.processes.values() if p.task is None), None)
+            if idle is None and len(self.processes) >= self.workers:
+                return True
+            task = self.back.popleft() if self.back else next_task()
+            if task is None:
+                return any(p.task is not None for p in self.processes.values())
+            if idle is None:
+                idle = _Process(self.work)
+                self.processes[idle.connection] = idle
+            idle.give(task)
+
+    def ended(self) -> Iterator[Ended[Task, Made]]:
+        """Yield the tasks that have ended, as soon as there is one, or after a while none."""
+        for connection in wait(list(self.processes), None if math.isinf(self.allowed) else POLL):
+            process = self.processes[connection]  # type: ignore[index]
+            try:
+                kind, told = process.connection.recv()
+            except (EOFError, OSError):
+                yield from self._buried(process)
+                continue
+            if kind == "ready":
+                process.ready, self.died, process.since = True, 0, time.monotonic()
+            elif kind == "unable":
+                raise OptionError(
+                    f"the work cannot be taken over by other processes: {told}",
+                    way_out="define functions and classes in a module that other processes can import",
+                )
+            elif (task := process.task) is not None:
+                process.task, seconds = None, time.monotonic() - process.since
+                if kind == "made":
+                    yield Ended(task, told, seconds=seconds)
+                else:
+                    yield Ended(task, error=told, refused=kind == "refused", seconds=seconds)
+        for process in self.processes.values():
+            process.stop_if_late(self.allowed)
+
+    def _buried(self, process: _Process[Task]) -> Iterator[Ended[Task, Made]]:
+        """Remove a process that has died; its task was killed, unless it had not begun."""
+        del self.processes[process.connection]
+        process.close()
+        if process.task is None:
+            return
+        if process.ready:
+            seconds = time.monotonic() - process.since
+            yield Ended(process.task, killed=int(not process.late), late=process.late, seconds=seconds)
+            return
+        self.died += 1
+        if self.died >= STARTS:
+            raise OptionError(
+                f"{STARTS} processes in a row ended before they were ready, the last with code "
+                f"{process.process.returncode}",
+                key="workers",
+                way_out="see what they say above; more memory, or fewer workers, may help",
+            )
+        self.back.append(process.task)
+
+    def close(self) -> None:
+        """End all processes."""
+        processes = list(self.processes.values())
+        for process in processes:  # all at once, then one after the other
+            with suppress(OSError):
+                process.process.send_signal(signal.SIGTERM)
+        for process in processes:
+            process.close()
+        self.processes.clear()

@@ -1,0 +1,69 @@
+"""A process of a pool: `python -m comove.processes.worker SOCKET` works on tasks until the other end closes.
+
+It gets the path of modules and the work, says that it is ready, then answers each task by what was made of it, or by
+what was raised. It ends at once when the process that started it is gone.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import warnings
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from comove.errors import ComoveWarning, InputError
+
+LOOK = 0.5  # s, between looks at whether the starter is still there
+
+
+def main(number: int) -> None:
+    """Work on the tasks that come through a socket."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the starter's business
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    warnings.simplefilter("ignore", ComoveWarning)  # of drawn scenes there would be thousands
+    connection = Connection(number)
+    with suppress(EOFError, OSError):  # the other end is gone
+        sys.path[:] = connection.recv()
+        try:
+            work = pickle.loads(connection.recv_bytes())
+        except (ImportError, AttributeError, TypeError, ValueError, pickle.PickleError) as error:
+            connection.send(("unable", told(error)))
+            return
+        connection.send(("ready", None))
+        while True:
+            _answer(connection, work)
+
+
+def _answer(connection: Connection, work: Any) -> None:
+    """Work on the next task, and answer it."""
+    packed = connection.recv_bytes()
+    try:
+        answer = pickle.dumps(("made", work(pickle.loads(packed))))
+    except InputError as error:
+        answer = pickle.dumps(("refused", str(error)))
+    except (Exception, SystemExit) as error:  # whatever the work may raise
+        answer = pickle.dumps(("failed", told(error)))
+    connection.send_bytes(answer)
+
+
+def told(error: BaseException) -> str:
+    """Return an exception in one line."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def _end_with(starter: int) -> None:
+    """End this process when the one that started it is gone."""
+    while os.getppid() == starter:
+        time.sleep(LOOK)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -1,0 +1,88 @@
+"""The formats of datasets, and the writing of one: it is complete, or it is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from comove.errors import ResultError
+from comove.io.folders import Contents, check_target, whole_folder
+from comove.studies.datasets import lerobot, npz, robomimic
+from comove.studies.datasets.samples import EpisodeSamples, episodes_of
+
+DATASET = Contents("dataset")
+"""A dataset replaces nothing."""
+
+
+@dataclass(frozen=True)
+class DatasetFormat:
+    """A format of datasets.
+
+    Attributes
+    ----------
+    name : name of the format for users
+    target : name of the file or folder in the folder of the study
+    write : function of a path and the episodes that writes them and returns their number
+    is_folder : whether it is a folder; the function then writes into an existing one
+    """
+
+    name: str
+    target: str
+    write: Callable[[Path, Iterable[EpisodeSamples]], int]
+    is_folder: bool = True
+
+
+FORMATS = {
+    format.name: format
+    for format in (
+        DatasetFormat("npz", "npz", npz.write),
+        DatasetFormat("lerobot", "lerobot", lerobot.write),
+        DatasetFormat("robomimic", "robomimic.hdf5", robomimic.write, is_folder=False),
+    )
+}
+
+
+def check_export(folder: Path, format: DatasetFormat) -> Path:
+    """Return where a dataset of a study is written, after a check, before anything is run, that it can be.
+
+    Raises
+    ------
+    ResultError
+        If it is there already, or cannot be written.
+    """
+    path = folder / format.target
+    if path.exists():
+        raise ResultError("it is there already", file=path, way_out="move it away first")
+    if format.is_folder and folder.exists():
+        check_target(path, DATASET)
+    return path
+
+
+def export_episodes(folder: Path, scenes: Path, format: DatasetFormat, rate: int = 50) -> tuple[Path, int]:
+    """Write the verified episodes of a study as a dataset, each verified anew.
+
+    Parameters
+    ----------
+    folder : folder of the study, in which the dataset is written
+    scenes : folder to which paths in the scenes are relative
+    rate : samples a second [Hz]
+
+    Returns
+    -------
+    path of the dataset, and number of its episodes
+
+    Raises
+    ------
+    ResultError
+        If the dataset is there already, there is no verified episode, or episodes do not fit into one dataset.
+        Nothing is written then.
+    DemonstrationError
+        If a library is not installed, or the file cannot be written.
+    """
+    path = check_export(folder, format)
+    episodes = episodes_of(folder, scenes, rate)
+    if not format.is_folder:
+        return path, format.write(path, episodes)
+    with whole_folder(path, DATASET) as draft:
+        return path, format.write(draft, episodes)

@@ -1,0 +1,205 @@
+"""Episodes as a LeRobot dataset, version 3.0: few Parquet files that hold many episodes, and tables about them.
+
+`observation.state` holds the hands, `action` the hands at the next sample, `observation.environment_state` their goal
+and the centres of the obstacles [m]. The table of the episodes holds, besides what LeRobot writes there, all that is
+known of an episode, in columns that begin with `comove/`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.io.files import extra
+from comove.studies.datasets.samples import EpisodeSamples, require_alike
+
+STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+CHUNK = 1000
+"""Files of a folder `chunk-...`."""
+FILE_MB = 100
+"""About the size of a file before it is packed [MB]."""
+SCALARS = {"timestamp": "float32"} | dict.fromkeys(
+    ("frame_index", "episode_index", "index", "task_index"), "int64"
+)
+
+
+def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carry the load") -> int:
+    """Write a dataset into an existing folder; return the number of its episodes.
+
+    Raises
+    ------
+    DemonstrationError
+        If pyarrow is not installed.
+    ResultError
+        If the episodes differ in hands or obstacles.
+    """
+    tables = _Tables(folder, task)
+    with tables.files:
+        for episode in episodes:
+            tables.add(episode)
+    if tables.first is not None:
+        tables.write_meta(tables.first)
+    return len(tables.rows)
+
+
+class _Tables:
+    """The tables of a dataset while it is written."""
+
+    def __init__(self, folder: Path, task: str):
+        self.folder, self.task = folder, task
+        self.pa, self.parquet = extra("pyarrow", folder), extra("pyarrow.parquet", folder)
+        self.files = ExitStack()
+        self.writer: Any = None
+        self.first: EpisodeSamples | None = None
+        self.rows: list[dict[str, Any]] = []
+        self.stats: dict[str, _Statistics] = {}
+        self.file, self.bytes, self.frames = -1, 0, 0
+
+    def add(self, episode: EpisodeSamples) -> None:
+        """Write the samples of an episode, as a group of rows of its own."""
+        self.first = self.first or episode
+        require_alike(episode, self.first)
+        columns = self._columns(episode)
+        size = sum(values.nbytes for values in columns.values())
+        table = self.pa.table({name: self._array(values) for name, values in columns.items()})
+        if self.writer is None or self.bytes + size > FILE_MB * 1_000_000:
+            self._next_file(table.schema)
+        self.writer.write_table(table)
+        self.bytes += size
+        n_steps = len(episode.time)
+        row: dict[str, Any] = {
+            "episode_index": len(self.rows),
+            "tasks": [self.task],
+            "length": n_steps,
+            "data/chunk_index": self.file // CHUNK,
+            "data/file_index": self.file % CHUNK,
+            "dataset_from_index": self.frames,
+            "dataset_to_index": self.frames + n_steps,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+        }
+        for name, values in columns.items():
+            own = _Statistics(values)
+            row |= {f"stats/{name}/{key}": value for key, value in own.plain().items()}
+            self.stats[name] = self.stats[name].with_more(own) if name in self.stats else own
+        self.rows.append(row | {f"comove/{key}": _cell(value) for key, value in episode.about.items()})
+        self.frames += n_steps
+
+    def _columns(self, episode: EpisodeSamples) -> dict[str, NDArray]:
+        frames = np.arange(len(episode.time), dtype=np.int64)
+        n_steps = len(frames)
+        return {
+            STATE: episode.position.reshape(n_steps, -1).astype(np.float32),
+            ACTION: episode.action.reshape(n_steps, -1).astype(np.float32),
+            ENVIRONMENT: episode.environment.astype(np.float32),
+            "timestamp": (frames / episode.rate).astype(np.float32),
+            "frame_index": frames,
+            "episode_index": np.full_like(frames, len(self.rows)),
+            "index": frames + self.frames,
+            "task_index": np.zeros_like(frames),
+        }
+
+    def _array(self, values: NDArray) -> Any:
+        if values.ndim == 1:
+            return self.pa.array(values)
+        return self.pa.FixedSizeListArray.from_arrays(self.pa.array(values.ravel()), values.shape[1])
+
+    def _next_file(self, schema: Any) -> None:
+        """Close the file of data, and begin the next one."""
+        self.files.close()
+        self.file, self.bytes = self.file + 1, 0
+        path = self.folder / DATA.format(chunk_index=self.file // CHUNK, file_index=self.file % CHUNK)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.writer = self.files.enter_context(
+            self.parquet.ParquetWriter(path, schema, write_page_checksum=True)
+        )
+
+    def write_meta(self, first: EpisodeSamples) -> None:
+        """Write what describes the tables."""
+        (self.folder / EPISODES).parent.mkdir(parents=True, exist_ok=True)
+        self.parquet.write_table(self.pa.Table.from_pylist(self.rows), self.folder / EPISODES)
+        hands = {"dtype": "float32", "shape": [len(first.state_names)], "names": list(first.state_names)}
+        around = list(first.environment_names)
+        features: dict[str, Any] = {STATE: hands, ACTION: hands}
+        features |= {ENVIRONMENT: {"dtype": "float32", "shape": [len(around)], "names": around}}
+        features |= {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+        info = {
+            "codebase_version": "v3.0",
+            "robot_type": "comove",
+            "total_episodes": len(self.rows),
+            "total_frames": self.frames,
+            "total_tasks": 1,
+            "chunks_size": CHUNK,
+            "data_files_size_in_mb": FILE_MB,
+            "video_files_size_in_mb": 200,
+            "fps": first.rate,
+            "splits": {"train": f"0:{len(self.rows)}"},
+            "data_path": DATA,
+            "video_path": None,
+            "features": features,
+        }
+        stats = {name: own.plain() for name, own in self.stats.items()}
+        for name, content in (("info", info), ("stats", stats)):
+            path = self.folder / f"meta/{name}.json"
+            path.write_text(json.dumps(content, indent=4, allow_nan=False), encoding="utf-8")
+        self._write_tasks()
+
+    def _write_tasks(self) -> None:
+        """Write the table of tasks, whose index is the text of a task, as pandas marks it."""
+        index = {"name": "task", "field_name": "task", "pandas_type": "unicode", "numpy_type": "object"}
+        column = {
+            "name": "task_index",
+            "field_name": "task_index",
+            "pandas_type": "int64",
+            "numpy_type": "int64",
+        }
+        marks = {
+            "index_columns": ["task"],
+            "column_indexes": [],
+            "columns": [column | {"metadata": None}, index | {"metadata": None}],
+            "pandas_version": "2.0.0",
+        }
+        table = self.pa.table({"task_index": self.pa.array([0], self.pa.int64()), "task": [self.task]})
+        table = table.replace_schema_metadata({"pandas": json.dumps(marks)})
+        self.parquet.write_table(table, self.folder / "meta/tasks.parquet")
+
+
+class _Statistics:
+    """Least, greatest and mean values of columns, their standard deviation, and the number of rows."""
+
+    def __init__(self, values: NDArray):
+        rows = values.reshape(len(values), -1).astype(np.float64)
+        self.least, self.greatest, self.count = rows.min(axis=0), rows.max(axis=0), len(rows)
+        self.mean = rows.mean(axis=0)
+        self.squares = ((rows - self.mean) ** 2).sum(axis=0)
+
+    def with_more(self, other: _Statistics) -> _Statistics:
+        """Return the statistics of the rows of both."""
+        both = _Statistics.__new__(_Statistics)
+        both.least, both.greatest = (
+            np.minimum(self.least, other.least),
+            np.maximum(self.greatest, other.greatest),
+        )
+        both.count, apart = self.count + other.count, other.mean - self.mean
+        both.mean = self.mean + apart * other.count / both.count
+        both.squares = self.squares + other.squares + apart**2 * self.count * other.count / both.count
+        return both
+
+    def plain(self) -> dict[str, list]:
+        """Return them by the names that LeRobot gives them."""
+        deviation = np.sqrt(self.squares / self.count)
+        named = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": deviation}
+        return {name: values.tolist() for name, values in named.items()} | {"count": [self.count]}
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as a column can hold it: nested data as JSON."""
+    return json.dumps(value, allow_nan=False) if isinstance(value, (dict, list)) else value

@@ -1,0 +1,35 @@
+"""Episodes as NumPy archives, one a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from comove.studies.datasets.samples import EpisodeSamples
+from comove.studies.episode import packed
+
+
+def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
+    """Write `episode_NUMBER.npz` for every episode; return their number.
+
+    The arrays are ``time (T,)`` [s], ``manipulators (N,)``, ``position`` and ``action (T, N, n_dims)`` [m],
+    ``environment (T, K)`` [m] with ``environment_names (K,)``, and ``about``, JSON: scene, seed, checksums and
+    certified figures.
+    """
+    count = 0
+    for episode in episodes:
+        arrays = {
+            "time": episode.time,
+            "manipulators": np.array(episode.scene.manipulators),
+            "position": episode.position,
+            "action": episode.action,
+            "environment": episode.environment,
+            "environment_names": np.array(episode.environment_names),
+            "about": np.array(json.dumps(episode.about, allow_nan=False)),
+        }
+        (folder / f"episode_{episode.run.number:06d}.npz").write_bytes(packed(arrays))
+        count += 1
+    return count

@@ -1,0 +1,52 @@
+"""Episodes as one HDF5 file in robomimic's layout.
+
+`obs/robot0_eef_pos`, `obs/robot1_eef_pos`, ... are the hands, planar ones at z = 0, `actions` the hands at the next
+sample, and `obs/object` is the goal of the hands and the centres of the obstacles [m]. The attribute `comove` of an
+episode is JSON of all that is known of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from comove.demonstrations.formats.hdf5 import put, robomimic_file, write_demo
+from comove.demonstrations.samples import RecordedSamples
+from comove.studies.datasets.samples import EpisodeSamples, require_alike
+
+
+def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
+    """Write a file; return the number of its episodes.
+
+    Raises
+    ------
+    DemonstrationError
+        If h5py is not installed.
+    ResultError
+        If the episodes differ in hands or obstacles.
+    """
+    count, first, data, total = 0, None, None, 0
+    with robomimic_file(path) as root:
+        for episode in episodes:
+            first = first or episode
+            require_alike(episode, first)
+            if data is None:
+                data = root(float(episode.rate))
+            group = data.create_group(f"demo_{count}")
+            write_demo(group, _hands(episode))
+            put(group, "obs/object", episode.environment)
+            group.attrs["comove"] = np.bytes_(json.dumps(episode.about, allow_nan=False))
+            count, total = count + 1, total + len(episode.time)
+            data.attrs["total"] = total
+    return count
+
+
+def _hands(episode: EpisodeSamples) -> list[RecordedSamples]:
+    """Return the hands in space."""
+    n_steps, n_hands, n_dims = episode.position.shape
+    position = np.zeros((n_steps, n_hands, 3))
+    position[..., :n_dims] = episode.position
+    return [RecordedSamples(episode.time, position[:, hand]) for hand in range(n_hands)]

@@ -1,0 +1,157 @@
+"""Verified episodes of a study as samples at an even rate, with the names that datasets give their columns."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.demonstrations.samples import AXES
+from comove.errors import OptionError, ResultError
+from comove.scenes.model import canonical
+from comove.scenes.scene import Scene
+from comove.studies.episode import restored
+from comove.studies.runs import MEASURES, RUNS, StudyRun, StudyStore
+from comove.verification.verify import VerifiedMotion, verify
+
+Array = NDArray[np.float64]
+
+LEAST_RATE, LARGEST_RATE = 1, 1000
+"""Samples a second [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeSamples:
+    """A verified episode, sampled at an even rate; the last sample is at rest at the goal.
+
+    Attributes
+    ----------
+    run : row of the episode in its store
+    motion : the motion, verified anew
+    rate : samples a second [Hz]
+    """
+
+    run: StudyRun
+    motion: VerifiedMotion
+    rate: int
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene that was solved."""
+        return self.motion.motion.scene
+
+    @cached_property
+    def time(self) -> Array:
+        """Return the times of the samples; array, shape (n_steps,) [s]."""
+        return np.arange(math.ceil(self.scene.duration * self.rate - 1e-9) + 1) / self.rate
+
+    @cached_property
+    def position(self) -> Array:
+        """Return the hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        share = np.minimum(self.time / self.scene.duration, 1.0)
+        return self.motion.motion.hands(share)[0]
+
+    @property
+    def action(self) -> Array:
+        """Return the hands at the next sample, at the last one those of the last; array like `position` [m]."""
+        return np.concatenate([self.position[1:], self.position[-1:]])
+
+    @cached_property
+    def environment(self) -> Array:
+        """Return the goal of the hands and the centres of the obstacles; array, shape (n_steps, n_values) [m]."""
+        scene, n_steps = self.scene, len(self.time)
+        centers = np.zeros((n_steps, 0))
+        if scene.file.obstacles:
+            centers = (scene.centers + scene.offsets(self.time))[..., : scene.n_dims].reshape(n_steps, -1)
+        return np.concatenate([np.tile(scene.goal.ravel(), (n_steps, 1)), centers], axis=1)
+
+    @cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """Return the names of the hands' coordinates."""
+        axes = AXES[: self.scene.n_dims]
+        return tuple(f"{hand}_{axis}" for hand in self.scene.manipulators for axis in axes)
+
+    @cached_property
+    def environment_names(self) -> tuple[str, ...]:
+        """Return the names of the values in `environment`."""
+        obstacles = range(len(self.scene.file.obstacles))
+        centers = (f"obstacle{i}_{axis}" for i in obstacles for axis in AXES[: self.scene.n_dims])
+        return (*(f"goal_{name}" for name in self.state_names), *centers)
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """Return what is known of the episode: scene, seed, checksums and certified figures."""
+        figures = {name: getattr(self.run, name) for name in MEASURES}
+        names = ("number", "seed", "scene", "scene_sha256", "motion_sha256", "passing")
+        contents = {"scene_file": json.loads(canonical(self.scene.file))}
+        return {name: getattr(self.run, name) for name in names} | figures | contents
+
+
+def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSamples]:
+    """Yield the verified episodes of a study, each verified anew, in the order of their numbers.
+
+    Parameters
+    ----------
+    folder : folder of the study
+    scenes : folder to which paths in the scenes are relative
+    rate : samples a second [Hz]
+
+    Raises
+    ------
+    ResultError
+        If there is no study or no verified episode, or a motion was damaged or does not stand the check any more.
+    OptionError
+        If the rate is out of range.
+    """
+    if not LEAST_RATE <= rate <= LARGEST_RATE:
+        raise OptionError(
+            f"rate = {rate}", key="--rate", way_out=f"give {LEAST_RATE} to {LARGEST_RATE} samples a second"
+        )
+    store = StudyStore.open(folder / RUNS)
+    found = False
+    for run, kept in store.motions():
+        verified = _verified(restored(kept, scenes, store.path), run, store.path)
+        yield EpisodeSamples(run, verified, rate)
+        found = True
+    if not found:
+        raise ResultError("it holds no verified episode", file=store.path, way_out="run the study first")
+
+
+def _verified(motion: CoordinatedMotion, run: StudyRun, file: Path) -> VerifiedMotion:
+    verdict = verify(motion)
+    if verdict.verified is None:
+        raise ResultError(
+            f"the motion of episode {run.number} does not stand the check any more: {verdict.reasons[0]}",
+            file=file,
+            way_out="copy the store again, or generate the episode again in a new folder",
+        )
+    return verdict.verified
+
+
+def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
+    """Refuse an episode whose columns are not those of the first, which one dataset could not hold.
+
+    Raises
+    ------
+    ResultError
+        If hands or obstacles differ.
+    """
+    for one, other in (
+        (episode.state_names, first.state_names),
+        (episode.environment_names, first.environment_names),
+    ):
+        if one != other:
+            raise ResultError(
+                f"episode {episode.run.number} has {len(one)} values ({', '.join(one[:4])}, ...), and episode "
+                f"{first.run.number} has {len(other)}",
+                file=episode.scene.name,
+                way_out="let all episodes have the same hands and obstacles, or export as npz",
+            )

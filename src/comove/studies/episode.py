@@ -1,0 +1,136 @@
+"""One run of a study: a scene that is solved, with its figures, and its motion as the store keeps it."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+import warnings
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import ComoveWarning, InputError, ResultError
+from comove.planning import Solution, solve
+from comove.planning.method import Method
+from comove.results.sealed import checksum, finite
+from comove.results.solution import CURVE, motion_arrays, rebuild
+from comove.scenes.model import canonical
+from comove.scenes.scene import Scene
+from comove.studies.many import movement_of
+from comove.studies.runs import LONGEST, StoredMotion, StudyRun
+from comove.studies.variety import N_PATH, center_path, passing_class
+from comove.verification.bounds import largest_jerk, node_bounds
+
+CUT = 0.9  # share of the budget beyond which a search counts as cut short
+DAMAGED = "copy the store again, or generate the episode again in a new folder"
+
+
+def solved_run(
+    run: StudyRun, scene: Scene, method: Method, budget: float
+) -> tuple[StudyRun, StoredMotion | None]:
+    """Solve a scene, along the demonstration that it names; return the row of the run, and its verified motion.
+
+    Parameters
+    ----------
+    run : the row as far as it is known
+    budget : time for the solution [s]
+    """
+    begun, started = time.perf_counter(), datetime.now(UTC).isoformat(timespec="milliseconds")
+    run = replace(run, scene=scene.name, scene_sha256=scene.sha256, started=started)
+    motion = None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            solution = solve(
+                scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget
+            )
+        cut_short = int(solution.solve_time_s > CUT * budget)
+        run = replace(_measured(run, solution), cut_short=cut_short)
+        if solution.verified:
+            motion = stored(run.key, solution.attempt)
+    except InputError as error:
+        run = replace(run, status="refused", reason=str(error)[:LONGEST])
+    return replace(run, seconds=time.perf_counter() - begun), motion
+
+
+def _measured(run: StudyRun, solution: Solution) -> StudyRun:
+    """Return the row of a run with the figures of its solution."""
+    report, motion = solution.report, solution.attempt
+    return replace(
+        run,
+        status="verified" if solution.verified else "not verified",
+        reason="; ".join(solution.reasons)[:LONGEST],
+        duration=solution.scene.duration,
+        cost=finite(solution.cost.total),
+        clearance_min=finite(report.clearance_min),
+        distance_error_max=finite(report.distance_error_max),
+        end_error=finite(report.end_error),
+        speed_max=finite(report.speed_max),
+        acceleration_max=finite(report.acceleration_max),
+        jerk_max=finite(largest_jerk(motion, node_bounds(motion).jerk)),
+        followed=None if solution.followed is None else solution.followed.distance,
+        passing=passing_class(motion),
+        motion_sha256=checksum(motion_arrays(motion)),
+    )
+
+
+def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:
+    """Return a motion as the store keeps it: its scene, the curve without samples, and its centre's path."""
+    arrays = motion_arrays(motion)
+    return StoredMotion(
+        key,
+        zlib.compress(canonical(motion.scene.file)),
+        packed({name: arrays[name] for name in CURVE}),
+        center_path(motion, N_PATH).astype("<f4").tobytes(),
+    )
+
+
+def restored(kept: StoredMotion, folder: Path, store: Path) -> CoordinatedMotion:
+    """Rebuild a motion that the store keeps.
+
+    Parameters
+    ----------
+    folder : folder to which paths in the scene are relative
+    store : path of the store, for messages
+
+    Raises
+    ------
+    ResultError
+        If it was damaged.
+    """
+    try:
+        contents = json.loads(zlib.decompress(kept.scene))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            scene = Scene.from_dict(contents, folder=folder)
+        return rebuild(unpacked(kept.curve), scene)
+    except (ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile, InputError) as error:
+        raise ResultError(
+            f"the motion of the row '{kept.key[:12]}' cannot be rebuilt: {error}", file=store, way_out=DAMAGED
+        ) from error
+
+
+def packed(arrays: Mapping[str, Any]) -> bytes:
+    """Return arrays as the bytes of an NPZ archive, which are the same whenever it is made."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(arrays):
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.asarray(arrays[name]), allow_pickle=False)
+            entry = zipfile.ZipInfo(f"{name}.npy")
+            archive.writestr(entry, member.getvalue(), zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()
+
+
+def unpacked(content: bytes) -> dict[str, Any]:
+    """Return the arrays of an NPZ archive, none of which is a Python object."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}

@@ -1,0 +1,345 @@
+"""A study of generated episodes: a scene, and the distributions of what varies in it."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from comove._version import __version__
+from comove.demonstrations.formats import format_of, is_format
+from comove.errors import ComoveWarning, DemonstrationError, SceneError, shortened
+from comove.io.files import telling
+from comove.io.keys import Part, Wrong
+from comove.io.messages import Contract, Flaw, explained, scene_error
+from comove.io.yaml_reader import Lines, read_yaml
+from comove.planning import Comove
+from comove.primitives import Library
+from comove.scenes.demonstration import LIBRARY
+from comove.scenes.scene import Scene
+from comove.studies.distributions import Choice, Distribution, TruncatedNormal, Uniform
+from comove.studies.episode import solved_run
+from comove.studies.keys import LENGTH, change, fit_hands
+from comove.studies.runs import StoredMotion, StudyRun, digest
+from comove.studies.study_file import GENERATE, DrawPart, StudyFile
+
+Model = TypeVar("Model", bound=Part)
+
+ATTEMPTS = 100
+"""Draws after which an episode is given up."""
+PROBED, PROBED_DRAWS = 50, 2000
+"""Episodes, and draws in all, by which the share of rejected draws is told before the first run."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A draw of every episode: keys of the scene, the distribution of their value, and whether it is added."""
+
+    keys: tuple[str, ...]
+    distribution: Distribution
+    add: bool = False
+
+    def apply(self, data: dict[str, Any], rng: np.random.Generator) -> None:
+        """Draw a value, and change the contents of a scene file by it, in place."""
+        value = self.distribution.draw(rng)
+        for key in self.keys:
+            change(data, key, copy.deepcopy(value), add=self.add)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A scene that was drawn for an episode.
+
+    Attributes
+    ----------
+    number, seed : number of the episode in its study, and its seed
+    scene : the scene; None where no draw gave a valid one
+    rejected : number of draws that gave no valid scene
+    reason : what is wrong with the last of these
+    """
+
+    number: int
+    seed: int
+    scene: Scene | None
+    rejected: int
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The share of draws that give valid scenes, from the draws of the first episodes.
+
+    Attributes
+    ----------
+    valid, rejected : numbers of draws
+    reason : what is wrong with the last rejected draw
+    """
+
+    valid: int
+    rejected: int
+    reason: str
+
+    @property
+    def share(self) -> float:
+        """Return the share of rejected draws."""
+        return self.rejected / max(1, self.rejected + self.valid)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study, read from its file by `load`.
+
+    Attributes
+    ----------
+    file : the parsed study file
+    path : path of the study file
+    folder : folder to which paths in the scene are relative
+    template : contents of the scene file that is varied
+    draws : what every episode draws, in order
+    """
+
+    file: StudyFile
+    path: Path
+    folder: Path
+    template: dict[str, Any] = field(repr=False)
+    draws: tuple[Draw, ...] = ()
+
+    @classmethod
+    def load(cls, path: str | Path) -> Study:
+        """Read a study file (YAML).
+
+        Raises
+        ------
+        SceneError
+            If the file or its scene cannot be read or breaks the rules; one message names file, key, line, value and
+            correction.
+        """
+        path = Path(path)
+        file, lines = read_study(path, StudyFile, GENERATE)
+        if isinstance(file.scene, str):
+            where = path.parent / file.scene
+            folder, template = where.parent, read_yaml(where)[0]
+        else:
+            folder, template = path.parent, file.scene
+        if template.get("robot") is not None:
+            raise SceneError(
+                f"the scene has the robot {template['robot']!r}, and episodes are movements of hands",
+                file=path,
+                key="scene",
+                way_out="leave the robot out; comove robot solve SCENE gives a motion to its joints",
+            )
+        study = cls(file, path, folder, template)
+        return cls(file, path, folder, template, tuple(study._resolved(lines)))
+
+    def _resolved(self, lines: Lines) -> Iterator[Draw]:
+        """Yield the draws, each tried once on the scene."""
+        data, rng = copy.deepcopy(self.template), np.random.default_rng(0)
+        for i, part in enumerate(self.file.draws):
+            try:
+                draw = Draw(part.key, _distribution(part, self.folder), part.add)
+                draw.apply(data, rng)
+            except Wrong as wrong:
+                raise scene_error([Flaw(("draws", i), *wrong.args)], self.path, lines) from None
+            yield draw
+
+    @property
+    def name(self) -> str:
+        """Return the name of the study."""
+        return self.file.name
+
+    @property
+    def total(self) -> int:
+        """Return the number of episodes."""
+        return self.file.episodes
+
+    @property
+    def budget(self) -> float:
+        """Return the time for each episode [s]."""
+        return self.file.budget
+
+    @cached_property
+    def described(self) -> dict[str, Any]:
+        """Return what the episodes follow from, in plain data: all but their number, of which none depends."""
+        return {
+            "comove": __version__,
+            "scene": self.template,
+            "draws": [part.model_dump(exclude_defaults=True) for part in self.file.draws],
+            "demonstrations": dict(self._checksums()),
+            "seed": self.file.seed,
+            "budget": self.file.budget,
+        }
+
+    @cached_property
+    def sha256(self) -> str:
+        """Return the checksum of the description."""
+        return digest(self.described)
+
+    def _checksums(self) -> Iterator[tuple[str, str]]:
+        """Yield the files of the demonstrations that may be drawn, with their checksums."""
+        choices = [value for draw in self.draws for value in _demonstrations(draw)]
+        for source in [self.template.get("demonstration"), *choices]:
+            file = _file_of(source, self.folder) if isinstance(source, dict) else None
+            if file is not None:
+                yield file.relative_to(self.folder).as_posix(), _checksum(file)
+
+    def seed_of(self, number: int) -> int:
+        """Return the seed of an episode, which depends on the study's seed and the episode's number alone."""
+        rng = np.random.default_rng([self.file.seed, number])
+        return int(rng.integers(2**48))
+
+    def draw(self, number: int) -> Drawn:
+        """Return the scene of an episode: of draws one after the other, the first that is a valid scene."""
+        seed, reason = self.seed_of(number), ""
+        rng = np.random.default_rng(seed)
+        for rejected in range(ATTEMPTS):
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", ComoveWarning)
+                    return Drawn(
+                        number,
+                        seed,
+                        Scene.from_dict(self.contents(number, rng), folder=self.folder),
+                        rejected,
+                        reason,
+                    )
+            except SceneError as error:
+                reason = str(error)
+            except Wrong as wrong:
+                reason = str(wrong.args[0])
+        return Drawn(number, seed, None, ATTEMPTS, reason)
+
+    def key(self, number: int) -> str:
+        """Return the key of an episode: the checksum of all that it follows from."""
+        return hashlib.sha256(f"{self.sha256} {number}".encode()).hexdigest()
+
+    def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
+        """Draw and solve an episode; return its row, and its motion if it is verified."""
+        drawn = self.draw(number)
+        run = StudyRun(self.key(number), number, method=Comove.name, seed=drawn.seed, rejected=drawn.rejected)
+        if drawn.scene is None:
+            return replace(run, status="invalid", reason=drawn.reason), None
+        return solved_run(run, drawn.scene, Comove(), self.budget)
+
+    def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
+        """Return the contents of a scene file, drawn once."""
+        data = copy.deepcopy(self.template)
+        for draw in self.draws:
+            draw.apply(data, rng)
+        if any(LENGTH in draw.keys for draw in self.draws):
+            fit_hands(data)
+        return data | {"name": f"{data.get('name', self.name)}-{number:06d}"}
+
+    def probe(self) -> Probe:
+        """Draw the first episodes, and return the share of draws that give valid scenes.
+
+        Raises
+        ------
+        SceneError
+            If none of them is valid.
+        """
+        valid = rejected = 0
+        reason = ""
+        for number in range(min(PROBED, self.file.episodes)):
+            drawn = self.draw(number)
+            valid, rejected = valid + (drawn.scene is not None), rejected + drawn.rejected
+            reason = drawn.reason or reason
+            if rejected + valid >= PROBED_DRAWS:
+                break
+        if not valid:
+            raise SceneError(
+                f"none of {rejected} draws gives a valid scene, the last because: {shortened(reason, 300)}",
+                file=self.path,
+                key="draws",
+                way_out="narrow the distributions, or correct the scene",
+            )
+        return Probe(valid, rejected, reason)
+
+
+def read_study(path: Path, model: type[Model], contract: Contract) -> tuple[Model, Lines]:
+    """Read a study file of one kind; return it with the lines of its keys.
+
+    Raises
+    ------
+    SceneError
+        One message that names file, key, line, value and correction of the first three errors.
+    """
+    data, lines = read_yaml(path)
+    try:
+        return model.model_validate(data), lines
+    except ValidationError as error:
+        raise scene_error(explained(error, data, contract), path, lines) from None
+
+
+def _distribution(part: DrawPart, folder: Path) -> Distribution:
+    """Return the distribution of a draw."""
+    if part.uniform is not None:
+        return Uniform(*map(np.asarray, part.uniform))
+    if part.normal is not None:
+        return TruncatedNormal(*map(np.asarray, part.normal), *map(np.asarray, part.within))
+    if part.choice is not None:
+        return Choice(part.choice)
+    if part.library is not None:
+        names = Library(folder / part.library).names
+        if not names:
+            raise Wrong(f"there is no primitive in {part.library}", "name a library: comove library add DEMO")
+        return Choice(tuple({"library": f"{part.library}/{name}"} for name in names))
+    return Choice(tuple(_recordings(folder, part.recordings or "")))
+
+
+def _recordings(folder: Path, name: str) -> list[dict[str, str]]:
+    """Return demonstrations of a scene: the episodes of a recording, or the recordings in a folder."""
+    path = folder / name
+    try:
+        if path.is_dir() and not is_format(path):
+            found = [{"file": f"{name}/{file.name}"} for file in sorted(path.iterdir()) if is_format(file)]
+        else:
+            kind = format_of(path)
+            parts = tuple(kind.parts(path)) if kind.part == "episode" else ()
+            found = [{"file": name, "episode": part} for part in parts] or [{"file": name}]
+        missing = not found or not path.exists()
+    except (DemonstrationError, OSError) as error:
+        raise Wrong(f"the recordings cannot be read: {error}", "name a recording beside the scene") from error
+    if missing:
+        raise Wrong(
+            f"there are no recordings at {name!r}", "name a recording, or a folder of them, beside the scene"
+        )
+    return found
+
+
+def _demonstrations(draw: Draw) -> tuple[Any, ...]:
+    """Return the demonstrations that a draw may choose."""
+    if draw.keys != ("demonstration",) or not isinstance(draw.distribution, Choice):
+        return ()
+    return draw.distribution.values
+
+
+def _file_of(source: Mapping[str, Any], folder: Path) -> Path | None:
+    """Return the file or folder that holds a demonstration; None where there is none beside the scene."""
+    if source.get("file") is not None:
+        path = folder / str(source["file"])
+    elif source.get("library") is not None:
+        place = Path(str(source["library"]))
+        inner = place.parent if len(place.parts) > 1 else Path(LIBRARY)
+        path = Library(folder / inner).path(place.name)
+    else:
+        return None
+    return path if path.exists() else None
+
+
+def _checksum(path: Path) -> str:
+    """Return the checksum of a file, or of all files of a folder."""
+    digest = hashlib.sha256()
+    with telling(path):
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            if file.is_file():
+                digest.update(f"{file.name}\n".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()

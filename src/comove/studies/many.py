@@ -1,0 +1,188 @@
+"""`solve_many`, which solves scenes on several processes and yields the results as they come."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Literal
+
+from comove.errors import OptionError
+from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, Solution, solve
+from comove.planning.method import Method
+from comove.primitives.dmp import DMP
+from comove.primitives.poses import PoseDMP
+from comove.primitives.probabilistic import ProMP
+from comove.processes import Ended, run_tasks
+from comove.scenes.demonstration import demonstration_of
+from comove.scenes.scene import Scene
+from comove.verification.verify import VerifiedMotion, verify
+
+KILLS = 3  # of processes, after which a task is given up
+TIMES, MORE = 3.0, 630.0  # budgets, and seconds more (compiling among them), after which a task is stopped
+
+Taught = DMP | PoseDMP | ProMP | tuple[DMP, ...]
+Status = Literal["verified", "not verified", "refused", "error", "killed", "late"]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The outcome of one of many scenes.
+
+    Attributes
+    ----------
+    number : number of the scene in what was given, from 0
+    status : "verified"; "not verified" for the best attempt; "refused" if the input is wrong; "error"; "killed" if
+        its process was killed three times; "late" if it was stopped for taking far longer than its budget
+    reasons : why it is not verified, in words
+    solution : the solution without its seal, which does not pass between processes: `motion` has it; None without one
+    seconds : time that the scene took in its process [s]
+    """
+
+    number: int
+    status: Status
+    reasons: tuple[str, ...]
+    solution: Solution | None
+    seconds: float
+
+    @property
+    def verified(self) -> bool:
+        """Return whether the motion was verified where it was found."""
+        return self.status == "verified"
+
+    @cached_property
+    def motion(self) -> VerifiedMotion | None:
+        """Return the verified motion, judged anew in this process; None if it was not verified."""
+        if not self.verified or self.solution is None:
+            return None
+        return verify(self.solution.attempt).verified
+
+
+@dataclass(frozen=True)
+class SolvingWork:
+    """The work of a process: to solve scenes, each with the movement that it names or a common one.
+
+    Attributes are the options of `comove.solve`.
+    """
+
+    demonstration: Taught | None = None
+    seed: int = 0
+    method: Method | None = None
+    planner: bool = True
+    budget: float = 30.0
+    objective: LeastJerk | LeastTime | PaperCost | None = None
+
+    def __call__(self, task: tuple[int, Scene]) -> tuple[bool, Solution]:
+        """Return whether the motion is verified, and the solution without its seal."""
+        _, scene = task
+        solution = solve(
+            scene,
+            demonstration=movement_of(scene) if self.demonstration is None else self.demonstration,
+            seed=self.seed,
+            method=self.method or Comove(),
+            planner=self.planner,
+            budget=self.budget,
+            objective=self.objective,
+        )
+        return solution.verified, replace(solution, motion=None)
+
+
+class _Named:
+    """A scene that counts as equal to others whose demonstration is the same movement."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        source = scene.file.demonstration
+        said = None if source is None else json.dumps(source.model_dump(), sort_keys=True)
+        self._same = (str(scene.folder), said, scene.n_dims, scene.manipulators, scene.turns_as_one)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Named) and self._same == other._same
+
+    def __hash__(self) -> int:
+        return hash(self._same)
+
+
+def movement_of(scene: Scene) -> Taught | None:
+    """Return the movement that a scene names, read and fitted once for all scenes that name it."""
+    return _movement(_Named(scene))
+
+
+@lru_cache(maxsize=64)
+def _movement(named: _Named) -> Taught | None:
+    return demonstration_of(named.scene)
+
+
+def solve_many(
+    scenes: Iterable[Scene],
+    *,
+    workers: int = 2,
+    demonstration: Taught | None = None,
+    seed: int = 0,
+    method: Method | None = None,
+    planner: bool = True,
+    budget: float = 30.0,
+    objective: LeastJerk | LeastTime | PaperCost | None = None,
+) -> Iterator[Solved]:
+    """Solve scenes on several processes, and yield the outcomes as they come, in any order.
+
+    Scenes are taken from the iterable as processes are free, so it may be a generator of any length. The kernels stay
+    loaded from scene to scene. An error in one scene, and a process that is killed, do not stop the others. Ctrl-C,
+    or closing the iterator, ends the processes.
+
+    Parameters
+    ----------
+    workers
+        Number of processes, each with one numerical thread.
+    demonstration
+        Movement for all scenes; that which each scene names unless given.
+    seed, method, planner, budget, objective
+        As for `comove.solve`, for every scene; the same for all.
+
+    Raises
+    ------
+    OptionError
+        If there is no worker, or an option cannot be sent to other processes.
+    """
+    if workers < 1:
+        raise OptionError(f"workers = {workers}", key="workers", way_out="give 1 or more")
+    work = SolvingWork(demonstration, seed, method, planner, budget, objective)
+    return _outcomes(work, enumerate(scenes), workers)
+
+
+def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: int) -> Iterator[Solved]:
+    """Yield the outcomes of tasks; those whose process was killed are tried again."""
+    again: deque[tuple[int, Scene]] = deque()
+    kills: Counter[int] = Counter()
+
+    def next_task() -> tuple[int, Scene] | None:
+        return again.popleft() if again else next(tasks, None)
+
+    for ended in run_tasks(work, next_task, workers=workers, allowed=TIMES * work.budget + MORE):
+        number, _ = ended.task
+        kills[number] += ended.killed
+        if ended.killed and kills[number] < KILLS:
+            again.append(ended.task)
+        else:
+            yield _outcome(ended)
+
+
+def _outcome(ended: Ended[tuple[int, Scene], tuple[bool, Solution]]) -> Solved:
+    """Return the outcome of a task that has ended for good."""
+    number, _ = ended.task
+    if ended.made is not None:
+        verified, solution = ended.made
+        status: Status = "verified" if verified else "not verified"
+        return Solved(number, status, solution.reasons, solution, ended.seconds)
+    if ended.killed or ended.late:
+        return Solved(number, *lost(ended), None, ended.seconds)
+    return Solved(number, "refused" if ended.refused else "error", (ended.error,), None, ended.seconds)
+
+
+def lost(ended: Ended) -> tuple[Status, tuple[str, ...]]:
+    """Return the status of a task whose process was killed, and the reason in words."""
+    if ended.late:
+        return "late", (f"stopped after {ended.seconds:.0f} s",)
+    return "killed", (f"its process was killed {KILLS} times",)

@@ -1,0 +1,156 @@
+"""Runs of a study on the workers of a Dask scheduler, on other machines or on this one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from comove._version import __version__
+from comove.errors import ExtraError, InputError, OptionError
+from comove.processes import Ended
+from comove.processes.worker import told
+from comove.studies.runner import Run
+
+Task = TypeVar("Task")
+Made = TypeVar("Made")
+
+LOCAL = "local"
+"""Address that stands for a scheduler and workers on this machine."""
+CONNECT = 10.0  # s, after which a scheduler counts as unreachable
+AHEAD = 2  # runs that are sent for each thread, so that none waits for this process
+
+
+def on_dask(address: str, workers: int) -> Run:
+    """Return the function that does runs on the workers of a scheduler.
+
+    A run whose worker dies is run again by the scheduler, as often as it allows. A run is not stopped for taking too
+    long.
+
+    Parameters
+    ----------
+    address : address of the scheduler, such as ``tcp://host:8786``, or `LOCAL`
+    workers : number of workers of a local scheduler
+
+    Raises
+    ------
+    ExtraError
+        If Dask is not installed.
+    """
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise ExtraError("a Dask scheduler", "dask") from error
+
+    def run(
+        work: Callable[[Task], Made], next_task: Callable[[], Task | None], allowed: float
+    ) -> Iterator[Ended[Task, Made]]:
+        with _connected(address, workers) as client:
+            _require_version(client)
+            yield from _run(client, work, next_task)
+
+    return run
+
+
+@contextmanager
+def _connected(address: str, workers: int) -> Iterator[Any]:
+    """Lend a client of the scheduler; one that was started for it ends with it.
+
+    Raises
+    ------
+    OptionError
+        If the scheduler cannot be reached.
+    """
+    import dask
+    from distributed import Client, LocalCluster
+
+    if address == LOCAL:
+        with (
+            dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(address, timeout=CONNECT)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise OptionError(
+            f"no scheduler answers at {address!r}: {' '.join(str(error).split())}",
+            key="--dask",
+            way_out="start one (dask scheduler) and give its address, or --dask local",
+        ) from error
+    with client:
+        yield client
+
+
+def _require_version(client: Any) -> None:
+    """Refuse workers that have another version of comove, or none."""
+    try:
+        found = client.run(_version)
+    except Exception as error:  # whatever the workers lack
+        raise OptionError(
+            f"the workers cannot import comove: {told(error)}",
+            key="--dask",
+            way_out="install the same version where the workers run",
+        ) from error
+    for worker, version in found.items():
+        if version != __version__:
+            raise OptionError(
+                f"the worker {worker} has comove {version}, and this is {__version__}",
+                key="--dask",
+                way_out="install the same version where the workers run",
+            )
+
+
+def _version() -> str:
+    from comove._version import __version__
+
+    return __version__
+
+
+def _run(
+    client: Any, work: Callable[[Task], Made], next_task: Callable[[], Task | None]
+) -> Iterator[Ended[Task, Made]]:
+    """Yield tasks as they end; as many are under way as keep all workers busy."""
+    from distributed import as_completed
+
+    under_way: dict[Any, Task] = {}
+    ended = as_completed()
+    most = AHEAD * max(1, sum(client.nthreads().values()))
+    try:
+        while True:
+            while len(under_way) < most and (task := next_task()) is not None:
+                future = client.submit(work, task, pure=False)
+                under_way[future] = task
+                ended.add(future)
+            if not under_way:
+                return
+            future = next(ended)
+            yield _ended(future, under_way.pop(future))
+    finally:
+        client.cancel(list(under_way))
+
+
+def _ended(future: Any, task: Task) -> Ended[Task, Any]:
+    """Return a task as it has ended.
+
+    Raises
+    ------
+    OptionError
+        If the scheduler is gone.
+    """
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        return Ended(task, future.result())
+    if future.status != "error":
+        raise OptionError(
+            "the scheduler was lost", key="--dask", way_out="start it again; the same command goes on"
+        )
+    error = future.exception()
+    if isinstance(error, KilledWorker):
+        return Ended(task, killed=error.allowed_failures + 1)
+    if isinstance(error, InputError):
+        return Ended(task, error=str(error), refused=True)
+    return Ended(task, error=told(error))

@@ -1,0 +1,196 @@
+"""What the runs of a study show: how many were verified, why others were not, their figures and their variety."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from comove.errors import ResultError
+from comove.io.files import whole_file
+from comove.studies.runs import MEASURES, RUNS, StudyStore
+from comove.studies.variety import N_PATH, Variety, variety
+
+REPORT = "report.json"
+MOST_PATHS = 5000
+"""Paths that are compared: those of episodes at equal distances in the study where there are more."""
+MOST_REASONS = 5
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Least, middle and greatest value of a measure over the verified runs."""
+
+    least: float
+    median: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs with one scene, method and settings.
+
+    Attributes
+    ----------
+    runs, verified : numbers of runs, and of those whose motion was verified
+    cost, jerk, seconds : medians of the verified runs; None where there are none
+    """
+
+    scene: str
+    method: str
+    settings: str
+    runs: int
+    verified: int
+    cost: float | None
+    jerk: float | None
+    seconds: float | None
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """What the runs of a study show.
+
+    Attributes
+    ----------
+    total, ended : numbers of runs asked for, and in the store
+    statuses : number of runs by status
+    reasons : the most frequent reasons of runs that were not verified, with their numbers
+    rejected : number of draws that gave no valid scene
+    rejected_share : their share of all draws
+    verified_share : share of verified runs among those whose scene is valid
+    figures : figures of the verified runs, by measure
+    cut_short : number of runs whose search used up its budget: on another machine they may come out otherwise
+    seconds : median time of a verified run [s]
+    bytes_each : size of the store by run [byte]
+    variety : variety of the verified episodes; None where there are fewer than two
+    """
+
+    total: int
+    ended: int
+    statuses: Mapping[str, int]
+    reasons: Mapping[str, int]
+    rejected: int
+    rejected_share: float
+    verified_share: float
+    figures: Mapping[str, Figure]
+    cut_short: int
+    seconds: float | None
+    bytes_each: float
+    variety: Variety | None
+
+    @property
+    def verified(self) -> int:
+        """Return the number of verified runs."""
+        return self.statuses.get("verified", 0)
+
+
+def report_of(folder: Path) -> StudyReport:
+    """Return what the runs in the folder of a study show.
+
+    Raises
+    ------
+    ResultError
+        If there is no study, or its store cannot be read.
+    """
+    store = StudyStore.open(folder / RUNS)
+    with store.connected(reading=True) as connection:
+        statuses = dict(connection.execute("SELECT status, count(*) FROM runs GROUP BY status ORDER BY 1"))
+        frequent = connection.execute(
+            "SELECT reason, count(*) FROM runs WHERE status != 'verified' GROUP BY reason ORDER BY 2 DESC, 1 "
+            f"LIMIT {MOST_REASONS}"
+        )
+        reasons = dict(frequent.fetchall())
+        rejected, cut_short = connection.execute(
+            "SELECT total(rejected), total(cut_short) FROM runs"
+        ).fetchone()
+        wanted = ", ".join((*MEASURES, "seconds"))
+        rows = connection.execute(f"SELECT {wanted} FROM runs WHERE status = 'verified'").fetchall()
+        classes = dict(
+            connection.execute(
+                "SELECT passing, count(*) FROM runs WHERE status = 'verified' GROUP BY passing"
+            )
+        )
+    values = np.array(rows, dtype=float).reshape(-1, len(MEASURES) + 1)
+    ended, invalid = sum(statuses.values()), statuses.get("invalid", 0)
+    paths = _paths(store)
+    return StudyReport(
+        total=store.total(),
+        ended=ended,
+        statuses=statuses,
+        reasons=reasons,
+        rejected=int(rejected),
+        rejected_share=rejected / max(1.0, rejected + ended - invalid),
+        verified_share=statuses.get("verified", 0) / max(1, ended - invalid),
+        figures={
+            name: figure for name, own in zip(MEASURES, values.T, strict=False) if (figure := _figure(own))
+        },
+        cut_short=int(cut_short),
+        seconds=float(np.median(values[:, -1])) if len(values) else None,
+        bytes_each=store.path.stat().st_size / max(1, ended),
+        variety=variety(paths, classes) if len(paths) > 1 else None,
+    )
+
+
+def _figure(values: np.ndarray) -> Figure | None:
+    """Return the figure of a measure; None where no run has it."""
+    known = values[np.isfinite(values)]
+    return Figure(*map(float, np.quantile(known, (0.0, 0.5, 1.0)))) if len(known) else None
+
+
+def _paths(store: StudyStore) -> np.ndarray:
+    """Return paths of verified episodes, shape (n_episodes, N_PATH, n_dims) [m], of the most frequent dimension."""
+    with store.connected(reading=True) as connection:
+        (count,) = connection.execute("SELECT count(*) FROM motions").fetchone()
+        every = -(-count // MOST_PATHS) or 1
+        blobs = connection.execute(
+            "SELECT path FROM motions JOIN runs USING (key) WHERE number % ? = 0 ORDER BY number", (every,)
+        ).fetchall()
+    paths = [np.frombuffer(blob, dtype="<f4").reshape(N_PATH, -1).astype(float) for (blob,) in blobs]
+    sizes = [path.shape[1] for path in paths]
+    usual = max(set(sizes), key=sizes.count, default=2)
+    return np.array([path for path in paths if path.shape[1] == usual]).reshape(-1, N_PATH, usual)
+
+
+def groups_of(folder: Path) -> list[Group]:
+    """Return the runs of a study by scene, method and settings, in the order of the study."""
+    store = StudyStore.open(folder / RUNS)
+    found: dict[tuple[str, str, str], list[tuple]] = {}
+    with store.connected(reading=True) as connection:
+        query = "SELECT scene, method, settings, status, cost, jerk_max, seconds FROM runs ORDER BY number"
+        for *group, status, cost, jerk, seconds in connection.execute(query):
+            found.setdefault(tuple(group), []).append((status, cost, jerk, seconds))
+    groups = []
+    for group, rows in found.items():
+        good = [row for row in rows if row[0] == "verified"]
+        groups.append(Group(*group, len(rows), len(good), *_medians(good)))
+    return groups
+
+
+def _medians(rows: list[tuple]) -> tuple[float | None, float | None, float | None]:
+    """Return the medians of cost, jerk and time."""
+    columns = [[row[i] for row in rows if row[i] is not None] for i in (1, 2, 3)]
+    cost, jerk, seconds = (float(np.median(column)) if column else None for column in columns)
+    return cost, jerk, seconds
+
+
+def write_report(report: StudyReport, folder: Path) -> Path:
+    """Write a report as JSON into the folder of the study; return its path.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be written.
+    """
+    path = folder / REPORT
+    with whole_file(path, ResultError) as file:
+        file.write((json.dumps(plain(report), indent=2, allow_nan=False) + "\n").encode())
+    return path
+
+
+def plain(report: StudyReport) -> dict[str, Any]:
+    """Return a report in plain data."""
+    return asdict(report)

@@ -1,0 +1,322 @@
+"""The store of a study: one row for each run, keyed by what is run, with the motion beside it.
+
+The driver of a study writes a row when its run has ended, with its motion in one transaction, and none twice. Rows
+are lean, so that millions of them are read in seconds; motions are in a table of their own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from comove.errors import ResultError, shortened
+from comove.studies.store import KILLS, Store
+
+STATUSES = ("verified", "not verified", "invalid", "refused", "error", "killed", "late")
+LONGEST = 500
+"""Characters of a reason."""
+RUNS = "runs.sqlite"
+"""Name of the store in the folder of a study."""
+
+
+@dataclass(frozen=True)
+class StudyRun:
+    """A run that has ended.
+
+    Attributes
+    ----------
+    key : checksum of what was run
+    number : number of the run in its study
+    scene, scene_sha256 : name and checksum of the scene; empty where no valid one was drawn
+    method, seed, settings : name of the method, seed of all random numbers, changes of the scene (JSON)
+    status : one of `STATUSES`; "invalid" if no draw gave a valid scene
+    reason : reason for the status, in one line, if it is not "verified"
+    rejected : number of draws that gave no valid scene
+    duration : duration of the motion [s]
+    cost : J of equation (4) in unit duration
+    clearance_min, distance_error_max, end_error, speed_max, acceleration_max, jerk_max : certified measures of the
+        motion [m, m, m, m/s, m/s^2, m/s^3]
+    followed : mean distance from the demonstration [m]
+    passing : class of the motion among the obstacles
+    motion_sha256 : checksum of the motion
+    cut_short : 1 if the search used up its budget, so that the motion hangs on the pace of the machine, else 0
+    seconds : time of the run [s]
+    started : its beginning in UTC (ISO 8601)
+    """
+
+    key: str
+    number: int
+    scene: str = ""
+    scene_sha256: str = ""
+    method: str = ""
+    seed: int = 0
+    settings: str = ""
+    status: str = "error"
+    reason: str = ""
+    rejected: int = 0
+    duration: float | None = None
+    cost: float | None = None
+    clearance_min: float | None = None
+    distance_error_max: float | None = None
+    end_error: float | None = None
+    speed_max: float | None = None
+    acceleration_max: float | None = None
+    jerk_max: float | None = None
+    followed: float | None = None
+    passing: str = ""
+    motion_sha256: str = ""
+    cut_short: int = 0
+    seconds: float | None = None
+    started: str = ""
+
+
+MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name != "seconds")
+UNREPEATED = ("cut_short", "seconds", "started")
+"""Columns that differ from machine to machine."""
+COLUMNS = tuple(f.name for f in fields(StudyRun))
+_KINDS = {"str": "TEXT", "int": "INTEGER", "float | None": "REAL"}
+
+
+@dataclass(frozen=True)
+class StoredMotion:
+    """A motion of a run, as the store keeps it.
+
+    Attributes
+    ----------
+    key : key of the run
+    scene : the scene that was solved, packed
+    curve : what rebuilds the motion, packed
+    path : centre of the hands at equal shares of the duration, float32
+    """
+
+    key: str
+    scene: bytes
+    curve: bytes
+    path: bytes
+
+
+def digest(description: Mapping[str, Any]) -> str:
+    """Compute the SHA-256 of plain data."""
+    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
+
+
+def _declared() -> str:
+    declared = [f"{f.name} {_KINDS[str(f.type)]}" for f in fields(StudyRun)]
+    return ", ".join(["key TEXT PRIMARY KEY", *declared[1:]])
+
+
+@dataclass(frozen=True)
+class StudyStore(Store):
+    """A store of the runs of one study."""
+
+    APPLICATION = 0x636F6D73  # "coms", in the header of the file
+    TABLES = {  # noqa: RUF012  a constant of the class
+        "runs": _declared(),
+        "motions": "key TEXT PRIMARY KEY, scene BLOB, curve BLOB, path BLOB",
+        "about": "name TEXT PRIMARY KEY, value TEXT",
+        "kills": KILLS,
+    }
+    MADE_BY = "comove generate STUDY --out DIR, or comove sweep STUDY --out DIR"
+
+    def describe(self, described: Mapping[str, Any], total: int) -> None:
+        """Note what is run and how many runs there are; a store of another study is refused.
+
+        More runs than before may be asked for, as none depends on their number.
+
+        Raises
+        ------
+        ResultError
+            If the store holds another study, or the study was edited; says what changed.
+        """
+        before = self.description()
+        if before is not None:
+            changed = differences(before, json.loads(json.dumps(described)))
+            if changed:
+                more = f", and {len(changed) - 3} more" if len(changed) > 3 else ""
+                raise ResultError(
+                    f"it holds runs of a study that was edited since: {'; '.join(changed[:3])}{more}",
+                    file=self.path,
+                    way_out="give the study its former values back, or name another folder",
+                )
+        rows = {"study": json.dumps(described, sort_keys=True), "total": str(max(total, self.total()))}
+        with self.connected() as connection:
+            connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows.items())
+
+    def description(self) -> dict[str, Any] | None:
+        """Return what is run, in plain data; None in a new store."""
+        text = self._about("study")
+        return None if text is None else self._json(text)
+
+    def total(self) -> int:
+        """Return how many runs there are in the whole study."""
+        return int(self._json(self._about("total") or "0"))
+
+    def _about(self, name: str) -> str | None:
+        with self.connected(reading=True) as connection:
+            row = connection.execute("SELECT value FROM about WHERE name = ?", (name,)).fetchone()
+        return None if row is None else str(row[0])
+
+    def _json(self, text: str) -> Any:
+        try:
+            return json.loads(text)
+        except ValueError as error:
+            raise ResultError(
+                f"its description was changed: {error}", file=self.path, way_out="copy the store again"
+            ) from error
+
+    @contextmanager
+    def writer(self) -> Iterator[StudyWriter]:
+        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
+
+        Raises
+        ------
+        ResultError
+            If another process works on the store, or it cannot be written.
+        """
+        with _alone(self.path), self.connected() as connection:
+            connection.execute("PRAGMA synchronous = NORMAL")  # of a power cut the last runs are run again
+            yield StudyWriter(connection)
+
+    def numbers(self) -> set[int]:
+        """Return the numbers of the runs that have ended."""
+        with self.connected(reading=True) as connection:
+            return {number for (number,) in connection.execute("SELECT number FROM runs")}
+
+    def runs(self, status: str | None = None) -> Iterator[StudyRun]:
+        """Yield the runs that have ended, or those of a status, in the order of their numbers."""
+        with self.connected(reading=True) as connection:
+            where = "" if status is None else " WHERE status = ?"
+            query = f"SELECT {', '.join(COLUMNS)} FROM runs{where} ORDER BY number"
+            for row in connection.execute(query, () if status is None else (status,)):
+                yield StudyRun(*row)
+
+    def motions(self) -> Iterator[tuple[StudyRun, StoredMotion]]:
+        """Yield the verified runs with their motions, in the order of their numbers."""
+        query = (
+            f"SELECT {', '.join(f'runs.{c}' for c in COLUMNS)}, motions.scene, motions.curve, motions.path "
+            "FROM runs JOIN motions USING (key) WHERE status = 'verified' ORDER BY number"
+        )
+        with self.connected(reading=True) as connection:
+            for row in connection.execute(query):
+                run = StudyRun(*row[: len(COLUMNS)])
+                yield run, StoredMotion(run.key, *row[len(COLUMNS) :])
+
+
+class StudyWriter:
+    """Writes runs into an open store, each as a whole."""
+
+    def __init__(self, connection: sqlite3.Connection):
+        self._connection = connection
+
+    def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
+        """Write a run that has ended; one with the same key stays as it is."""
+        self._insert("runs", astuple(run))
+        if motion is not None:
+            self._insert("motions", astuple(motion))
+        self._connection.commit()
+
+    def _insert(self, table: str, row: tuple) -> None:
+        marks = ", ".join("?" * len(row))
+        self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
+
+    def add_all(self, runs: Iterable[StudyRun]) -> None:
+        """Write many runs at once, without motions."""
+        marks = ", ".join("?" * len(COLUMNS))
+        self._connection.executemany(
+            f"INSERT INTO runs VALUES ({marks}) ON CONFLICT DO NOTHING", map(astuple, runs)
+        )
+        self._connection.commit()
+
+    def note_kill(self, key: str, times: int = 1) -> int:
+        """Note that processes were killed during a run; returns how often that has happened in all."""
+        self._connection.execute(
+            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
+            (key, times),
+        )
+        self._connection.commit()
+        return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+
+    def absorb(self, other: Path) -> int:
+        """Take over all rows of another store but those that are here already.
+
+        Returns
+        -------
+        int, number of runs that are here already with another motion, which stay as they are
+        """
+        self._connection.execute("ATTACH DATABASE ? AS other", (str(other),))
+        try:
+            (different,) = self._connection.execute(
+                "SELECT count(*) FROM runs JOIN other.runs AS theirs USING (key) "
+                "WHERE runs.status != theirs.status OR runs.motion_sha256 != theirs.motion_sha256"
+            ).fetchone()
+            for table in ("motions", "runs"):
+                self._connection.execute(
+                    f"INSERT OR IGNORE INTO {table} SELECT * FROM other.{table} "
+                    "WHERE key NOT IN (SELECT key FROM runs)"
+                )
+            self._connection.execute(
+                "INSERT INTO kills SELECT * FROM other.kills WHERE true "
+                "ON CONFLICT DO UPDATE SET times = max(times, excluded.times)"
+            )
+            self._connection.commit()
+        finally:
+            self._connection.rollback()
+            self._connection.execute("DETACH DATABASE other")
+        return int(different)
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold the lock of a store, which the system takes back when this process ends in whatever way.
+
+    Raises
+    ------
+    ResultError
+        If another process holds it.
+    """
+    import fcntl
+
+    lock = path.with_name(f"{path.name}.lock")
+    with open(lock, "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ResultError(
+                "another process works on it at present",
+                file=path,
+                way_out="wait until it has ended, or end it first; other parts of a study go to folders of their own",
+            ) from error
+        yield
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """List what differs between two descriptions, in words: key, former and present value."""
+    flat = [dict(_leaves((), data)) for data in (before, after)]
+    told = []
+    for key in [*flat[0], *(key for key in flat[1] if key not in flat[0])]:
+        was, now = (json.dumps(one[key]) if key in one else "nothing" for one in flat)
+        if was != now:
+            told.append(f"{'.'.join(key)} was {shortened(was, 60)} and is {shortened(now, 60)}")
+    return told
+
+
+def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the values in nested data, with the keys that lead to them."""
+    inner = (
+        value.items()
+        if isinstance(value, Mapping)
+        else enumerate(value)
+        if isinstance(value, (list, tuple))
+        else ()
+    )
+    if not value or not isinstance(value, (Mapping, list, tuple)):
+        yield path, value
+    for key, item in inner:
+        yield from _leaves((*path, str(key)), item)

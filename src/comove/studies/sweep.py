@@ -1,0 +1,184 @@
+"""A study that compares: scenes with methods, seeds and settings, all combinations of them."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from comove._version import __version__
+from comove.errors import ComoveWarning, SceneError, near_name
+from comove.io.keys import Wrong
+from comove.io.messages import Flaw, scene_error
+from comove.io.yaml_reader import Lines, read_yaml
+from comove.planning import Comove, Paper, Printed, Projection
+from comove.planning.method import Method
+from comove.scenes.scene import Scene
+from comove.studies.episode import solved_run
+from comove.studies.generation import read_study
+from comove.studies.keys import change
+from comove.studies.runs import LONGEST, StoredMotion, StudyRun, digest
+from comove.studies.study_file import SWEEP, SweepFile
+
+METHODS: dict[str, Method] = {m.name: m for m in (Comove(), Projection(), Paper(), Printed())}
+"""Methods that solve whole scenes, by their names in a study file."""
+
+
+@dataclass(frozen=True)
+class SweptScene:
+    """A scene of a sweep: contents of its file, the folder to which paths in it are relative, and its name."""
+
+    name: str
+    folder: Path
+    contents: dict[str, Any] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Runs of scenes with methods, settings and seeds; the seed changes slowest, so that seeds can be added.
+
+    Attributes
+    ----------
+    name : name of the study
+    scenes : the scenes
+    methods : names in `METHODS`
+    settings : changes of the scenes, by dotted keys
+    seeds : number of seeds, from 0 on
+    budget : time for each run [s]
+    """
+
+    name: str
+    scenes: tuple[SweptScene, ...]
+    methods: tuple[str, ...] = ("comove",)
+    settings: tuple[Mapping[str, Any], ...] = ({},)
+    seeds: int = 1
+    budget: float = 10.0
+
+    @classmethod
+    def load(cls, path: str | Path) -> Sweep:
+        """Read a study file (YAML).
+
+        Raises
+        ------
+        SceneError
+            If the file or a scene cannot be read or breaks the rules; one message names file, key, line, value and
+            correction.
+        """
+        path = Path(path)
+        file, lines = read_study(path, SweepFile, SWEEP)
+        scenes = tuple(_swept(path.parent / name) for name in file.scenes)
+        flaws = [*_method_flaws(file), *_setting_flaws(file, scenes)]
+        if flaws:
+            raise scene_error(flaws, path, lines)
+        combined = itertools.product(*file.settings.values())
+        settings = tuple(dict(zip(file.settings, values, strict=True)) for values in combined)
+        sweep = cls(file.name, scenes, file.methods, settings, file.seeds, file.budget)
+        _require_distinct(sweep, path, lines)
+        return sweep
+
+    @property
+    def total(self) -> int:
+        """Return the number of runs."""
+        return self.seeds * self._combinations
+
+    @property
+    def _combinations(self) -> int:
+        return len(self.scenes) * len(self.methods) * len(self.settings)
+
+    @cached_property
+    def described(self) -> dict[str, Any]:
+        """Return what the runs follow from, in plain data: all but the number of seeds, of which none depends."""
+        return {
+            "comove": __version__,
+            "scenes": {scene.name: scene.contents for scene in self.scenes},
+            "methods": list(self.methods),
+            "settings": [dict(setting) for setting in self.settings],
+            "budget": self.budget,
+        }
+
+    def _at(self, number: int) -> tuple[SweptScene, str, Mapping[str, Any], int]:
+        """Return scene, method, settings and seed of a run."""
+        seed, rest = divmod(number, self._combinations)
+        scene, rest = divmod(rest, len(self.methods) * len(self.settings))
+        method, setting = divmod(rest, len(self.settings))
+        return self.scenes[scene], self.methods[method], self.settings[setting], seed
+
+    def key(self, number: int) -> str:
+        """Return the key of a run: the checksum of all that it follows from."""
+        scene, method, settings, seed = self._at(number)
+        what = {"scene": scene.contents, "method": method, "settings": settings, "seed": seed}
+        return digest(what | {"budget": self.budget, "comove": __version__})
+
+    def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
+        """Do a run; return its row, and its motion if it is verified."""
+        swept, method, settings, seed = self._at(number)
+        run = StudyRun(
+            self.key(number),
+            number,
+            scene=swept.name,
+            method=method,
+            seed=seed,
+            settings=json.dumps(settings) if settings else "",
+        )
+        try:
+            scene = _changed(swept, settings)
+        except SceneError as error:
+            return StudyRun(**(vars(run) | {"status": "invalid", "reason": str(error)[:LONGEST]})), None
+        return solved_run(run, scene, METHODS[method], self.budget)
+
+
+def _swept(path: Path) -> SweptScene:
+    contents = read_yaml(path)[0]
+    return SweptScene(str(contents.get("name", path.stem)), path.parent, contents)
+
+
+def _changed(swept: SweptScene, settings: Mapping[str, Any]) -> Scene:
+    """Return a scene with its settings."""
+    contents = copy.deepcopy(swept.contents)
+    for key, value in settings.items():
+        change(contents, key, copy.deepcopy(value))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)
+        return Scene.from_dict(contents, folder=swept.folder)
+
+
+def _method_flaws(file: SweepFile) -> Iterator[Flaw]:
+    for i, name in enumerate(file.methods):
+        if name not in METHODS:
+            yield Flaw(("methods", i), f"there is no method {name!r}", near_name(name, METHODS))
+
+
+def _setting_flaws(file: SweepFile, scenes: tuple[SweptScene, ...]) -> Iterator[Flaw]:
+    """Yield settings that cannot be made on a scene."""
+    for key, values in file.settings.items():
+        for swept in scenes:
+            try:
+                change(copy.deepcopy(swept.contents), key, values[0])
+            except Wrong as wrong:
+                yield Flaw(("settings", key), f"in the scene {swept.name}: {wrong.args[0]}", wrong.args[1])
+                break
+
+
+def _require_distinct(sweep: Sweep, path: Path, lines: Lines) -> None:
+    """Refuse scenes of the same name, which a report could not tell apart, and runs that are there twice."""
+    names = [scene.name for scene in sweep.scenes]
+    twice = [name for i, name in enumerate(names) if name in names[:i]]
+    if twice:
+        flaw = Flaw(
+            ("scenes", names.index(twice[0])), f"two scenes are called {twice[0]!r}", "rename one of them"
+        )
+        raise scene_error([flaw], path, lines)
+    if len(set(sweep.methods)) < len(sweep.methods):
+        raise scene_error([Flaw(("methods",), "a method is named twice", "name it once")], path, lines)
+    several = {key: [s[key] for s in sweep.settings] for key in sweep.settings[0]}
+    shown = {json.dumps(dict(setting), sort_keys=True) for setting in sweep.settings}
+    if len(shown) < len(sweep.settings):
+        raise scene_error(
+            [Flaw(("settings", *list(several)[:1]), "a value is given twice", "give it once")], path, lines
+        )

@@ -1,0 +1,44 @@
+"""Runs on a Dask scheduler give the rows that processes give; a scheduler that is not there is one sentence."""
+
+import pytest
+
+from comove.errors import ExtraError, OptionError
+from comove.studies import on_processes, run_study
+from comove.studies.on_dask import on_dask
+from tests.studies.test_runner import rows
+from tests.studies.works import FakeStudy
+
+
+def test_without_dask_the_way_out_is_told(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(ExtraError, match=r"pip install 'comove\[dask\]'"):
+        on_dask("local", 2)
+
+
+def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("comove.studies.on_dask.CONNECT", 1.0)
+    with pytest.raises(OptionError, match=r"--dask: no scheduler answers at 'tcp://127.0.0.1:9'"):
+        run_study(FakeStudy(2), tmp_path, on_dask("tcp://127.0.0.1:9", 1))
+    with pytest.raises(OptionError, match="no scheduler answers at 'nonsense://x'"):
+        run_study(FakeStudy(2), tmp_path, on_dask("nonsense://x", 1))
+    run_study(FakeStudy(2), tmp_path, on_processes(1))  # nothing is in the way of going on
+    assert len(rows(tmp_path)[0]) == 2
+
+
+@pytest.mark.slow
+def test_the_rows_are_those_of_processes(tmp_path):
+    pytest.importorskip("distributed")
+    run_study(FakeStudy(30), tmp_path / "dask", on_dask("local", 2))
+    run_study(FakeStudy(30), tmp_path / "processes", on_processes(1))
+    assert rows(tmp_path / "dask") == rows(tmp_path / "processes")
+
+
+@pytest.mark.slow
+def test_what_kills_its_worker_is_marked(tmp_path):
+    pytest.importorskip("distributed")
+    run_study(FakeStudy(8, killers=(3,), raisers=(5,)), tmp_path, on_dask("local", 2))
+    found = {run.number: (run.status, run.reason) for run in rows(tmp_path)[0]}
+    assert found.pop(3) == ("killed", "its process was killed 3 times")
+    assert found.pop(5) == ("refused", "not 5; another")
+    assert set(found.values()) == {("verified", "")} and len(found) == 6

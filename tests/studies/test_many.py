@@ -1,0 +1,68 @@
+"""Many scenes on several processes: what each gives is what `solve` gives."""
+
+import numpy as np
+import pytest
+
+import comove
+from comove.errors import OptionError
+from comove.experiments.examples import example_path
+from comove.planning import PaperCost
+from comove.planning.methods import Quick
+from comove.scenes import demonstration_of
+
+
+def scenes(*goals):
+    """The wide scene with goals at several heights [m]."""
+    for goal in goals:
+        scene = comove.Scene.load(example_path("wide"))
+        hands = [
+            {**hand, "goal": [hand["goal"][0], hand["goal"][1] + goal]}
+            for hand in scene.file.model_dump()["manipulators"]
+        ]
+        yield comove.Scene.from_dict(scene.file.model_dump() | {"manipulators": hands}, folder=scene.folder)
+
+
+def test_each_scene_gives_what_solve_gives():
+    given = list(scenes(0.0, 0.05, -0.05))
+    found = sorted(comove.solve_many(given, workers=2, seed=3), key=lambda one: one.number)
+    assert [one.number for one in found] == [0, 1, 2]
+    for one, scene in zip(found, given, strict=True):
+        alone = comove.solve(scene, demonstration=demonstration_of(scene), seed=3)
+        assert one.verified and one.reasons == ()
+        assert np.array_equal(one.solution.attempt.weights, alone.attempt.weights)
+        assert one.solution.report == alone.report
+        assert one.solution.motion is None  # a seal does not pass between processes
+        assert one.motion.clearance_min == alone.motion.clearance_min
+
+
+def test_scenes_are_taken_as_they_are_needed():
+    taken = []
+
+    def endless():
+        for number, scene in enumerate(scenes(*[0.0] * 100)):
+            taken.append(number)
+            yield scene
+
+    solving = comove.solve_many(endless(), workers=1, method=Quick())
+    assert next(solving).verified
+    solving.close()
+    assert len(taken) <= 3
+
+
+def test_an_error_in_one_scene_leaves_the_others_alone():
+    blocked = comove.Scene.load(example_path("wide"), {"demonstration": {"lasa": "NoShape"}})
+    found = {one.number: one for one in comove.solve_many([blocked, *scenes(0.0)], workers=1)}
+    assert found[0].status == "refused" and "NoShape" in found[0].reasons[0]
+    assert found[0].motion is None and found[0].solution is None
+    assert found[1].verified
+
+
+def test_options_reach_the_search():
+    (found,) = comove.solve_many(scenes(0.0), workers=1, objective=PaperCost(), budget=2.0)
+    assert isinstance(found.solution.objective, PaperCost)
+
+
+def test_bad_options_are_refused_at_once():
+    with pytest.raises(OptionError, match="workers = 0"):
+        comove.solve_many([], workers=0)
+    assert list(comove.solve_many([])) == []
