@@ -16,7 +16,7 @@ hands, load and scene  bound at every instant by `comove.verification`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -26,6 +26,7 @@ from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.streaming import JointCommand, commands
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
@@ -121,6 +122,27 @@ class VerifiedJointMotion(Sealed):
     def scene(self) -> Scene:
         """Return the scene for which the motion was verified."""
         return self.motion.motion.scene
+
+    def stream(self, rate: float = 1000.0, arm: str | None = None) -> Iterator[JointCommand]:
+        """Return an iterator over the commands for a controller, one for each of its cycles.
+
+        It does not wait: the loop that sends the commands keeps the time, as drivers' callbacks do.
+
+        Parameters
+        ----------
+        rate
+            Cycles in a second [Hz].
+        arm
+            Name of the arm whose joints are wanted, from the base to the tip; all joints of the robot, in the order
+            of `robot.joint_names`, unless given.
+
+        Raises
+        ------
+        OptionError, RobotError
+            If no robot is driven at that rate, or the robot has no such arm.
+        """
+        every = np.arange(len(self.robot.joint_names))
+        return commands(self.joints, rate, every if arm is None else self.robot.arm(arm).columns)
 
 
 @dataclass(frozen=True)
