@@ -100,7 +100,7 @@ def _kind(axis: Array, point: Array, free: int, angle: float, back: bool) -> int
     h, r = np.empty((6, 3)), np.empty((6, 3))
     remaining_axes(axis, point, free, angle, back, h, r)
     lines = list(zip(h, r, strict=True))
-    if _meet(*lines[4:]) and _meet(*lines[3:5]) and np.allclose(*_crossings(lines[3:]), atol=FLAT):
+    if _meet(*lines[4:]) and _meet(*lines[3:5]) and _concurrent(lines[3:]):
         for kind, (i, j) in ((WRIST_MEET_1, (0, 1)), (WRIST_MEET_2, (1, 2))):
             if _meet(lines[i], lines[j]):
                 return kind
@@ -121,10 +121,11 @@ def _meet(one: tuple[Array, Array], two: tuple[Array, Array]) -> bool:
     return size > 0.1 and abs(float(across @ (s - r))) < FLAT * size
 
 
-def _crossings(lines: list[tuple[Array, Array]]) -> list[Array]:
-    """Return where the first two lines meet, and the last two."""
+def _concurrent(lines: list[tuple[Array, Array]]) -> bool:
+    """Return whether the first two of three lines meet where the last two do."""
     pairs = ((lines[0], lines[1]), (lines[1], lines[2]))
-    return [np.array(meeting(*(tuple(v.tolist()) for v in (h, r, k, s)))) for (h, r), (k, s) in pairs]
+    one, two = (np.array(meeting(*(tuple(v.tolist()) for v in (h, r, k, s)))) for (h, r), (k, s) in pairs)
+    return bool(np.abs(one - two).max() < FLAT)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -29,6 +29,7 @@ a hand that glides over a table comes no nearer to first order, however fast it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -41,6 +42,7 @@ from scipy.interpolate import PPoly
 from comove.robots.motion import Ranges, fastest
 from comove.robots.verification.bodies import Bodies, moved_by
 from comove.robots.verification.carried import LoadMotion, placements
+from comove.robots.verification.kinematics import joint_placements
 from comove.ties import first_least
 
 Array = NDArray[np.float64]
@@ -49,7 +51,10 @@ FIRST = 16  # parts of the motion at the beginning
 DEEPEST = 22  # halvings of a part
 TIGHT, LOOSE = 1e-3, 5e-3  # m, how far a bound may stay below the clearance; where that is too small anyway
 MOST = 400_000  # distances: a bound that needs more is given up as it stands, still sound, only lower
-FEW = 32  # cells of each kind, with the nearest balls, that tell at the beginning what the clearance is about
+WORTH_BALLS = (
+    0.9  # share of the cells that balls leave to be computed, from which on they are not looked at any more
+)
+FEW = 8  # cells of each kind, with the nearest balls, that tell at the beginning what the clearance is about
 
 
 class LinkClearance(NamedTuple):
@@ -86,7 +91,7 @@ class _Cells(NamedTuple):
         return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
 
 
-def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClearance]:
+def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
     Where a pair violates its required clearance, the bound of its kind is only as tight as `LOOSE`.
@@ -94,19 +99,24 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClear
     Parameters
     ----------
     curve : joint positions by time [s], cubic between samples
+    slack : share of the clearance beyond the required one that bounds may give away. With any, whether all pairs keep
+        what is required is certified as ever, but bounds are loose where there is room, and nothing more is computed
+        once a pair is known to violate it
     """
     distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
     cells, width, computed = _first(bodies), float(curve.x[-1]) / FIRST, 0
-    lower, met = np.full(3, np.inf), _few(distances, cells, width)
+    lower, met, balls_help = np.full(3, np.inf), _few(distances, cells, width), True
     for depth in range(DEEPEST):
         kind, middle = bodies.kind[cells.pair], (cells.stretch.astype(float) + 0.5) * width
-        bound, change = distances.of_balls(cells, width)
-        bound -= change
-        near = bound < _enough(met, bodies)[kind]  # for all others balls are enough
+        change, bound = distances.changes(cells, width), np.full(len(kind), -np.inf)
+        if balls_help:
+            bound = distances.of_balls(cells, width) - change
+        near = bound < _enough(met, bodies, slack)[kind]  # for all others balls are enough
+        balls_help &= near.mean() < WORTH_BALLS
         distance = distances(cells.chosen(near), width)
         computed += len(distance)
         met = _met(met, bodies, cells.chosen(near), width, distance)
-        enough = _enough(met, bodies)[kind[near]]
+        enough = _enough(met, bodies, slack)[kind[near]]
         spare = np.where(distance > 0, distance - enough, 0.0)
         bound[near] = distance - nearing.improved(
             change[near], spare, cells.pair[near], middle[near], width / 2
@@ -124,16 +134,20 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClear
     return [least._replace(lower=float(bound)) for least, bound in zip(met, lower, strict=True)]
 
 
-def _enough(met: list[LinkClearance], bodies: Bodies) -> Array:
+def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
     """Return the bounds that suffice, by kind; array, shape (3,) [m]."""
-    upper = np.array([least.upper for least in met])
-    enough = np.maximum(bodies.required, upper - TIGHT)
-    return np.where(upper < bodies.required, upper - LOOSE, enough)
+    upper, required = np.array([least.upper for least in met]), bodies.required
+    if slack > 0.0 and (upper < required).any():
+        return np.full(3, -np.inf)
+    known = np.isfinite(upper)
+    spare = np.where(known, upper, 0.0) - required
+    enough = np.where(known, np.maximum(required, upper - np.maximum(TIGHT, slack * spare)), np.inf)
+    return np.where(upper < required, upper - LOOSE, enough)
 
 
 def _few(distances: _Distances, cells: _Cells, width: float) -> list[LinkClearance]:
     """Return the least clearances among the cells whose balls are nearest, by kind."""
-    bodies, (rough, _) = distances.bodies, distances.of_balls(cells, width)
+    bodies, rough = distances.bodies, distances.of_balls(cells, width)
     chosen = np.zeros(len(rough), dtype=bool)
     for kind in range(3):
         own = np.flatnonzero(bodies.kind[cells.pair] == kind)
@@ -211,9 +225,9 @@ class _Distances:
             distances += [compute(geometry, placed, pair).min_distance for pair in pairs]
         return np.array(distances) - self.bodies.taken[cells.pair]
 
-    def of_balls(self, cells: _Cells, width: float) -> tuple[Array, Array]:
-        """Compute lower bounds of distances, less what is taken, by the balls about the bodies, and bounds of the
-        distances' changes within the intervals; arrays, shape (n_cells,) [m].
+    def of_balls(self, cells: _Cells, width: float) -> Array:
+        """Compute lower bounds of the distances, less what is taken, by the balls about the bodies; array, shape
+        (n_cells,) [m].
         """
         stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
         time = (stretches.astype(float) + 0.5) * width
@@ -221,19 +235,22 @@ class _Distances:
         ends = self._pairs[cells.pair]
         between = centers[of_cell, ends[:, 0]] - centers[of_cell, ends[:, 1]]
         distance = np.sqrt((between**2).sum(axis=1)) - self._radius[ends].sum(axis=1)
+        return distance - self.bodies.taken[cells.pair]
+
+    def changes(self, cells: _Cells, width: float) -> Array:
+        """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
+        stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
+        time = (stretches.astype(float) + 0.5) * width
         rates = self._rates(time - 0.5 * width, time + 0.5 * width)
-        change = (self.bodies.reach[cells.pair] * rates[of_cell]).sum(axis=1)
-        return distance - self.bodies.taken[cells.pair], 0.5 * width * change
+        return 0.5 * width * (self.bodies.reach[cells.pair] * rates[of_cell]).sum(axis=1)
 
     def _centers(self, time: Array) -> Array:
         """Compute the centres of the balls; array, shape (n_steps, n_bodies, 3) [m]."""
-        n = self.model.njoints
-        turns, places = np.empty((len(time), n, 3, 3)), np.empty((len(time), n, 3))
-        for k, q in enumerate(self.curve(time)):
-            pin.forwardKinematics(self.model, self.data, q)
-            for joint, pose in enumerate(self.data.oMi):
-                turns[k, joint], places[k, joint] = pose.rotation, pose.translation
-        centers = np.einsum("tbij,bj->tbi", turns[:, self._joint], self._center) + places[:, self._joint]
+        turns, places = joint_placements(self.bodies.robot, self.curve(time))
+        centers = np.empty((len(time), len(self._joint), 3))
+        for joint in range(self.model.njoints):
+            own = np.flatnonzero(self._joint == joint)
+            centers[:, own] = self._center[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
         nodes = self.carried.nodes(time)
         for rod, *spanned in self.bodies.rods:
             centers[:, rod] = placements(nodes, tuple(spanned))[1]
@@ -334,7 +351,8 @@ class Nearing:
     def _slab(self, pair: int) -> tuple[float, Array]:
         """Compute the distance of two bodies minus the width of the slab between them [m], and the slab's normal."""
         found = pin.computeDistance(self.bodies.geometry, self.placed, pair)
-        n = np.array(found.normal) / np.linalg.norm(found.normal)  # from the first to the second
+        n = np.array(found.normal)  # from the first to the second
+        n /= math.sqrt(n @ n)
         (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
         ends = self._supports[a](first.rotation.T @ n), self._supports[b](-second.rotation.T @ n)
         slab = (second.translation - first.translation) @ n - ends[0] - ends[1]

@@ -168,6 +168,7 @@ def verify_joints(
     *,
     uncertainty: Uncertainty | None = None,
     mass_shares: Sequence[float] | None = None,
+    slack: float = 0.0,
 ) -> JointVerdict:
     """Verify a robot's motion: limits, torques, hands on the load and clearance.
 
@@ -181,6 +182,9 @@ def verify_joints(
         Tolerances of the places of the bases; the description's unless given.
     mass_shares
         Shares of the load's mass that its holders carry, in their order; equal unless given.
+    slack
+        Share of the links' clearance beyond the required one that its bounds in the report may give away, as a search
+        does: what is verified is the same, but faster known.
     """
     if isinstance(motion, CoordinatedMotion):
         verdict = verify(motion)
@@ -210,7 +214,7 @@ def verify_joints(
         checks.torques(robot, curve, arms, checks.masses(scene, mass_shares)),
         checks.hands(errors, motion),
         checks.calibration(bases, arms, errors, motion),
-        checks.clearances(bodies, carried, curve),
+        checks.clearances(bodies, carried, curve, slack),
     ]
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
