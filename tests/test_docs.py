@@ -20,7 +20,15 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
-    *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
+    *(
+        "robot simulate",
+        "robot solve",
+        "robot run",
+        "library combine",
+        "comove run",
+        "bench run",
+        "bench scaling",
+    ),
     "bench ablation",
     *("--method paper", "--method task-priority", "comove reproduce"),
     "05_a_load_of_any_shape",

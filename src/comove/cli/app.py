@@ -107,6 +107,7 @@ def main() -> None:
                 reproduce,
                 robot,
                 robot_files,
+                robot_run,
                 run,
                 show,
                 solve,
