@@ -24,7 +24,15 @@ PAGES = [
 ]
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
-    *("robot simulate", "robot solve", "library combine", "comove run", "bench run", "bench scaling"),
+    *(
+        "robot simulate",
+        "robot solve",
+        "robot run",
+        "library combine",
+        "comove run",
+        "bench run",
+        "bench scaling",
+    ),
     "bench ablation",
     "comove generate",
     "comove sweep",

@@ -169,3 +169,38 @@ def test_what_no_hand_gets_away_from_is_warned_of(motion, speed):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Scene.from_dict({**data, "limits": {"speed": 0.85}})
+
+
+def test_what_moves_can_be_made_to_stand_or_left_out():
+    data = {
+        "name": "two",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "obstacles": [
+            {
+                "shape": "sphere",
+                "center": [0.2, 0.9, 0.5],
+                "radius": 0.05,
+                "motion": {"velocity": [0.1, 0, 0]},
+            },
+            {"shape": "box", "center": [0.5, 0.5, 0.9], "size": [0.1, 0.2, 0.1]},
+        ],
+        "load": {"shape": "bar", "length": 0.2},
+        "manipulators": [
+            {"name": "a", "start": [0.2, 0.2, 0.2], "goal": [0.7, 0.2, 0.2]},
+            {"name": "b", "start": [0.4, 0.2, 0.2], "goal": [0.9, 0.2, 0.2]},
+        ],
+    }
+    scene = Scene.from_dict(data)
+    centers = scene.centers + scene.offsets(np.array([3.0]))[0]
+    stands = scene.standing(centers)
+    assert not stands.moving.any()
+    np.testing.assert_array_equal(stands.obstacles, scene.obstacles_at(3.0))
+    np.testing.assert_allclose(stands.file.obstacles[0].center, [0.5, 0.9, 0.5])
+    nodes = scene.nodes_at("start")
+    assert stands.clearance_at(nodes)[0] == scene.clearance_at(nodes, 3.0)[0]
+    without = scene.standing()
+    assert [obstacle.shape for obstacle in without.file.obstacles] == ["box"]
+    np.testing.assert_array_equal(without.obstacles, scene.obstacles[1:])
+    assert without.owners.tolist() == [0]
+    assert without.name_of(0) == scene.name_of(1).replace("1", "0")

@@ -104,6 +104,7 @@ def whole_application() -> typer.Typer:
         reproduce,
         robot,
         robot_files,
+        robot_run,
         run,
         show,
         solve,

@@ -147,6 +147,36 @@ def simulation_text(summary: Mapping[str, Any], folder: Path) -> str:
     return "\n".join([head, *(f"  - {reason}" for reason in summary["reasons"]), *in_rows(rows)])
 
 
+def robot_run_text(summary: Mapping[str, Any], folder: Path) -> str:
+    """Return a readable summary of a robot's online run, from the contents of its robot_run.json."""
+    verdict = "arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD"
+    median, slowest = 1e3 * summary["control_s_median"], 1e3 * summary["control_s_p999"]
+    clearances = [
+        (words, f"{1e3 * summary[key]:.1f} mm at samples")
+        for words, key in (
+            ("links from obstacles", "clearance_scene"),
+            ("load from obstacles", "clearance_carried"),
+            ("links from each other", "clearance_self"),
+        )
+        if summary[key] is not None
+    ]
+    rows = [
+        *clearances,
+        ("hands on the load", f"{summary['hold_error_max']:.2g} m or rad, commanded"),
+        ("hands' distance", f"{1e3 * summary['distance_error_max']:.2g} mm off in the simulator"),
+        ("end error", f"{1e3 * summary['end_error']:.2g} mm"),
+        ("share of speed", f"{summary['velocity_ratio_max']:.3g}"),
+        ("share of acceleration", f"{summary['acceleration_ratio_max']:.3g}"),
+        ("servos behind", f"{summary['lag_max']:.2g} rad at most"),
+        ("control step", f"{median:.2f} ms, 99.9 % within {slowest:.2f} ms"),
+        ("took", f"{summary['duration_s']:.2f} s, {summary['plans']} plans"),
+        ("record", f"{folder / 'robot_run.npz'}, {folder / 'robot_run.json'}"),
+    ]
+    events = [f"  {event['time']:.2f} s: {event['what']}" for event in summary["events"]]
+    head = f"{summary['scene']}, {summary['robot']}: {verdict}"
+    return "\n".join([head, *(f"  - {reason}" for reason in summary["reasons"]), *events, *in_rows(rows)])
+
+
 def run_text(summary: Mapping[str, Any], folder: Path) -> str:
     """Return a readable summary of an execution, from the contents of its run.json."""
     verdict = "arrived, verified" if summary["verified"] else "NOT VERIFIED"

@@ -48,6 +48,7 @@ from comove.verification.verify import Report
 Array = NDArray[np.float64]
 
 N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
+N_ASKED = 10  # fits that the carrier is asked about
 MOST_DOUBTED = 2  # of these that the carrier takes for impossible: its model of the arms is a little too wide
 RESTARTS = 25  # in which the load grows before planning is tried again
 TURNS = (0, 0, 1, -1)  # extra turns of the load, by restart
@@ -82,6 +83,7 @@ class Comove(Method):
     n_basis_growing : shape weights a column while the load grows
     n_plans : plans whose fits are compared before the best is polished
     n_failures : plans that may fail before the load is grown instead
+    n_nodes : number of nodes of the first plans; restarts beat long attempts
     n_restarts : failed plans after which the number of nodes of the next is doubled
     n_unfit : plans without a verified fit after which a rejected fit is mended
     n_polishings : times that a motion is optimised, with a stricter objective after each rejection
@@ -101,6 +103,7 @@ class Comove(Method):
     n_basis_growing: int = 20
     n_plans: int = 8
     n_failures: int = 12
+    n_nodes: int = FEW_NODES
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
@@ -259,7 +262,7 @@ class Comove(Method):
 
     def _nodes(self, failures: int) -> int:
         """Return the number of nodes for the next plan, which grows with the number of failures."""
-        return min(MANY_NODES, FEW_NODES * 2 ** (failures // self.n_restarts))
+        return min(MANY_NODES, self.n_nodes * 2 ** (failures // self.n_restarts))
 
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
@@ -273,7 +276,7 @@ class Comove(Method):
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = motion_basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-            value = search.evaluate(search.objective, dmp, weights)
+            value = search.evaluate_best(dmp, weights, N_ASKED)
             sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
             possible = np.broadcast_to(value.possible, sound.shape)
             missed = np.where(sound, 0.0, 100.0) + np.where(possible, 0.0, 10.0)

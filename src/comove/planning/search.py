@@ -229,6 +229,26 @@ class Search:
             value = value._replace(penalty=value.penalty + penalty, possible=possible)
         return value
 
+    def evaluate_best(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Evaluation:
+        """Evaluate a population as `evaluate` does, but ask the carrier about the best of them only.
+
+        It takes arms long to follow a movement; all others count as impossible.
+        """
+        carrier, objective = self.carrier, self.objective
+        if carrier is None or len(weights) <= n_asked:
+            return self.evaluate(objective, dmp, weights)
+        self.evaluations += len(weights)
+        q = dmp.rollouts(weights, N_STEPS)
+        value = objective.evaluate(q)
+        missed = np.where(objective.feasible(value), 0.0, 100.0)
+        gentlest = np.argmin(np.maximum(*objective.limit_ratios(value)) + missed)
+        ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
+        best = np.unique(np.append(ranked[: n_asked - 1], gentlest))
+        possible, penalty = np.zeros(len(weights), dtype=bool), value.penalty.copy()
+        asked, possible[best] = carrier.ask(np.ascontiguousarray(objective.coordinates.nodes(q[best])))
+        penalty[best] += asked
+        return value._replace(penalty=penalty, possible=possible)
+
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""
         verdict = verify(motion)

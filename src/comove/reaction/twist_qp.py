@@ -64,6 +64,7 @@ MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
+EQUAL = 5  # the solver's word for an equation
 
 
 class Allowed(NamedTuple):
@@ -124,6 +125,27 @@ class ProgrammeSettings:
             raise OptionError(
                 f"n_points = {self.n_points!r}", key="n_points", way_out="give a whole number from 2 to 1000"
             )
+
+
+class Assembled(NamedTuple):
+    """A quadratic programme: minimise ``z' quadratic z / 2 + linear z`` such that ``low <= rows z <= high``.
+
+    Attributes
+    ----------
+    quadratic, linear : arrays, shapes (n, n), (n,)
+    rows, low, high : arrays, shapes (n_rows, n), (n_rows,), (n_rows,)
+    sense : array of int, shape (n_rows,), `EQUAL` for equations, else 0
+    owner, body : arrays of int, shape (n_rows,), as in `QPWorkspace`
+    """
+
+    quadratic: Array
+    linear: Array
+    rows: Array
+    low: Array
+    high: Array
+    sense: NDArray[np.int32]
+    owner: NDArray[np.int64]
+    body: NDArray[np.int64]
 
 
 class TwistProgramme:
@@ -273,28 +295,46 @@ class TwistProgramme:
 
     def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
         """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
-        work = self._work
+        asked = self._asked = self._assembled(m)
         if gives_way == HARD:
-            x, _, flag, info = daqp.solve(
-                work.quadratic,
-                work.linear,
-                work.rows[:m],
-                self._high[:m],
-                work.low[:m],
-                self._sense[:m],
+            z, _, flag, info = daqp.solve(
+                asked.quadratic,
+                asked.linear,
+                asked.rows,
+                asked.high,
+                asked.low,
+                asked.sense,
                 primal_tol=TOLERANCE,
             )
             if flag > 0:
-                return x, info["lam"], HARD
+                return self._taken(z), info["lam"], HARD
             gives_way = RETREATS
         for stage in range(gives_way, LIMITS + 1):
-            found = self._relaxed(m, stage, margin)
+            found = self._relaxed(asked, stage, margin)
             if found is not None:
                 return *found, stage
         # The solver has failed in numbers: slow down on the spot.
         fast = np.linalg.norm(before, axis=1).max()
         slower = max(0.0, fast - self.scene.acceleration_limit * self.period) / max(fast, TOLERANCE)
         return slower * self._going_on(before), np.zeros(m), LIMITS
+
+    def _assembled(self, m: int) -> Assembled:
+        """Return the programme with the first m rows."""
+        work = self._work
+        return Assembled(
+            work.quadratic,
+            work.linear,
+            work.rows[:m],
+            work.low[:m],
+            self._high[:m],
+            self._sense[:m],
+            work.owner[:m],
+            work.body[:m],
+        )
+
+    def _taken(self, z: Array) -> Array:
+        """Return the variables of the twists from those of the programme."""
+        return z
 
     def _going_on(self, before: Array) -> Array:
         """Return the variables that keep the hands' velocities `before` best."""
@@ -315,45 +355,45 @@ class TwistProgramme:
         allowed = self._work.balls[: len(hands), 3]  # speeds
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
-    def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
+    def _relaxed(self, asked: Assembled, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """Return the solution and its multipliers with rows relaxed, None where that is not enough.
 
         The slacks are written on the work.
         """
-        work, n = self._work, len(self._work.linear)
-        owner, body = work.owner[:m], work.body[:m]
+        work, n, m = self._work, len(asked.linear), len(asked.low)
+        owner, body = asked.owner, asked.body
         unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
-        gives = (work.low[:m] > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
+        gives = (asked.low > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
         soft = (owner != LIMIT) & gives
         key = body * (work.slack.shape[1]) + owner % work.slack.shape[1]
         if stage == LIMITS:
             key[owner == LIMIT] = work.slack.size
-            soft[:] = True
+            soft = asked.sense != EQUAL
         kinds, which = np.unique(key[soft], return_inverse=True)
         size = n + len(kinds)
         quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
-        quadratic[:n, :n], linear[:n], rows[:, :n] = work.quadratic, work.linear, work.rows[:m]
+        quadratic[:n, :n], linear[:n], rows[:, :n] = asked.quadratic, asked.linear, asked.rows
         weights = np.where(kinds == work.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
         weights[which[unsure[soft]]] = MARGINS_GIVE_WAY
         quadratic[range(n, size), range(n, size)] = 1.0
         rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
-        x, _, flag, info = daqp.solve(
-            quadratic, linear, rows, self._high[:m], work.low[:m], self._sense[:m], primal_tol=TOLERANCE
+        z, _, flag, info = daqp.solve(
+            quadratic, linear, rows, asked.high, asked.low, asked.sense, primal_tol=TOLERANCE
         )
         if flag <= 0:
             return None
         work.slack[:] = 0.0
-        slack = np.maximum(x[n:] / np.sqrt(weights), 0.0)
+        slack = np.maximum(z[n:] / np.sqrt(weights), 0.0)
         own = kinds < work.slack.size
         work.slack.ravel()[kinds[own]] = slack[own]
-        return np.ascontiguousarray(x[:n]), info["lam"]
+        return self._taken(np.ascontiguousarray(z[:n])), info["lam"]
 
     def _blocking(self, multipliers: Array) -> int:
         """Return the owner of the row with the largest multiplier.
 
         It is `NOTHING` where no obstacle and no border hinders.
         """
-        owner = self._work.owner[: len(multipliers)]
+        owner = self._asked.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:
             return NOTHING

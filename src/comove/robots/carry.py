@@ -6,6 +6,9 @@ import time
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
@@ -68,6 +71,7 @@ def carry(
     budget: float = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
+    begin: NDArray[np.float64] | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and verify its joints.
 
@@ -85,6 +89,9 @@ def carry(
         As for `comove.planning.solve`.
     budget
         Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
+    begin
+        Array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; some that
+        suit are found unless given.
 
     Raises
     ------
@@ -103,8 +110,8 @@ def carry(
         "progress": progress,
     }
     with compiling() as compiled:
-        carrier = RobotCarrier(robot, scene.timed(at_leisure))
-        carrier.prepare()
+        carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin)
+        carrier.require_reach()
     spent = time.perf_counter() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
     if method is not None:
@@ -124,18 +131,19 @@ def carry(
         return found if timed else slow
     needed = slow.solution.scene.duration
     if needed > scene.duration:
-        found = found if timed else _on_time(slow, scene)
+        found = found if timed else _on_time(slow, carrier.on(scene))
         reasons = (*found.solution.reasons, too_short(scene, needed))
         return replace(found, solution=replace(found.solution, reasons=reasons))
-    return _on_time(slow, scene)
+    return _on_time(slow, carrier.on(scene))
 
 
 def robot_method() -> Comove:
     """Return the default method with fewer attempts: with arms to follow, a generation takes forty times as long."""
     return Comove(
         n_plans=2,
-        n_failures=30,
-        n_restarts=8,
+        n_failures=36,
+        n_nodes=200,
+        n_restarts=6,
         n_unfit=8,
         n_polishings=4,
         n_ways=3,
@@ -152,9 +160,10 @@ def _searched(
     return RobotSolution(carrier.robot, solution, *carrier.carried_out(solution.attempt))
 
 
-def _on_time(found: RobotSolution, scene: Scene) -> RobotSolution:
-    """Return the same motion in the duration of a scene, verified."""
-    carrier, motion = RobotCarrier(found.robot, scene), found.solution.attempt.on(scene)
+def _on_time(found: RobotSolution, carrier: RobotCarrier) -> RobotSolution:
+    """Return the same motion in the duration of a carrier's scene, verified."""
+    scene = carrier.scene
+    motion = found.solution.attempt.on(scene)
     verdict = verify(motion, [carrier.reasons])
     solution = replace(
         found.solution,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import cycle, product
 from typing import Any
 
@@ -21,7 +21,8 @@ from comove.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
-from comove.robots.search.chains import chains_of
+from comove.robots.search.chains import Chains, chains_of
+from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import MET, Arms, Strain, follow, solutions
 from comove.robots.search.links import (
     ENOUGH,
@@ -52,10 +53,13 @@ class CarrierSettings:
     n_samples : samples of a movement that arms are asked about
     coarser : samples of which one is looked at to tell branches apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
-    n_seeds : random joints from which a pose is solved
+    n_seeds : random joints from which a pose is solved where it has no closed form
+    n_angles : angles of the joint that a closed form leaves open
     n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
     n_between, wander : configurations between start and goal that tell which links may meet, and how far they stray
         [rad]
+    slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
+    haste : samples of a candidate of which one is solved first, as one out of reach suffices
     unlikely : plans not found yet that every further pair of joints at start and goal is credited with
     """
 
@@ -65,10 +69,13 @@ class CarrierSettings:
     coarser: int = 3
     ease: float = 2.0
     n_seeds: int = 64
+    n_angles: int = 64
     n_branches: int = 4
     same_branch: float = 0.3
     n_between: int = 300
     wander: float = 0.4
+    slack: float = 0.5
+    haste: int = 8
     unlikely: float = 0.5
 
 
@@ -89,12 +96,14 @@ class RobotCarrier:
     robot, scene : the robot, and the scene whose load it carries
     caution : number of times that the constraints were tightened
     settings : settings of the search
+    begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
     """
 
     robot: Robot
     scene: Scene
     caution: int = 0
     settings: CarrierSettings = SETTINGS
+    begin: Array | None = None
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -148,11 +157,7 @@ class RobotCarrier:
             share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
         )
-        return Arms(chains_of(self.robot, self.holders), self._links, around)
-
-    @cached_property
-    def _links(self) -> Links:
-        return links_of(self.robot, self.holders)
+        return Arms(*_of_robot(self.robot, self.holders), around)
 
     @cached_property
     def _busy(self) -> Arms:
@@ -178,7 +183,7 @@ class RobotCarrier:
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
         other = replace(self, **changes)
-        for name in ("starts", "goals", "_ends", "_links", *kept):
+        for name in ("starts", "goals", "_ends", "_led", *kept):
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -193,6 +198,8 @@ class RobotCarrier:
         SceneError
             If an arm cannot reach the start.
         """
+        if self.begin is not None:
+            return tuple(self.begin[arm.columns][None] for arm in self.holders)
         return self._branches("start")
 
     @cached_property
@@ -221,6 +228,8 @@ class RobotCarrier:
             space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
         )
         tally[0 if path is not None else 1, drawn] += 1.0
+        if path is not None:
+            vars(self)["_led"] = first
         return path
 
     @cached_property
@@ -286,26 +295,49 @@ class RobotCarrier:
             return np.inf
         return slower * shortest_duration(self.robot, joints, self.holders, self.arms.around.carried)
 
-    def track(self, motion: CoordinatedMotion) -> tuple[JointMotion, Miss | None]:
-        """Compute the joints along a motion of the hands, and where they miss it most, if they do."""
+    def track(self, motion: CoordinatedMotion, *, haste: int = 1) -> tuple[JointMotion, Miss | None]:
+        """Compute the joints along a motion of the hands, and where they miss it most, if they do; `haste` as in
+        `search.tracking.track`.
+        """
         start = self.best_start(sampled_nodes(motion))
-        return track(self.robot, self.holders, self.arms, motion, start)
+        return track(self.robot, self.holders, self.arms, motion, start, haste=haste)
 
     def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
-        return self.carried_out(motion)[1].reasons
+        return self._carried_out(motion, self.settings.slack)[1].reasons
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
-        """Compute and verify the joints that follow a motion of the hands; the last result is kept."""
-        last = vars(self).get("_last")
-        if last is None or last[0] is not motion:
-            joints, miss = self.track(motion)
+        """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
+        return self._carried_out(motion, 0.0)
+
+    def _carried_out(self, motion: CoordinatedMotion, slack: float) -> tuple[JointMotion, JointVerdict]:
+        """Compute and verify the joints that follow a motion; what is verified is kept."""
+        kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]]
+        kept = vars(self).setdefault("_verified", [])
+        known = [(tight, result) for of, tight, result in kept if of is motion]
+        for tight, result in known:
+            if tight <= slack:
+                return result
+        if known:
+            joints = known[0][1][0]
+        else:
+            joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
             if miss is not None:
-                verdict = JointVerdict(None, JointReport(), (str(miss),))
-            else:
-                verdict = verify_joints(self.robot, motion, joints)
-            last = vars(self)["_last"] = motion, (joints, verdict)
-        return last[1]
+                return joints, JointVerdict(None, JointReport(), (str(miss),))
+        result = joints, verify_joints(self.robot, motion, joints, slack=slack)
+        if result[1].verified is not None:
+            kept.append((motion, slack, result))
+        return result
+
+    def require_reach(self) -> None:
+        """Solve both ends, before the clock of a search starts.
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach its start or its goal.
+        """
+        _ = self.starts, self.goals
 
     def prepare(self) -> None:
         """Compile the kernels, or load them from the cache, and solve both ends, before the clock of a search starts.
@@ -323,7 +355,7 @@ class RobotCarrier:
         coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)
         start = coordinates.boundary()[0]
         self.plan(configuration_space(self.scene, coordinates), start, start, 0.0, rng, max_nodes=8)
-        for name in ("_tally", "_leniency"):  # that this plan does not count
+        for name in ("_tally", "_leniency", "_led"):  # that this plan does not count
             vars(self).pop(name, None)
 
     def try_following(self) -> None:
@@ -353,6 +385,11 @@ class RobotCarrier:
         tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
         if n_most == 1:
             return np.concatenate(tried[0])
+        led: Array | None = vars(self).get(
+            "_led"
+        )  # that of the last path planned, along which most motions go
+        if led is not None and not self.strain(nodes[None], led).penalty.any():
+            return led
         penalties = np.array([self.strain(nodes[None], np.concatenate(q)).penalty[0] for q in tried])
         return np.concatenate([tried[k][i] for i, k in enumerate(penalties.argmin(axis=0))])
 
@@ -374,11 +411,9 @@ class RobotCarrier:
         nodes = self.scene.nodes_at(end)
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
-        rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (self.settings.n_seeds, len(posture)))
-        for i, arm in enumerate(self.holders):
-            part, seeds = slice(chains.first[i], chains.first[i + 1]), np.concatenate([[posture], draws])
-            joints, missing = solutions(chains, i, rotations[i], nodes[i], posture, seeds)
+        solved = _THREADS.map(self._solutions, range(len(self.holders)), rotations, nodes)
+        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=False)):
+            part = slice(chains.first[i], chains.first[i + 1])
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
             branches = self._distinct(joints[missing <= MET][:, part], posture[part])
@@ -387,6 +422,30 @@ class RobotCarrier:
             free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
             found.append(branches[free] if free.any() else branches)
         return tuple(found)
+
+    def _solutions(self, i: int, rotation: Array, point: Array) -> tuple[Array, Array]:
+        """Solve the pose of one hand, from what a closed form finds or, where there is none, from random joints.
+
+        Returns
+        -------
+        joints : array, shape (n_solutions, n_joints), of all arms
+        missing : array, shape (n_solutions,), residuals [m]
+        """
+        chains, posture = self.arms.chains, self.arms.around.posture
+        if (form := self._forms[i]) is not None:
+            seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
+            if len(seeds):
+                joints, missing = solutions(chains, i, rotation, point, posture, seeds)
+                if missing.min() <= MET:
+                    return joints, missing
+        rng = np.random.default_rng(0)
+        draws = rng.uniform(chains.lower, chains.upper, (self.settings.n_seeds, len(posture)))
+        return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+
+    @cached_property
+    def _forms(self) -> tuple[ClosedForm | None, ...]:
+        """Return how the joints of each arm follow from a pose in closed form, None where they do not."""
+        return tuple(closed_form(self.arms.chains, i) for i in range(len(self.holders)))
 
     def _distinct(self, joints: Array, posture: Array) -> Array:
         """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
@@ -413,6 +472,12 @@ class RobotCarrier:
             f"{shift:.3g} m and {turn:.3g} degrees are missing",
             "move it nearer, turn the load or the hands on it, or use another robot",
         )
+
+
+@lru_cache(maxsize=8)
+def _of_robot(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Chains, Links]:
+    """Return chains and links of some arms of a robot, which no scene changes."""
+    return chains_of(robot, holders), links_of(robot, holders)
 
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -145,6 +145,26 @@ class Scene:
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
+    def standing(self, centers: Array | None = None) -> Scene:
+        """Return the scene in which obstacles that move stand at given places, or are left out.
+
+        Parameters
+        ----------
+        centers : array, shape (n_obstacles, 3), places of all obstacles' centres [m]; None to leave out those that
+            move
+        """
+        kept = np.flatnonzero(~self.moving) if centers is None else np.arange(len(self.motions))
+        rows = np.isin(self.owners, kept)
+        table, owners = self.obstacles[rows].copy(), np.searchsorted(kept, self.owners[rows])
+        obstacles = [self.file.obstacles[i] for i in kept.tolist()]
+        if centers is not None:
+            for i in np.flatnonzero(self.moving).tolist():
+                table[owners == i, sd.CENTER : sd.CENTER + 3] += centers[i] - self.centers[i]
+                place = tuple(centers[i, : self.n_dims].tolist())
+                obstacles[i] = obstacles[i].model_copy(update={"center": place, "motion": None})
+        stands = replace(self, obstacles=table, owners=owners, motions=(None,) * len(obstacles))
+        return stands._changed(obstacles=tuple(obstacles))
+
     def scaled(self, factor: float) -> Scene:
         """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
 

@@ -106,7 +106,7 @@ def _contacts(
     robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
 ) -> tuple[Contact, ...]:
     """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands."""
-    geometry, names, moved = _geometry(robot, scene, load)
+    geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
     parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
@@ -125,7 +125,7 @@ def _contacts(
     return tuple(Contact((names[pairs[k].first], names[pairs[k].second]), *seen) for k, seen in found.items())
 
 
-def _geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
+def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
     """Build robot, obstacles and load with the pairs to be checked; returns also the names of all, and the numbers
     of the load's parts.
     """

@@ -57,7 +57,7 @@ def simulate(
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():
         world = build_world(robot, scene, load, grasp, perturbation)
-        data = _at_start(world, motion, perturbation)
+        data = at_start(world, motion, perturbation)
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
@@ -76,7 +76,7 @@ def simulate(
     )
 
 
-def _at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
+def at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
     """Return MuJoCo's data with the hands at the load, and with the load's grasps at the hands."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
@@ -132,12 +132,12 @@ def _run(
             log.write_state(data)
         mj.mj_step(model, data)  # what it leaves in data, but for the state, is of the time before the step
         if data.ncon:
-            _note_contacts(world, data, time[step], contacts)
+            note_contacts(world, data, time[step], contacts)
         if logged:
             log.write_rest(data)
         if step % limiting == 0:
             limit_servos(world, data)
-            if _broken(data):
+            if broken(data):
                 unstable = float(time[step])
                 break
     took = perf_counter() - began
@@ -154,7 +154,7 @@ def _run(
     }
 
 
-def _broken(data: Any) -> bool:
+def broken(data: Any) -> bool:
     """Return whether MuJoCo has met numbers that are not finite, or far too large."""
     kinds = engine().mjtWarning
     return any(
@@ -174,7 +174,7 @@ def _push(
     return np.array(push.force), (since >= 0) & (since < push.duration)
 
 
-def _note_contacts(
+def note_contacts(
     world: World, data: Any, time: float, found: dict[tuple[int, int], tuple[float, float]]
 ) -> None:
     """Update the time of the first contact and the largest depth of every watched pair that touches."""

@@ -97,11 +97,19 @@ def add_obstacles(spec: Any, scene: Scene) -> None:
     }
     for i, obstacle in enumerate(scene.file.obstacles):
         kind, size = shapes[obstacle.shape]
-        geom = spec.worldbody.add_geom(type=kind, size=size(obstacle), pos=obstacle.center)
+        body, place = spec.worldbody, obstacle.center
+        if obstacle.motion is not None:  # moved by who runs the simulation
+            body, place = body.add_body(name=moving_body(i), pos=place, mocap=True), (0.0, 0.0, 0.0)
+        geom = body.add_geom(type=kind, size=size(obstacle), pos=place)
         geom.quat = getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
         flat = obstacle.shape == "box" and obstacle.size[2] < 0.3 * min(obstacle.size[:2])  # a table
         _finish(geom, f"obstacles[{i}] ({obstacle.shape})", table if flat else post)
     _finish(spec.worldbody.add_geom(type=kinds.mjGEOM_PLANE, size=(0, 0, 0.05)), "the floor", (1, 1, 1, 1))
+
+
+def moving_body(obstacle: int) -> str:
+    """Return the name of the body of an obstacle that moves, with a blank as that of the load."""
+    return f"moving {obstacle}"
 
 
 def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None:

@@ -24,13 +24,13 @@ TAKEN = (
 )
 
 
-def certified(motion, joints):
+def certified(motion, joints, slack=0.0):
     """Clearances by kind, and what is to be kept."""
     carried, robot = Carried(motion), baxter()
     world = bodies_of(
         Bases(robot, Uncertainty()), robot.arms, carried, motion.hands(np.linspace(0, 1, 50))[0], 1e-5
     )
-    return certify(world, carried, joints.curve), world.required
+    return certify(world, carried, joints.curve, slack), world.required
 
 
 class Sampled:
@@ -139,6 +139,29 @@ def test_clearances_of_other_motions_are_those_of_dense_sampling(seed):
     bumps = np.sin(np.pi * np.outer(joints.time / joints.duration, rng.integers(1, 6, 14))) ** 3
     position = joints.position + rng.uniform(-0.25, 0.25, 14) * bumps
     compare(motion, JointMotion(joints.time, joints.joint_names, position))
+
+
+def test_bounds_with_slack_are_true_and_give_away_no_more_than_it_says():
+    motion, joints = known_carry()
+    tight, required = certified(motion, joints)
+    for slack in (0.3, 0.9):
+        loose, _ = certified(motion, joints, slack)
+        for kind, keep in enumerate(required):
+            spare = tight[kind].upper - keep
+            assert keep <= loose[kind].lower <= tight[kind].upper + 1e-12
+            assert (
+                loose[kind].lower >= tight[kind].upper - max(TIGHT, slack * (loose[kind].upper - keep)) - 1e-9
+            )
+            assert spare > 0.01  # else this says nothing
+    assert certified(motion, joints, 0.9)[0][LOAD].lower < tight[LOAD].lower - 0.01
+
+
+def test_a_contact_is_a_contact_with_slack_too():
+    motion, joints = known_carry()
+    narrow = on_scene(motion, Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.15)))))
+    for slack in (0.0, 0.5):
+        found, required = certified(narrow, joints, slack)
+        assert found[SCENE].upper < required[SCENE]
 
 
 def test_a_box_between_the_hands_is_kept_clear_of():

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.robots.model import Arm, Robot
+from comove.robots.search.triples import Triple, cross, dot, plus, rotated, rotated_back
 
 Array = NDArray[np.float64]
 
@@ -360,18 +361,18 @@ def torques(
     w, dw, a, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY), (0.0, 0.0, 0.0)
     for k in range(n):
         j = first + k
-        z, c = _turned(rotations[k], chains.axis[j]), _turned(rotations[k], chains.center[j])
+        z, c = rotated(rotations[k], chains.axis[j]), rotated(rotations[k], chains.center[j])
         at = (points[k, 0], points[k, 1], points[k, 2])
-        a = _plus(a, _carried_along(w, dw, _plus(at, before, -1.0)))
+        a = plus(a, _carried_along(w, dw, plus(at, before, -1.0)))
         if chains.slides[j]:
-            a = _plus(_plus(a, _cross(w, z), 2.0 * velocity[j]), z, acceleration[j])
+            a = plus(plus(a, cross(w, z), 2.0 * velocity[j]), z, acceleration[j])
         else:
-            dw = _plus(_plus(dw, z, acceleration[j]), _cross(w, z), velocity[j])
-            w = _plus(w, z, velocity[j])
+            dw = plus(plus(dw, z, acceleration[j]), cross(w, z), velocity[j])
+            w = plus(w, z, velocity[j])
         before = at
-        force = _plus(a, _carried_along(w, dw, c))
+        force = plus(a, _carried_along(w, dw, c))
         spin = _inertia_times(rotations[k], chains.inertia[j], w)
-        moment = _plus(_inertia_times(rotations[k], chains.inertia[j], dw), _cross(w, spin))
+        moment = plus(_inertia_times(rotations[k], chains.inertia[j], dw), cross(w, spin))
         for i in range(3):
             axes[k, i], centers[k, i] = z[i], c[i]
             forces[k, i], moments[k, i] = chains.mass[j] * force[i], moment[i]
@@ -386,58 +387,26 @@ def torques(
         j = first + k
         here, z = (points[k, 0], points[k, 1], points[k, 2]), (axes[k, 0], axes[k, 1], axes[k, 2])
         force, c = (forces[k, 0], forces[k, 1], forces[k, 2]), (centers[k, 0], centers[k, 1], centers[k, 2])
-        about = _plus(_plus(about, _cross(_plus(at, here, -1.0), carried)), _cross(c, force))
-        about = _plus(about, (moments[k, 0], moments[k, 1], moments[k, 2]))
-        carried, at = _plus(carried, force), here
+        about = plus(plus(about, cross(plus(at, here, -1.0), carried)), cross(c, force))
+        about = plus(about, (moments[k, 0], moments[k, 1], moments[k, 2]))
+        carried, at = plus(carried, force), here
         mass += chains.mass[j]
         x += chains.mass[j] * (here[0] + c[0])
         y += chains.mass[j] * (here[1] + c[1])
         if chains.slides[j]:
-            needed, own = _dot(z, carried), z[2] * mass
+            needed, own = dot(z, carried), z[2] * mass
         else:
-            needed, own = _dot(z, about), z[0] * (y - mass * here[1]) - z[1] * (x - mass * here[0])
+            needed, own = dot(z, about), z[0] * (y - mass * here[1]) - z[1] * (x - mass * here[0])
         out[j] = needed - chains.relief[j] * GRAVITY * own
-
-
-Triple = tuple[float, float, float]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _cross(a: Triple, b: Triple) -> Triple:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _dot(a: Triple, b: Triple) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _plus(a: Triple, b: Triple, factor: float = 1.0) -> Triple:
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _turned(r: Array, v: Triple | Array) -> Triple:
-    return (
-        r[0, 0] * v[0] + r[0, 1] * v[1] + r[0, 2] * v[2],
-        r[1, 0] * v[0] + r[1, 1] * v[1] + r[1, 2] * v[2],
-        r[2, 0] * v[0] + r[2, 1] * v[1] + r[2, 2] * v[2],
-    )
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _carried_along(w: Triple, dw: Triple, arm: Triple) -> Triple:
     """Compute the acceleration of the end of `arm` relative to its beginning, on a body that turns at w."""
-    return _plus(_cross(dw, arm), _cross(w, _cross(w, arm)))
+    return plus(cross(dw, arm), cross(w, cross(w, arm)))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _inertia_times(r: Array, inertia: Array, v: Triple) -> Triple:
     """Return the product R I R^T v."""
-    back = (
-        r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2],
-        r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2],
-        r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2],
-    )
-    return _turned(r, _turned(inertia, back))
+    return rotated(r, rotated(inertia, rotated_back(r, v)))

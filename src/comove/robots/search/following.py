@@ -29,8 +29,8 @@ KEEP = 0.02  # rad, that a search stays inside the joints' limits
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=KEEP, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-9, steady=1e-4, most=200)
-"""Iteration from random joints."""
+SETTLING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-9, steady=1e-4, most=100)
+"""Iteration from random joints; what has not come to rest by then, hardly ever does."""
 
 
 class Arms(NamedTuple):
@@ -64,7 +64,7 @@ class Strain(NamedTuple):
     contact: Array
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:

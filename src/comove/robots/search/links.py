@@ -146,15 +146,18 @@ def _worth_looking_at(
 
 @numba.njit(cache=True, error_model="numpy")
 def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
-    """Compute the least distance of each pair of links over configurations; array, shape (n_pairs,) [m]."""
+    """Compute the least distance of each pair of links over configurations, infinite where they are never within
+    `ENOUGH` of each other; array, shape (n_pairs,) [m].
+    """
     start, end = links.start.copy(), links.end.copy()
     least = np.full(links.pairs.shape[0], np.inf)
     for k in range(samples.shape[0]):
         place_links(chains, links, samples[k], start, end)
         for p in range(links.pairs.shape[0]):
             i, j = links.pairs[p, 0], links.pairs[p, 1]
-            apart = segments_apart(start[i], end[i], start[j], end[j])
-            least[p] = min(least[p], apart - links.radius[i] - links.radius[j])
+            thick = links.radius[i] + links.radius[j]
+            if near_enough(start[i], end[i], start[j], end[j], ENOUGH + thick):
+                least[p] = min(least[p], segments_apart(start[i], end[i], start[j], end[j]) - thick)
     return least
 
 
@@ -253,8 +256,10 @@ def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array
 
 
 @numba.njit(cache=True, error_model="numpy")
-def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
-    """Compute the distance [m] of the segments a-b and c-d (Ericson, 2005, 5.1.9)."""
+def nearest_shares(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float, float]:
+    """Return the shares of the segments a-b and c-d at which they are nearest, and their distance [m] (Ericson, 2005,
+    5.1.9).
+    """
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):
         u, v, w = b[x] - a[x], d[x] - c[x], a[x] - c[x]
@@ -281,7 +286,13 @@ def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
     square = 0.0
     for x in range(3):
         square += (a[x] + s * (b[x] - a[x]) - c[x] - t * (d[x] - c[x])) ** 2
-    return sqrt(square)
+    return s, t, sqrt(square)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
+    """Compute the distance [m] of the segments a-b and c-d."""
+    return nearest_shares(a, b, c, d)[2]
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -7,7 +7,8 @@ Two bodies whose distance at an instant is d are, at all times at most w before 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
 only the joints between the two count; the load adds its own largest speed. Where this bound is too small, a
 second-order bound is used for convex bodies, and where that is too small as well, the time interval is halved, for
-those pairs only. Distances are coal's, placements Pinocchio's.
+those pairs only. Distances are coal's, placements Pinocchio's. Where the balls about two bodies are already so far
+apart, so are the bodies, and nothing more is computed of them.
 
 The second-order bound looks along the line between the nearest points. Let n be the unit vector along that line at an
 instant. Two convex bodies are separated by a slab perpendicular to n,
@@ -28,6 +29,7 @@ a hand that glides over a table comes no nearer to first order, however fast it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -40,6 +42,7 @@ from scipy.interpolate import PPoly
 from comove.robots.motion import Ranges, fastest
 from comove.robots.verification.bodies import Bodies, moved_by
 from comove.robots.verification.carried import LoadMotion, placements
+from comove.robots.verification.kinematics import joint_placements
 from comove.ties import first_least
 
 Array = NDArray[np.float64]
@@ -48,6 +51,10 @@ FIRST = 16  # parts of the motion at the beginning
 DEEPEST = 22  # halvings of a part
 TIGHT, LOOSE = 1e-3, 5e-3  # m, how far a bound may stay below the clearance; where that is too small anyway
 MOST = 400_000  # distances: a bound that needs more is given up as it stands, still sound, only lower
+WORTH_BALLS = (
+    0.9  # share of the cells that balls leave to be computed, from which on they are not looked at any more
+)
+FEW = 8  # cells of each kind, with the nearest balls, that tell at the beginning what the clearance is about
 
 
 class LinkClearance(NamedTuple):
@@ -73,6 +80,10 @@ class _Cells(NamedTuple):
     stretch: NDArray[np.int64]
     pair: NDArray[np.int64]
 
+    def chosen(self, which: NDArray[np.bool_]) -> _Cells:
+        """Return some of the cells."""
+        return _Cells(self.stretch[which], self.pair[which])
+
     def halved(self, chosen: NDArray[np.bool_]) -> _Cells:
         """Return both halves of the chosen cells."""
         stretch = np.concatenate([2 * self.stretch[chosen], 2 * self.stretch[chosen] + 1])
@@ -80,7 +91,7 @@ class _Cells(NamedTuple):
         return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
 
 
-def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClearance]:
+def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
     Where a pair violates its required clearance, the bound of its kind is only as tight as `LOOSE`.
@@ -88,33 +99,72 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> list[LinkClear
     Parameters
     ----------
     curve : joint positions by time [s], cubic between samples
+    slack : share of the clearance beyond the required one that bounds may give away. With any, whether all pairs keep
+        what is required is certified as ever, but bounds are loose where there is room, and nothing more is computed
+        once a pair is known to violate it
     """
     distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
     cells, width, computed = _first(bodies), float(curve.x[-1]) / FIRST, 0
-    lower, met = np.full(3, np.inf), [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
+    lower, met, balls_help = np.full(3, np.inf), _few(distances, cells, width), True
     for depth in range(DEEPEST):
-        distance, change = distances(cells, width)
-        kind = bodies.kind[cells.pair]
-        is_exact = bodies.exact[cells.pair] == cells.pair
-        for k in range(3):
-            met[k] = _nearer(met[k], np.where(is_exact & (kind == k), distance, np.inf), cells, width)
-        upper = np.array([least.upper for least in met])
-        enough = np.maximum(bodies.required, upper - TIGHT)
-        enough = np.where(upper < bodies.required, upper - LOOSE, enough)[kind]
-        spare = np.where(distance > 0, distance - enough, 0.0)
-        bound = distance - nearing.improved(
-            change, spare, cells.pair, (cells.stretch.astype(float) + 0.5) * width, width / 2
-        )
-        done = bound >= enough
+        kind, middle = bodies.kind[cells.pair], (cells.stretch.astype(float) + 0.5) * width
+        change, bound = distances.changes(cells, width), np.full(len(kind), -np.inf)
+        if balls_help:
+            bound = distances.of_balls(cells, width) - change
+        near = bound < _enough(met, bodies, slack)[kind]  # for all others balls are enough
+        balls_help &= near.mean() < WORTH_BALLS
+        distance = distances(cells.chosen(near), width)
         computed += len(distance)
+        met = _met(met, bodies, cells.chosen(near), width, distance)
+        enough = _enough(met, bodies, slack)[kind[near]]
+        spare = np.where(distance > 0, distance - enough, 0.0)
+        bound[near] = distance - nearing.improved(
+            change[near], spare, cells.pair[near], middle[near], width / 2
+        )
+        done, far = bound[near] >= enough, ~near
         if depth == DEEPEST - 1 or computed > MOST:
             done[:] = True
-        np.minimum.at(lower, kind[done], bound[done])
-        if done.all():
+        far[near] = done
+        np.minimum.at(lower, kind[far], bound[far])
+        if far.all():
             break
-        pair = np.where(distance < enough, bodies.exact[cells.pair], cells.pair)
-        cells, width = _Cells(cells.stretch, pair).halved(~done), width / 2
+        pair = cells.pair.copy()
+        pair[near] = np.where(distance < enough, bodies.exact[pair[near]], pair[near])
+        cells, width = _Cells(cells.stretch, pair).halved(~far), width / 2
     return [least._replace(lower=float(bound)) for least, bound in zip(met, lower, strict=True)]
+
+
+def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
+    """Return the bounds that suffice, by kind; array, shape (3,) [m]."""
+    upper, required = np.array([least.upper for least in met]), bodies.required
+    if slack > 0.0 and (upper < required).any():
+        return np.full(3, -np.inf)
+    known = np.isfinite(upper)
+    spare = np.where(known, upper, 0.0) - required
+    enough = np.where(known, np.maximum(required, upper - np.maximum(TIGHT, slack * spare)), np.inf)
+    return np.where(upper < required, upper - LOOSE, enough)
+
+
+def _few(distances: _Distances, cells: _Cells, width: float) -> list[LinkClearance]:
+    """Return the least clearances among the cells whose balls are nearest, by kind."""
+    bodies, rough = distances.bodies, distances.of_balls(cells, width)
+    chosen = np.zeros(len(rough), dtype=bool)
+    for kind in range(3):
+        own = np.flatnonzero(bodies.kind[cells.pair] == kind)
+        chosen[own[np.argsort(rough[own], kind="stable")[:FEW]]] = True
+    few = cells.chosen(chosen)
+    few = few._replace(pair=bodies.exact[few.pair])
+    return _met([LinkClearance(np.inf, np.inf, -1, 0.0)] * 3, bodies, few, width, distances(few, width))
+
+
+def _met(
+    met: list[LinkClearance], bodies: Bodies, cells: _Cells, width: float, distance: Array
+) -> list[LinkClearance]:
+    """Return the least clearances so far, by kind; only exact pairs count."""
+    kind, is_exact = bodies.kind[cells.pair], bodies.exact[cells.pair] == cells.pair
+    return [
+        _nearer(met[k], np.where(is_exact & (kind == k), distance, np.inf), cells, width) for k in range(3)
+    ]
 
 
 def _first(bodies: Bodies) -> _Cells:
@@ -148,9 +198,14 @@ class _Distances:
         self.model, self.data = bodies.robot.model, bodies.robot.model.createData()
         self.placed = bodies.geometry.createData()
         self.rates = Ranges(curve.x, fastest(curve)[0])
+        items, pairs = bodies.geometry.geometryObjects, bodies.geometry.collisionPairs
+        self._pairs = np.array([(p.first, p.second) for p in pairs], dtype=np.int64).reshape(-1, 2)
+        self._joint = np.array([item.parentJoint for item in items], dtype=np.int64)
+        self._center = np.array([item.placement.act(np.array(item.geometry.aabb_center)) for item in items])
+        self._radius = np.array([item.geometry.aabb_radius for item in items])
 
-    def __call__(self, cells: _Cells, width: float) -> tuple[Array, Array]:
-        """Compute distances, less what is taken from them, and bounds of their changes; arrays, shape (n_cells,) [m].
+    def __call__(self, cells: _Cells, width: float) -> Array:
+        """Compute distances, less what is taken from them; array, shape (n_cells,) [m].
 
         Parameters
         ----------
@@ -168,9 +223,38 @@ class _Distances:
                 placed.oMg[rod] = pin.SE3(turn[k], middle[k])
             pairs = cells.pair[first[k] : first[k] + counts[k]].tolist()
             distances += [compute(geometry, placed, pair).min_distance for pair in pairs]
+        return np.array(distances) - self.bodies.taken[cells.pair]
+
+    def of_balls(self, cells: _Cells, width: float) -> Array:
+        """Compute lower bounds of the distances, less what is taken, by the balls about the bodies; array, shape
+        (n_cells,) [m].
+        """
+        stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
+        time = (stretches.astype(float) + 0.5) * width
+        centers = self._centers(time)
+        ends = self._pairs[cells.pair]
+        between = centers[of_cell, ends[:, 0]] - centers[of_cell, ends[:, 1]]
+        distance = np.sqrt((between**2).sum(axis=1)) - self._radius[ends].sum(axis=1)
+        return distance - self.bodies.taken[cells.pair]
+
+    def changes(self, cells: _Cells, width: float) -> Array:
+        """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
+        stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
+        time = (stretches.astype(float) + 0.5) * width
         rates = self._rates(time - 0.5 * width, time + 0.5 * width)
-        change = (self.bodies.reach[cells.pair] * np.repeat(rates, counts, axis=0)).sum(axis=1)
-        return np.array(distances) - self.bodies.taken[cells.pair], 0.5 * width * change
+        return 0.5 * width * (self.bodies.reach[cells.pair] * rates[of_cell]).sum(axis=1)
+
+    def _centers(self, time: Array) -> Array:
+        """Compute the centres of the balls; array, shape (n_steps, n_bodies, 3) [m]."""
+        turns, places = joint_placements(self.bodies.robot, self.curve(time))
+        centers = np.empty((len(time), len(self._joint), 3))
+        for joint in range(self.model.njoints):
+            own = np.flatnonzero(self._joint == joint)
+            centers[:, own] = self._center[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
+        nodes = self.carried.nodes(time)
+        for rod, *spanned in self.bodies.rods:
+            centers[:, rod] = placements(nodes, tuple(spanned))[1]
+        return centers
 
     def _rates(self, begin: Array, end: Array) -> Array:
         """Return the largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
@@ -267,7 +351,8 @@ class Nearing:
     def _slab(self, pair: int) -> tuple[float, Array]:
         """Compute the distance of two bodies minus the width of the slab between them [m], and the slab's normal."""
         found = pin.computeDistance(self.bodies.geometry, self.placed, pair)
-        n = np.array(found.normal) / np.linalg.norm(found.normal)  # from the first to the second
+        n = np.array(found.normal)  # from the first to the second
+        n /= math.sqrt(n @ n)
         (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
         ends = self._supports[a](first.rotation.T @ n), self._supports[b](-second.rotation.T @ n)
         slab = (second.translation - first.translation) @ n - ends[0] - ends[1]

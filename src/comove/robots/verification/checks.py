@@ -206,11 +206,11 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
     return JointFinding({"hand_uncertainty": off}, {}, reasons)
 
 
-def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly) -> JointFinding:
-    """Check that links, load and obstacles keep clear of each other."""
+def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> JointFinding:
+    """Check that links, load and obstacles keep clear of each other; `slack` as in `certify`."""
     finding = JointFinding({}, {}, [])
     names = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
-    for kind, found in enumerate(certify(bodies, carried, curve)):
+    for kind, found in enumerate(certify(bodies, carried, curve, slack)):
         name = names[kind]
         finding.measures[name] = found.lower
         if found.pair >= 0:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,19 @@ class Reaches:
         return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)
 
 
+@lru_cache(maxsize=8)
+def _bases_by_name(robot: Robot) -> dict[str, int]:
+    """Return the numbers of the models by the names of their links and joints; empty where there is one model."""
+    if len(robot.sources) == 1:
+        return {}
+    return {
+        part.get("name", ""): number
+        for number, source in enumerate(robot.sources)
+        for part in ET.fromstring(source.urdf)
+        if part.tag in ("link", "joint")
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Bases:
     """The bases of a robot, with the tolerances of their places."""
@@ -93,19 +106,12 @@ class Bases:
         """Return the reaches of the robot's joints."""
         return Reaches(self.robot)
 
-    @cached_property
+    @property
     def numbers(self) -> dict[str, int]:
         """Return, by name of link or joint, the number of the model whose base it is on; empty where there is one
         base only.
         """
-        if len(self.robot.sources) == 1:
-            return {}
-        return {
-            part.get("name", ""): number
-            for number, source in enumerate(self.robot.sources)
-            for part in ET.fromstring(source.urdf)
-            if part.tag in ("link", "joint")
-        }
+        return _bases_by_name(self.robot)
 
     def pull(self, base: int, root: Array, length: float) -> float:
         """Bound the displacement, by the tolerance of a base, of points at most `length` from a point `root` [m].

@@ -16,7 +16,7 @@ hands, load and scene  bound at every instant by `comove.verification`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -26,6 +26,7 @@ from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.streaming import JointCommand, commands
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
@@ -122,6 +123,27 @@ class VerifiedJointMotion(Sealed):
         """Return the scene for which the motion was verified."""
         return self.motion.motion.scene
 
+    def stream(self, rate: float = 1000.0, arm: str | None = None) -> Iterator[JointCommand]:
+        """Return an iterator over the commands for a controller, one for each of its cycles.
+
+        It does not wait: the loop that sends the commands keeps the time, as drivers' callbacks do.
+
+        Parameters
+        ----------
+        rate
+            Cycles in a second [Hz].
+        arm
+            Name of the arm whose joints are wanted, from the base to the tip; all joints of the robot, in the order
+            of `robot.joint_names`, unless given.
+
+        Raises
+        ------
+        OptionError, RobotError
+            If no robot is driven at that rate, or the robot has no such arm.
+        """
+        every = np.arange(len(self.robot.joint_names))
+        return commands(self.joints, rate, every if arm is None else self.robot.arm(arm).columns)
+
 
 @dataclass(frozen=True)
 class JointVerdict:
@@ -146,6 +168,7 @@ def verify_joints(
     *,
     uncertainty: Uncertainty | None = None,
     mass_shares: Sequence[float] | None = None,
+    slack: float = 0.0,
 ) -> JointVerdict:
     """Verify a robot's motion: limits, torques, hands on the load and clearance.
 
@@ -159,6 +182,9 @@ def verify_joints(
         Tolerances of the places of the bases; the description's unless given.
     mass_shares
         Shares of the load's mass that its holders carry, in their order; equal unless given.
+    slack
+        Share of the links' clearance beyond the required one that its bounds in the report may give away, as a search
+        does: what is verified is the same, but faster known.
     """
     if isinstance(motion, CoordinatedMotion):
         verdict = verify(motion)
@@ -188,7 +214,7 @@ def verify_joints(
         checks.torques(robot, curve, arms, checks.masses(scene, mass_shares)),
         checks.hands(errors, motion),
         checks.calibration(bases, arms, errors, motion),
-        checks.clearances(bodies, carried, curve),
+        checks.clearances(bodies, carried, curve, slack),
     ]
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}

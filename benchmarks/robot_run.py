@@ -1,0 +1,88 @@
+"""Robots carry their load in MuJoCo while balls fly through their workspace: drawn scenes, judged by what happened.
+
+    python benchmarks/robot_run.py                          # 20 scenes for each robot
+    python benchmarks/robot_run.py --scenes 5 --robots gap_30
+
+Balls of 16 cm fly straight, at 0.2 to 0.5 m/s, through a random point near the middle of the workspace, while the
+carry is under way. Nobody knows whether they can be dodged: there are no witnesses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from comove.planning import SceneKind
+from comove.robots import Robot
+from comove.robots.kernels import load_robot_kernels
+from comove.robots.online.executor import JointExecutor
+from comove.scenes import Scene
+from comove.simulators.live import run_live
+from comove.simulators.live_record import judge_run
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ROBOTS = ("gap_30", "two_ur10", "two_xarm7")
+RADIUS = 0.08  # m
+LONGEST = 40.0  # s
+
+
+def drawn(name: str, seed: int) -> Scene:
+    """An example with one to three balls that fly through its workspace."""
+    data = yaml.safe_load(next(EXAMPLES.rglob(f"{name}.yaml")).read_text(encoding="utf-8"))
+    rng = np.random.default_rng(seed)
+    lower, upper = (np.array(data["workspace"][key]) for key in ("lower", "upper"))
+    for _ in range(int(rng.integers(1, 4))):
+        middle = 0.5 * (lower + upper) + rng.uniform(-0.25, 0.25, 3) * (upper - lower) + [0.0, 0.0, 0.1]
+        angle, speed, when = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0)
+        velocity = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
+        way = [(middle + shift * velocity).round(4).tolist() for shift in (-when, LONGEST)]
+        motion = {"waypoints": way, "times": [0.0, LONGEST + when]}
+        ball = {"shape": "sphere", "center": way[0], "radius": RADIUS, "motion": motion}
+        data["obstacles"] = [*data.get("obstacles", []), ball]
+    return Scene.from_dict({**data, "name": f"{name} {seed}", "demonstration": None})
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=20)
+    parser.add_argument("--robots", nargs="+", default=ROBOTS)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    print(
+        "| scene | arrived [s] | contacts | hold, commanded | hands apart [mm] | links [mm] | load [mm] | plans |"
+        " relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n|---|---|---|---|---|---|---|---|---|---|---|"
+    )
+    well, control = [], []
+    for name in options.robots:
+        robot = Robot.load(drawn(name, 0).file.robot)
+        load_robot_kernels(SceneKind.of(drawn(name, 0)))
+        for seed in range(options.scenes):
+            executor = JointExecutor(drawn(name, seed), robot, seed=seed)
+            record = run_live(executor, LONGEST)
+            report, log = judge_run(record, stride=10), executor.log
+            steps = 1e3 * np.array(log.control)
+            well.append((record.arrived, not record.contacts, not report.reasons))
+            control.append(steps)
+            print(
+                f"| {name} {seed} | {f'{report.duration_s:.1f}' if record.arrived else '-'} "
+                f"| {len(record.contacts)} | {report.hold_error_max:.0e} "
+                f"| {1e3 * report.distance_error_max:.2f} | {1e3 * report.clearance_scene:.1f} "
+                f"| {1e3 * report.clearance_carried:.1f} | {len(log.planning)} | {log.relaxed:.3f} "
+                f"| {log.stopped} | {np.median(steps):.2f}, {np.quantile(steps, 0.999):.2f} |",
+                flush=True,
+            )
+    arrived, clean, all_well = np.array(well).sum(axis=0)
+    steps = np.concatenate(control)
+    print(
+        f"\nof {len(well)}: {arrived} arrived, {clean} without contact, {all_well} as they should; control step "
+        f"{np.median(steps):.2f} ms, 99.9 % within {np.quantile(steps, 0.999):.2f} ms"
+    )
+
+
+if __name__ == "__main__":
+    main()

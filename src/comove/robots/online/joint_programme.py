@@ -1,0 +1,228 @@
+"""The joint programme: rates of the joints nearest to the wanted ones that keep hold of the load and touch nothing.
+
+It is the twist programme of `comove.reaction` with the rates of all joints as further variables. In every step
+
+    minimise    sum over the hands of |velocity - wanted|^2 + weight |joint rates - wanted rates|^2
+    such that   each hand moves and turns as the load and its grasp do (equations, never relaxed),
+                joints keep their ranges, speeds and accelerations, so that they can always brake in time,
+                links keep clear of obstacles, of the load and of each other (`link_rows`),
+                and all that the twist programme asks of the load.
+
+Where nothing is admissible, rows are relaxed in the twist programme's order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import SceneError
+from comove.reaction.qp_workspace import LIMIT, Sighting
+from comove.reaction.twist_qp import ENDLESS, EQUAL, Allowed, Assembled, ProgrammeSettings, TwistProgramme
+from comove.reaction.twists import HandPoses, nodes_of
+from comove.robots.online.link_rows import LinkNeeds, clearances_along, empty_rows, hand_jacobians, link_rows
+from comove.robots.search.following import Arms
+from comove.scenes.grasp import Grasp
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """Settings of the joint programme.
+
+    Attributes
+    ----------
+    weight : of joint rates that differ from the wanted ones, beside velocities of hands [m^2]
+    near : clearance from which on links are looked at [m]
+    gain : approach of a joint to its limit per range that is left [1/s]
+    share : of the joints' accelerations that is used, and of these again when braking before a limit
+    load : settings of the twist programme
+    """
+
+    weight: float = 0.02
+    near: float = 0.3
+    gain: float = 5.0
+    share: float = 0.9
+    load: ProgrammeSettings = field(default_factory=lambda: ProgrammeSettings(spare=5e-4))
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """The state of the joints at the beginning of a step.
+
+    Attributes
+    ----------
+    position, before : arrays, shape (n_joints,), joints and their rates in the last step [rad, rad/s]
+    wanted : array, shape (n_joints,), rates that are wanted [rad/s]
+    bend : array, shape (n_joints,), what joints moved in the last step beyond the rates that were allowed, as hands
+        go straight and joints round; the next step is taken to do the same [rad/s]
+    """
+
+    position: Array
+    before: Array
+    wanted: Array
+    bend: Array
+
+
+class JointProgramme(TwistProgramme):
+    """A solver that computes the allowed rates of the joints of arms that carry a load, step by step.
+
+    Parameters
+    ----------
+    scene : the scene whose load, hands, limits and clearance are kept; its hands hold one rigid body
+    arms : the arms, in the order of the hands
+    grasp : how the hands turn with the load
+    period : length of a control step [s]
+
+    Attributes
+    ----------
+    rates : array, shape (n_joints,), the joint rates that the last call allowed [rad/s]
+    needs : clearances that links keep
+
+    Raises
+    ------
+    SceneError
+        If the hands do not hold one rigid body.
+    """
+
+    def __init__(
+        self, scene: Scene, arms: Arms, grasp: Grasp, period: float, settings: JointSettings | None = None
+    ):
+        self.joint_settings = settings or JointSettings()
+        super().__init__(scene, period, self.joint_settings.load)
+        if len(scene.groups) != 1:
+            raise SceneError(
+                "arms are run with one rigid load in all hands, and here are several",
+                file=scene.path,
+                key="load",
+                way_out="let all hands hold it, or run the scene without a robot",
+            )
+        self.arms, self.grasp = arms, grasp
+        everything = np.full(len(scene.obstacles), arms.around.clearance)
+        self.needs = LinkNeeds(everything, arms.around.clearance, self.joint_settings.near)
+        self.rates = np.zeros(len(arms.chains.lower))
+
+    def follow(self, joints: Array, nodes: Array) -> None:
+        """Ask for no more clearance among what stands than a verified motion has by the capsules of its links.
+
+        The verification knows the exact bodies, which are slimmer.
+
+        Parameters
+        ----------
+        joints, nodes : arrays, shape (n_steps, n_joints) and (n_steps, n_nodes, 3), along the motion [rad, m]
+        """
+        full = self.arms.around.clearance
+        keep, other = clearances_along(self.arms, joints, nodes, self.scene.obstacles, full)
+        keep[self.scene.moving[self.scene.owners]] = full
+        self.needs = LinkNeeds(keep, other, self.joint_settings.near)
+
+    def allowed_rates(
+        self, poses: HandPoses, joints: JointState, before: Array, wanted: Array, sighting: Sighting
+    ) -> Allowed:
+        """Return the allowed twist of one control step; the rates of the joints are then in `rates`.
+
+        Parameters
+        ----------
+        poses, before, wanted, sighting : as in `TwistProgramme.allowed`
+        joints : the joints, at which the hands are at the load
+        """
+        self._asking, self._looked = (poses, joints, sighting), False
+        return self.allowed(poses, before, wanted, sighting)
+
+    def _look(self) -> None:
+        """Write the rows of links and joints, once a step: the load's freedom is that of its present pose by now."""
+        (poses, joints, sighting), arms = self._asking, self.arms
+        n_joints, n_hands = len(joints.position), self._hands[0]
+        self._jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
+        hand_jacobians(arms, joints.position, self._jacobians, hands)
+        self._link_rows = empty_rows(arms, len(sighting.margin), self._freedom.basis.shape[2])
+        self._nodes = nodes_of(self.scene, poses)
+        link_rows(
+            arms,
+            joints.position,
+            self._nodes,
+            self._freedom.basis[0],
+            poses.center[0],
+            sighting,
+            (self.needs, self._rates),
+            self._link_rows,
+        )
+        self._bounds, self._looked = self._joint_bounds(joints), True
+
+    def _joint_bounds(self, joints: JointState) -> tuple[Array, Array]:
+        """Return the least and the largest rates; arrays, shape (n_joints,) [rad/s]."""
+        chains, how = self.arms.chains, self.joint_settings
+        most = how.share * chains.acceleration
+        change, brake = most * self.period, how.share * most
+        up, down = chains.upper - joints.position, joints.position - chains.lower
+        fastest = [
+            np.minimum(how.gain * left, np.sqrt(2.0 * brake * left))
+            for left in (np.maximum(up, 0.0), np.maximum(down, 0.0))
+        ]
+        high, low = np.minimum(chains.velocity, fastest[0]), -np.minimum(chains.velocity, fastest[1])
+        high = np.maximum(high, joints.before - change)
+        low = np.minimum(low, joints.before + change)
+        low, high = np.maximum(low, joints.before - change), np.minimum(high, joints.before + change)
+        bend = np.clip(joints.bend, -0.5 * change, 0.5 * change)
+        return low - bend, high - bend
+
+    def _assembled(self, m: int) -> Assembled:
+        """Return the programme with the first m rows of the load, and those of the arms."""
+        if not self._looked:
+            self._look()
+        work, state, links = self._work, self._asking[1], self._link_rows
+        n, n_joints, count = len(work.linear), len(state.position), int(links.filled[0])
+        quadratic, weight = np.zeros((n + n_joints, n + n_joints)), self.joint_settings.weight
+        quadratic[:n, :n] = work.quadratic
+        quadratic[range(n, n + n_joints), range(n, n + n_joints)] = weight
+        linear = np.concatenate([work.linear, -weight * state.wanted])
+        of_load, of_joints = np.zeros((m, n_joints)), np.hstack([np.zeros((n_joints, n)), np.eye(n_joints)])
+        least, largest = self._bounds
+        hold = self._hold()
+        rows = np.concatenate(
+            [np.hstack([work.rows[:m], of_load]), links.rows[:count], of_joints, -of_joints, hold]
+        )
+        low = np.concatenate([work.low[:m], links.low[:count], least, -largest, np.zeros(len(hold))])
+        limits = np.full(2 * n_joints + len(hold), LIMIT)
+        sense, high = np.zeros(len(low), dtype=np.int32), np.full(len(low), ENDLESS)
+        sense[len(low) - len(hold) :], high[len(low) - len(hold) :] = EQUAL, 0.0
+        return Assembled(
+            quadratic,
+            linear,
+            rows,
+            low,
+            high,
+            sense,
+            np.concatenate([work.owner[:m], links.owner[:count], limits]),
+            np.concatenate([work.body[:m], np.zeros(len(low) - m, dtype=np.int64)]),
+        )
+
+    def _hold(self) -> Array:
+        """Return the equations by which hands move and turn with the load; array, shape (6 n_hands, n + n_joints)."""
+        velocities, jacobians = self._work.hands, self._jacobians
+        n_hands, _, n = velocities.shape
+        rows = np.zeros((n_hands, 6, n + jacobians.shape[2]))
+        rows[:, :, n:] = jacobians
+        rows[:, :3, :n] = -velocities
+        rows[:, 5, :n] = -np.outer(self.grasp.turning, self._turning())
+        return rows.reshape(6 * n_hands, -1)
+
+    def _turning(self) -> Array:
+        """Return the rate of the load's heading per unit of the variables; array, shape (n,)."""
+        holders = self.grasp.holders
+        if len(holders) == 1:
+            return np.zeros(self._work.hands.shape[2])
+        first, second = holders[:2]
+        x, y = (self._nodes[first] - self._nodes[second])[:2]
+        along = self._work.hands[first] - self._work.hands[second]
+        return (x * along[1] - y * along[0]) / (x * x + y * y)
+
+    def _taken(self, z: Array) -> Array:
+        """Keep the rates of the joints, and return the variables of the twist."""
+        n = len(self._work.linear)
+        self.rates = z[n:].copy()
+        return np.ascontiguousarray(z[:n])

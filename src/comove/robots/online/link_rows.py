@@ -1,0 +1,348 @@
+"""Rows of the joint programme, in numba kernels: how fast links may approach obstacles, the load and each other.
+
+The variables are those of the twist programme, x, which move the load, and the rates of the joints. A row
+
+    n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
+
+is a control barrier as in `comove.reaction.cbf_constraints`; h is the clearance that is left, n its direction. Links
+are capsules, which are a little wider than the bodies in them.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.closest_points import near_on_edge, solid_gradient
+from comove.geometry.distances import CENTER, REACH
+from comove.reaction.cbf_constraints import rate
+from comove.reaction.qp_workspace import HANDS, Rates, Sighting
+from comove.robots.search.chains import jacobian, place_arm
+from comove.robots.search.following import Arms
+from comove.robots.search.links import nearest_shares, place_links
+
+Array = NDArray[np.float64]
+
+
+class LinkNeeds(NamedTuple):
+    """Clearances that links keep, and what is near enough to be told of.
+
+    Attributes
+    ----------
+    obstacle : array, shape (n_rows,), from every row of the table of obstacles [m]
+    other : from the load and from each other [m]
+    near : clearance below which a row is written [m]
+    """
+
+    obstacle: Array
+    other: float
+    near: float
+
+
+class LinkRows(NamedTuple):
+    """Work arrays for rows of links.
+
+    Attributes
+    ----------
+    start, end : arrays, shape (n_links, 3), ends of the links' axes [m]
+    turns, places : arrays, shape (n_joints, 3, 3) and (n_joints, 3), frames of the joints
+    rows, low : arrays, shape (n_rows, n_variables + n_joints) and (n_rows,)
+    owner : array, shape (n_rows,), the row of the table of obstacles, or `HANDS` for load and links
+    filled : array, shape (1,), number of the rows that are written
+    """
+
+    start: Array
+    end: Array
+    turns: Array
+    places: Array
+    rows: Array
+    low: Array
+    owner: NDArray[np.int64]
+    filled: NDArray[np.int64]
+
+
+def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
+    """Return work arrays for that many obstacles, and variables of the load."""
+    links, n_joints = arms.links, len(arms.chains.lower)
+    count = len(links.moving) * (n_obstacles + len(arms.around.edges)) + len(links.pairs)
+    return LinkRows(
+        links.start.copy(),
+        links.end.copy(),
+        np.empty((n_joints, 3, 3)),
+        np.empty((n_joints, 3)),
+        np.zeros((count, n_variables + n_joints)),
+        np.zeros(count),
+        np.zeros(count, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def hand_jacobians(arms: Arms, q: Array, out: Array, hands: Array) -> None:
+    """Write the Jacobians of the grasps, array of shape (n_arms, 6, n_joints), zero for joints of other arms, and the
+    positions of the grasps, array of shape (n_arms, 3) [m].
+    """
+    chains = arms.chains
+    for i in range(chains.first.shape[0] - 1):
+        first, n = chains.first[i], chains.first[i + 1] - chains.first[i]
+        turns, places, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
+        place_arm(chains, i, q, turns, places)
+        jacobian(chains, i, turns, places, own)
+        for row in range(6):
+            for j in range(out.shape[2]):
+                out[i, row, j] = own[row, j - first] if first <= j < first + n else 0.0
+        for axis in range(3):
+            hands[i, axis] = places[n, axis]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def link_rows(
+    arms: Arms,
+    q: Array,
+    nodes: Array,
+    basis: Array,
+    center: Array,
+    sighting: Sighting,
+    how: tuple[LinkNeeds, Rates],
+    work: LinkRows,
+) -> int:
+    """Write the rows of all links that are near something; returns their number.
+
+    Parameters
+    ----------
+    q : array, shape (n_joints,), joint positions
+    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
+    basis, center : arrays, shape (6, n_variables) and (3,), the load's twists per unit of the variables, and centre
+    sighting : the obstacles
+    how : clearances of links, and rates of the programme
+    """
+    needs, rates = how
+    links, around = arms.links, arms.around
+    _place(arms, q, work)
+    place_links(arms.chains, links, q, work.start, work.end)
+    work.filled[0] = 0
+    near = np.empty(3)
+    for i in links.moving:
+        a, b, thick = work.start[i], work.end[i], links.radius[i]
+        for j in range(sighting.table.shape[0]):
+            need = thick + needs.obstacle[j] + sighting.margin[j]
+            if not _may_be_near(sighting.table, j, a, b, need + needs.near):
+                continue
+            h, share = near_on_edge(sighting.table, j, a, b, np.inf)
+            if h - need < needs.near:
+                _obstacle_row(arms, i, share, sighting, j, h - need, rates, work)
+        if links.holds[i]:
+            continue
+        for e in range(around.edges.shape[0]):
+            c, d = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
+            one, two, apart = nearest_shares(a, b, c, d)
+            h = apart - thick - around.radii[e] - needs.other
+            if around.edges[e, 0] != around.edges[e, 1] and h < needs.near and apart > 1e-6:
+                for axis in range(3):
+                    near[axis] = c[axis] + two * (d[axis] - c[axis])
+                _load_row(arms, i, one, near, (basis, center), -rate(h, rates.gain, rates), work)
+    for p in range(links.pairs.shape[0]):
+        i, k = links.pairs[p]
+        one, two, apart = nearest_shares(work.start[i], work.end[i], work.start[k], work.end[k])
+        h = apart - links.radius[i] - links.radius[k] - needs.other
+        if h < needs.near and apart > 1e-6:
+            _pair_row(arms, i, one, k, two, -rate(h, rates.gain, rates), work)
+    return int(work.filled[0])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _place(arms: Arms, q: Array, work: LinkRows) -> None:
+    """Write the frames of all joints."""
+    chains = arms.chains
+    for i in range(chains.first.shape[0] - 1):
+        first, n = chains.first[i], chains.first[i + 1] - chains.first[i]
+        turns, places = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+        place_arm(chains, i, q, turns, places)
+        for k in range(n):
+            for a in range(3):
+                work.places[first + k, a] = places[k, a]
+                for b in range(3):
+                    work.turns[first + k, a, b] = turns[k, a, b]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _link_part(arms: Arms, i: int, p: Array, normal: Array, sign: float, work: LinkRows, row: Array) -> None:
+    """Add to a row the velocity along a normal of the point p [m] of link i, times a sign."""
+    chains, links = arms.chains, arms.links
+    if links.arm[i] < 0:
+        return
+    offset = row.shape[0] - chains.lower.shape[0]
+    for j in range(chains.first[links.arm[i]], links.joint[i] + 1):
+        axis, turn, at = chains.axis[j], work.turns[j], work.places[j]
+        x = turn[0, 0] * axis[0] + turn[0, 1] * axis[1] + turn[0, 2] * axis[2]
+        y = turn[1, 0] * axis[0] + turn[1, 1] * axis[1] + turn[1, 2] * axis[2]
+        z = turn[2, 0] * axis[0] + turn[2, 1] * axis[1] + turn[2, 2] * axis[2]
+        if not chains.slides[j]:
+            u, v, w = p[0] - at[0], p[1] - at[1], p[2] - at[2]
+            x, y, z = y * w - z * v, z * u - x * w, x * v - y * u
+        row[offset + j] += sign * (normal[0] * x + normal[1] * y + normal[2] * z)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _obstacle_row(
+    arms: Arms, i: int, share: float, sighting: Sighting, j: int, h: float, rates: Rates, work: LinkRows
+) -> None:
+    """Write the row of link i against obstacle j, h [m] away."""
+    p, normal, m = np.empty(3), np.empty(3), work.filled[0]
+    _point_on(work, i, share, p)
+    _, normal[0], normal[1], normal[2] = solid_gradient(sighting.table, j, p[0], p[1], p[2])
+    work.rows[m, :] = 0.0
+    _link_part(arms, i, p, normal, 1.0, work, work.rows[m])
+    spin, at, comes = sighting.spin[j], sighting.table[j, CENTER : CENTER + 3], 0.0
+    x, y, z = p[0] - at[0], p[1] - at[1], p[2] - at[2]
+    comes += normal[0] * (sighting.velocity[j, 0] + spin[1] * z - spin[2] * y)
+    comes += normal[1] * (sighting.velocity[j, 1] + spin[2] * x - spin[0] * z)
+    comes += normal[2] * (sighting.velocity[j, 2] + spin[0] * y - spin[1] * x)
+    work.low[m], work.owner[m] = comes - rate(h, rates.gain, rates), j
+    work.filled[0] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _load_row(
+    arms: Arms, i: int, share: float, near: Array, load: tuple[Array, Array], low: float, work: LinkRows
+) -> None:
+    """Write the row of link i against the point `near` of the load, whose `basis` and `center` are `load`."""
+    (basis, center), p, normal, m = load, np.empty(3), np.empty(3), work.filled[0]
+    _point_on(work, i, share, p)
+    _direction(near, p, normal)
+    row = work.rows[m]
+    row[:] = 0.0
+    _link_part(arms, i, p, normal, 1.0, work, row)
+    x, y, z = near[0] - center[0], near[1] - center[1], near[2] - center[2]
+    a = y * normal[2] - z * normal[1]
+    b = z * normal[0] - x * normal[2]
+    c = x * normal[1] - y * normal[0]
+    for k in range(basis.shape[1]):
+        row[k] -= normal[0] * basis[0, k] + normal[1] * basis[1, k] + normal[2] * basis[2, k]
+        row[k] -= a * basis[3, k] + b * basis[4, k] + c * basis[5, k]
+    work.low[m], work.owner[m] = low, HANDS
+    work.filled[0] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, work: LinkRows) -> None:
+    """Write the row of two links, at shares of their axes."""
+    p, r, normal, m = np.empty(3), np.empty(3), np.empty(3), work.filled[0]
+    _point_on(work, i, one, p)
+    _point_on(work, k, two, r)
+    _direction(r, p, normal)
+    work.rows[m, :] = 0.0
+    _link_part(arms, i, p, normal, 1.0, work, work.rows[m])
+    _link_part(arms, k, r, normal, -1.0, work, work.rows[m])
+    work.low[m], work.owner[m] = low, HANDS
+    work.filled[0] += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
+    """Write the point at a share of the axis of link i [m]."""
+    for axis in range(3):
+        p[axis] = work.start[i, axis] + share * (work.end[i, axis] - work.start[i, axis])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _direction(a: Array, b: Array, out: Array) -> None:
+    """Write the unit vector from a to b."""
+    size = sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+    for axis in range(3):
+        out[axis] = (b[axis] - a[axis]) / size
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_contact(
+    arms: Arms, joints: Array, nodes: Array, sighting: Sighting, times: Array, need: Array
+) -> int:
+    """Return the number of the first of several instants at which something comes too near to an obstacle.
+
+    Obstacles go on at their present velocities. The number is that of the instants where nothing does.
+
+    Parameters
+    ----------
+    joints : array, shape (n_times, n_joints) [rad]
+    nodes : array, shape (n_times, n_nodes, 3), hands and nodes of the load [m]
+    times : array, shape (n_times,), from now [s]
+    need : array, shape (n_rows,), clearance to be kept from every row of the table [m]
+    """
+    links, around = arms.links, arms.around
+    start, end, table = links.start.copy(), links.end.copy(), sighting.table.copy()
+    for t in range(times.shape[0]):
+        for j in range(table.shape[0]):
+            for axis in range(3):
+                table[j, CENTER + axis] = (
+                    sighting.table[j, CENTER + axis] + times[t] * sighting.velocity[j, axis]
+                )
+        place_links(arms.chains, links, joints[t], start, end)
+        for j in range(table.shape[0]):
+            keep = need[j] + sighting.margin[j]
+            for i in links.moving:
+                far = keep + links.radius[i]
+                near = _may_be_near(table, j, start[i], end[i], far)
+                if near and near_on_edge(table, j, start[i], end[i], np.inf)[0] < far:
+                    return t
+            for e in range(around.edges.shape[0]):
+                a, b = nodes[t, around.edges[e, 0]], nodes[t, around.edges[e, 1]]
+                far = keep + around.radii[e]
+                near = _may_be_near(table, j, a, b, far)
+                if near and near_on_edge(table, j, a, b, np.inf)[0] < far:
+                    return t
+    return times.shape[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def clearances_along(
+    arms: Arms, joints: Array, nodes: Array, table: Array, clearance: float
+) -> tuple[Array, float]:
+    """Compute the least clearance of links from every obstacle, and from load and each other, along a motion.
+
+    Parameters
+    ----------
+    joints, nodes : arrays, shape (n_steps, n_joints) and (n_steps, n_nodes, 3)
+    table : array, shape (n_rows, n_columns), the obstacles
+    clearance : largest value of a result [m]
+
+    Returns
+    -------
+    array, shape (n_rows,), and a number [m]
+    """
+    links, around = arms.links, arms.around
+    start, end = links.start.copy(), links.end.copy()
+    obstacle, other = np.full(table.shape[0], clearance), clearance
+    for t in range(joints.shape[0]):
+        place_links(arms.chains, links, joints[t], start, end)
+        for i in links.moving:
+            for j in range(table.shape[0]):
+                if _may_be_near(table, j, start[i], end[i], obstacle[j] + links.radius[i]):
+                    h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
+                    obstacle[j] = min(obstacle[j], h)
+            if links.holds[i]:
+                continue
+            for e in range(around.edges.shape[0]):
+                a, b = nodes[t, around.edges[e, 0]], nodes[t, around.edges[e, 1]]
+                if around.edges[e, 0] != around.edges[e, 1]:
+                    h = nearest_shares(start[i], end[i], a, b)[2] - links.radius[i] - around.radii[e]
+                    other = min(other, h)
+        for p in range(links.pairs.shape[0]):
+            i, k = links.pairs[p]
+            h = nearest_shares(start[i], end[i], start[k], end[k])[2]
+            other = min(other, h - links.radius[i] - links.radius[k])
+    return obstacle, other
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _may_be_near(table: Array, j: int, a: Array, b: Array, far: float) -> bool:
+    """Return whether the ball about a segment is within `far` [m] of the ball about obstacle j."""
+    away, half = 0.0, 0.0
+    for axis in range(3):
+        away += (0.5 * (a[axis] + b[axis]) - table[j, CENTER + axis]) ** 2
+        half += (0.5 * (b[axis] - a[axis])) ** 2
+    reach = sqrt(half) + far + table[j, REACH]
+    return away < reach * reach

@@ -1,0 +1,84 @@
+"""Placements of all joints at many configurations at once, from Pinocchio's model.
+
+Pinocchio places one configuration a call, and reading a result costs more than computing it. Where thousands are
+needed, the same product of placements is taken here for all of them; the tests compare both.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.robots.model import Robot
+from comove.robots.verification.reach import joint_axes
+
+Array = NDArray[np.float64]
+
+
+class _Tree(NamedTuple):
+    """Placements, axes and kinds of the joints of a model, the universe first.
+
+    Attributes
+    ----------
+    parents : array, shape (n_joints + 1,)
+    turn, shift : arrays, shape (n_joints + 1, 3, 3) and (n_joints + 1, 3), of each joint in the one before it [m]
+    cross, square : arrays, shape (n_joints + 1, 3, 3), the axis k as k x and k x (k x)
+    axis, slides : arrays, shape (n_joints + 1, 3) and (n_joints + 1,)
+    """
+
+    parents: NDArray[np.int64]
+    turn: Array
+    shift: Array
+    cross: Array
+    square: Array
+    axis: Array
+    slides: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=8)
+def _tree(robot: Robot) -> _Tree:
+    model: Any = robot.model
+    axes, slides = joint_axes(model)
+    columns = [model.idx_vs[joint] for joint in range(1, model.njoints)]
+    axis = np.concatenate([np.zeros((1, 3)), axes[columns]])
+    cross = np.zeros((len(axis), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]], cross[:, [1, 2, 0], [2, 0, 1]] = axis, -axis
+    return _Tree(
+        np.array(model.parents, dtype=np.int64),
+        np.array([placement.rotation for placement in model.jointPlacements]),
+        np.array([placement.translation for placement in model.jointPlacements]),
+        cross,
+        cross @ cross,
+        axis,
+        np.concatenate([[False], slides[columns]]),
+    )
+
+
+def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Compute the orientations and the places of all joints, the universe first.
+
+    Parameters
+    ----------
+    q : array, shape (n_steps, n_joints) [rad, m for joints that slide]
+
+    Returns
+    -------
+    arrays, shape (n_joints + 1, n_steps, 3, 3) and (n_joints + 1, n_steps, 3) [m]
+    """
+    tree, model = _tree(robot), robot.model
+    turns, places = np.empty((model.njoints, len(q), 3, 3)), np.empty((model.njoints, len(q), 3))
+    turns[0], places[0] = np.eye(3), 0.0
+    for joint in range(1, model.njoints):
+        parent, value = tree.parents[joint], q[:, model.idx_qs[joint]]
+        places[joint] = places[parent] + turns[parent] @ tree.shift[joint]
+        turn = turns[parent] @ tree.turn[joint]
+        if tree.slides[joint]:
+            places[joint] += turn @ tree.axis[joint] * value[:, None]
+            turns[joint] = turn
+            continue
+        sine, versine = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
+        turns[joint] = turn @ (np.eye(3) + sine * tree.cross[joint] + versine * tree.square[joint])
+    return turns, places

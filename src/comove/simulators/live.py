@@ -1,0 +1,119 @@
+"""Online runs in MuJoCo: servos follow commands that are computed step by step from the joints that are measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import OptionError, RobotError
+from comove.planning.search import Interruption
+from comove.robots.online.executor import JointExecutor
+from comove.simulators.building import TIMESTEP, build_world
+from comove.simulators.engine import engine, without_log
+from comove.simulators.execution import Contact
+from comove.simulators.grasps import GraspModel, Weld
+from comove.simulators.live_record import OnlineRecord
+from comove.simulators.loads import hand_poses, load_of
+from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
+from comove.simulators.simulate import at_start, broken, note_contacts
+from comove.simulators.world import World, moving_body
+
+Array = NDArray[np.float64]
+
+
+def run_live(
+    executor: JointExecutor,
+    budget: float,
+    grasp: GraspModel | None = None,
+    perturbation: Perturbation | None = None,
+    *,
+    settings: Settings = USUAL,
+) -> OnlineRecord:
+    """Run a robot in MuJoCo until the load has arrived, or for `budget` [s] of simulated time.
+
+    The executor gets the joints as they are at every control step; servos get its commands, and in between what lies
+    between two commands. Obstacles are where the executor's observer knows that they truly are. The clock of the
+    simulation waits while a plan is looked for: by then the robot stands.
+
+    Parameters
+    ----------
+    grasp : model of how the hands hold the load; `Weld()` unless given
+    perturbation : deviations from the plan; none unless given. A push is not given here
+
+    Raises
+    ------
+    ExtraError
+        If MuJoCo is not installed.
+    OptionError
+        If the control period is not a multiple of the simulation's step.
+    RobotError, SceneError
+        If the robot cannot hold the load by this grasp.
+    """
+    grasp, perturbation = grasp or Weld(), perturbation or PLAN
+    every = round(executor.settings.period / TIMESTEP)
+    if every < 1 or abs(every * TIMESTEP - executor.settings.period) > 1e-9:
+        raise OptionError(
+            f"a control period of {executor.settings.period} s",
+            key="period",
+            way_out=f"give a multiple of {TIMESTEP} s, the simulation's step",
+        )
+    scene, robot, motion = executor.scene, executor.robot, executor.plan.joints
+    load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
+    with without_log():
+        world = build_world(robot, scene, load, grasp, perturbation)
+        data = at_start(world, motion, perturbation)
+        _move_obstacles(world, data, executor)
+        if load is not None:
+            grasp.close(world, data)
+        engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
+        return _run(world, data, executor, budget, every)
+
+
+def _run(world: World, data: Any, executor: JointExecutor, budget: float, every: int) -> OnlineRecord:
+    mj, interruption, given_up = engine(), Interruption(), ""
+    record = OnlineRecord.begun(executor)
+    contacts: dict[tuple[int, int], tuple[float, float]] = {}
+    with interruption.noticed():
+        while executor.time < budget - 1e-9 and not interruption.wished:
+            before = executor.position.copy()
+            try:
+                command = executor.step(data.qpos[world.qpos])
+            except RobotError as error:  # something holds the robot
+                given_up = error.message
+                break
+            _move_obstacles(world, data, executor)
+            rates = (command - before) / executor.settings.period
+            for part in range(every):
+                reference = before + (part + 1) / every * (command - before)
+                data.ctrl[world.servos] = reference + world.lead * rates
+                mj.mj_step(world.model, data)
+                if data.ncon:
+                    note_contacts(world, data, executor.time, contacts)
+            record.add(executor, data.qpos[world.qpos], _load_pose(world, data))
+            if broken(data) or executor.arrived:
+                break
+    found = tuple(Contact(world.names_of(pair), *seen) for pair, seen in contacts.items())
+    record.contacts, record.given_up = found, given_up
+    record.arrived, record.unstable = executor.arrived, broken(data)
+    record.interrupted = interruption.wished
+    return record
+
+
+def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
+    """Put the obstacles that move to where they truly are."""
+    centers = executor.observer.ground_truth(np.array([executor.time]))[0]
+    for i in np.flatnonzero(executor.scene.moving):
+        mocap = world.model.body(moving_body(int(i))).mocapid[0]
+        data.mocap_pos[mocap] = centers[i]
+
+
+def _load_pose(world: World, data: Any) -> Array:
+    """Return the load's pose, array of shape (4, 4); NaN without a load."""
+    pose = np.full((4, 4), np.nan)
+    if world.load is not None:
+        pose = np.eye(4)
+        pose[:3, 3] = data.xpos[world.load_body]
+        pose[:3, :3] = data.xmat[world.load_body].reshape(3, 3)
+    return pose

@@ -1,0 +1,272 @@
+"""The record of an online run of a robot, and its check from commands, measurements and true obstacles alone.
+
+=================== ==============================================================================================
+what                how it is known
+=================== ==============================================================================================
+hands on the load   commanded joints by Pinocchio against the load as it was commanded, at every step
+joints              ranges, speeds and accelerations of the commands, at every step
+clearance           distances of the exact bodies by coal, at commanded *and* at measured joints, at every `stride`-th
+                    step: sampled, not certified in between
+contacts            the simulator's, at every step of its own
+=================== ==============================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from comove.reaction.twists import nodes_of
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.robots.online.executor import JointExecutor
+from comove.scenes.scene import Scene
+from comove.simulators.execution import Contact
+from comove.simulators.loads import Load, carried, hand_poses, inverse, load_of
+from comove.simulators.playback import work_geometry
+from comove.ties import first_least
+
+Array = NDArray[np.float64]
+
+HOLD_ERROR = 1e-6  # m and rad, of hands on the load, in commands
+ROUNDING = 1e-6  # by which a share of a limit may exceed 1
+SQUEEZED = 1e-3  # m, by which hands may change their distance in the simulator
+END_ERROR = 5e-3  # m, of the load at its goal in the simulator
+
+
+@dataclass(eq=False)
+class OnlineRecord:
+    """What happened in a run, step by step.
+
+    Attributes
+    ----------
+    scene, robot : what was run
+    time : times of the samples, after each control step [s]
+    commanded, measured : joints, arrays of shape (n_joints,) [rad]
+    nodes : hands and corners of the load as commanded, arrays of shape (n_nodes, 3) [m]
+    load : poses of the load in the simulator, arrays of shape (4, 4)
+    obstacles : true places of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]
+    period : control period [s]
+    contacts : what touched and should not have
+    arrived, unstable, interrupted : how it ended
+    given_up : why the executor gave it up, in words; empty where it did not
+    """
+
+    scene: Scene
+    robot: Robot
+    period: float
+    time: list[float] = field(default_factory=list)
+    commanded: list[Array] = field(default_factory=list)
+    measured: list[Array] = field(default_factory=list)
+    nodes: list[Array] = field(default_factory=list)
+    load: list[Array] = field(default_factory=list)
+    obstacles: list[Array] = field(default_factory=list)
+    contacts: tuple[Contact, ...] = ()
+    arrived: bool = False
+    unstable: bool = False
+    interrupted: bool = False
+    given_up: str = ""
+
+    @classmethod
+    def begun(cls, executor: JointExecutor) -> OnlineRecord:
+        """Return an empty record of an executor."""
+        return cls(executor.scene, executor.robot, executor.settings.period)
+
+    @property
+    def motion(self) -> JointMotion:
+        """Return the commanded joints as a motion."""
+        position = np.array([self.commanded[0], *self.commanded])
+        return JointMotion(np.array([0.0, *self.time]), self.robot.joint_names, position)
+
+    def add(self, executor: JointExecutor, measured: Array, load: Array) -> None:
+        """Add what is after a control step."""
+        self.time.append(executor.time)
+        self.commanded.append(executor.position.copy())
+        self.measured.append(np.array(measured, dtype=float))
+        self.nodes.append(nodes_of(self.scene, executor.poses))
+        self.load.append(load)
+        self.obstacles.append(executor.observer.ground_truth(np.array([executor.time]))[0])
+
+
+@dataclass(frozen=True)
+class OnlineReport:
+    """Measures of a run, and reasons why it is not as it should be.
+
+    Attributes
+    ----------
+    hold_error_max : largest error of a commanded hand on the load [m; a radian counts 1]
+    distance_error_max : largest change of two hands' distance in the simulator [m]
+    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit that commands use
+    joint_margin_min : least distance of commanded joints from their limits [rad]
+    clearance_scene, clearance_load, clearance_self : least sampled distances of links from obstacles, from the load,
+        and of each other [m]
+    clearance_carried : least sampled distance of the load from obstacles [m]
+    nearest : names of what came nearest to an obstacle
+    lag_max : largest difference of measured and commanded joints [rad]
+    end_error : distance of the load from its goal in the simulator [m]
+    duration_s : how long it took [s]
+    reasons : reasons against the run, in words; none where all is well
+    """
+
+    hold_error_max: float
+    distance_error_max: float
+    velocity_ratio_max: float
+    acceleration_ratio_max: float
+    joint_margin_min: float
+    clearance_scene: float
+    clearance_load: float
+    clearance_self: float
+    clearance_carried: float
+    nearest: str
+    lag_max: float
+    end_error: float
+    duration_s: float
+    reasons: tuple[str, ...]
+
+
+def judge_run(record: OnlineRecord, *, stride: int = 5) -> OnlineReport:
+    """Measure a run, and say what is wrong with it.
+
+    Parameters
+    ----------
+    stride : steps of which one is looked at for clearances
+    """
+    commanded, measured = np.array(record.commanded), np.array(record.measured)
+    hands = hand_poses(record.robot, record.scene, commanded)
+    load = load_of(record.scene, hands[0])
+    speed, acceleration, margin = _limits(record, commanded)
+    found = _clearances(record, load, (commanded, measured), stride)
+    squeezed = _distance_errors(hand_poses(record.robot, record.scene, measured))
+    measures = {
+        "hold_error_max": _hold_error(record, hands),
+        "distance_error_max": squeezed,
+        "velocity_ratio_max": speed,
+        "acceleration_ratio_max": acceleration,
+        "joint_margin_min": margin,
+        **found.least,
+        "lag_max": float(np.abs(commanded - measured).max()),
+        "end_error": _end_error(record, load),
+        "duration_s": record.time[-1],
+    }
+    return OnlineReport(**measures, nearest=found.nearest, reasons=tuple(_reasons(record, measures)))
+
+
+def _reasons(record: OnlineRecord, m: dict[str, float]) -> list[str]:
+    """Return the reasons against a run with these measures."""
+    reasons = [
+        f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
+        for contact in record.contacts
+    ]
+    if record.given_up:
+        reasons.append(record.given_up)
+    if record.unstable:
+        reasons.append(f"the simulation broke down at {record.time[-1]:.2f} s")
+    if not record.arrived:
+        reasons.append(f"the load has not arrived after {record.time[-1]:.2f} s")
+    elif not m["end_error"] <= END_ERROR:
+        reasons.append(f"the load ends {m['end_error']:.2g} m from its goal")
+    if not m["hold_error_max"] <= HOLD_ERROR:
+        reasons.append(f"a commanded hand is off the load by {m['hold_error_max']:.2g} m or rad")
+    if not m["distance_error_max"] <= SQUEEZED:
+        reasons.append(f"hands change their distance by {m['distance_error_max']:.2g} m")
+    for name in ("velocity", "acceleration"):
+        if not m[f"{name}_ratio_max"] <= 1 + ROUNDING:
+            reasons.append(f"a joint uses {m[f'{name}_ratio_max']:.3g} of its {name} limit")
+    if not m["joint_margin_min"] >= 0:
+        reasons.append(f"a joint is {-m['joint_margin_min']:.2g} rad beyond its limits")
+    return reasons
+
+
+def _hold_error(record: OnlineRecord, hands: Array) -> float:
+    """Return the largest error of the commanded hands on the load [m, rad]."""
+    nodes, grasp = np.array(record.nodes)[:, : hands.shape[1]], record.scene.grasp
+    off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
+    if grasp is None:
+        return float(off)
+    chord = np.linalg.norm(hands[..., :3, :3] - grasp.hand_rotations(nodes), axis=(-2, -1)) / np.sqrt(8.0)
+    return float(max(off, 2.0 * np.arcsin(min(1.0, chord.max()))))
+
+
+def _distance_errors(hands: Array) -> float:
+    """Return the largest change of the distance of two hands [m]; hands, array of shape (n_steps, n_hands, 4, 4)."""
+    places = hands[..., :3, 3]
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+    return float(np.abs(apart - apart[0]).max())
+
+
+def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
+    """Return the largest shares of speed and acceleration limits, and the least margin of the joints [rad]."""
+    robot, rates = record.robot, np.diff(commanded, axis=0) / record.period
+    bends = np.diff(rates, axis=0) / record.period
+    margin = np.minimum(commanded - robot.lower, robot.upper - commanded).min()
+    return (
+        float((np.abs(rates) / robot.velocity).max(initial=0.0)),
+        float((np.abs(bends) / robot.acceleration).max(initial=0.0)),
+        float(margin),
+    )
+
+
+def _end_error(record: OnlineRecord, load: Load | None) -> float:
+    """Return the distance of the load in the simulator from its goal [m]."""
+    if load is None:
+        return 0.0
+    goal = record.scene.nodes_at("goal")[list(load.holders)]
+    held = load.grasps @ record.load[-1][:3, :3].T + record.load[-1][:3, 3]
+    return float(np.linalg.norm(held - goal, axis=1).max())
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Least distances, by the names of `OnlineReport`, and the names of what came nearest to an obstacle."""
+
+    least: dict[str, float]
+    nearest: str
+
+
+def _clearances(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array], stride: int) -> _Found:
+    """Compute distances at every `stride`-th step, for commanded and for measured joints."""
+    robot = record.robot
+    geometry, names, parts = work_geometry(robot, record.scene, load)
+    data, placed, own = robot.model.createData(), geometry.createData(), robot.collision.createData()
+    first = robot.collision.ngeoms
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    links, beyond = range(first), range(first + len(record.scene.motions), geometry.ngeoms)
+    kinds = np.array([0 if a in links and b not in beyond else 2 if b in links else 1 for a, b in pairs])
+    least, which, least_own = np.full(3, np.inf), np.full(3, -1), np.inf
+    for q, poses in zip(joints, _loads(record, load, joints), strict=True):
+        for step in range(0, len(q), stride):
+            pin.updateGeometryPlacements(robot.model, data, geometry, placed, q[step])
+            for i, center in enumerate(record.obstacles[step]):
+                placed.oMg[first + i] = pin.SE3(placed.oMg[first + i].rotation, center)
+            for item, part in zip(parts, () if load is None else load.parts, strict=True):
+                placed.oMg[item] = pin.SE3(poses[step]) * pin.SE3(part.rotation, part.position)
+            distance = np.array(
+                [pin.computeDistance(geometry, placed, k).min_distance for k in range(len(pairs))]
+            )
+            for kind in range(3):
+                numbers = np.flatnonzero(kinds == kind)
+                if len(numbers) and distance[numbers].min() < least[kind]:
+                    which[kind] = numbers[first_least(distance[numbers])]
+                    least[kind] = distance[numbers].min()
+            if step % (4 * stride) == 0 and len(robot.collision.collisionPairs):
+                pin.updateGeometryPlacements(robot.model, data, robot.collision, own, q[step])
+                k = pin.computeDistances(robot.collision, own)
+                least_own = min(least_own, own.distanceResults[k].min_distance)
+    near = int(which[int(np.argmin(least[:2]))])
+    nearest = "" if near < 0 else f"{names[pairs[near][0]]} and {names[pairs[near][1]]}"
+    measured = ("clearance_scene", "clearance_carried", "clearance_load")
+    return _Found(
+        {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": float(least_own)}, nearest
+    )
+
+
+def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the load's poses as commanded and as in the simulator; arrays, shape (n_steps, 4, 4)."""
+    simulated = np.array(record.load)
+    if load is None:
+        return simulated, simulated
+    held = hand_poses(record.robot, record.scene, joints[0])[:, list(load.holders)]
+    return carried(held, inverse(held[0]) @ load.pose), simulated

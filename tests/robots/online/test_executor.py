@@ -1,0 +1,110 @@
+"""Runs without a simulator: the robot is where it was commanded, or as far off as a test says."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from comove.errors import OptionError, RobotError
+from comove.reaction.twists import nodes_of
+from comove.robots.online.executor import JointExecutor, OnlineSettings
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, posts, scene_data
+from tests.robots.small_robots import robot
+
+AWAY = {"shape": "sphere", "center": [0.55, 0.9, 0.2], "radius": 0.08}
+
+
+@lru_cache(maxsize=4)
+def scene_with(motion=None):
+    """The known carry of Baxter between its posts, and a ball that goes to and fro."""
+    ball = () if motion is None else ({**AWAY, "motion": {"waypoints": motion[0], "times": motion[1]}},)
+    return Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.30), *ball)))
+
+
+def through(*points, times):
+    """Waypoints and times that can be a key."""
+    return tuple(tuple(point) for point in points), tuple(times)
+
+
+def run(executor, longest):
+    """Commands until the load has arrived."""
+    commands = [executor.position.copy()]
+    while executor.time < longest and not executor.arrived:
+        commands.append(executor.step(commands[-1]))
+    return np.array(commands)
+
+
+def hold_error(executor, commands, poses):
+    """Largest error of the hands on the load, by Pinocchio; poses of the load after every command."""
+    machine, scene = executor.robot, executor.scene
+    worst = 0.0
+    for q, nodes in zip(commands[1:], poses, strict=True):
+        hands = nodes[:2]
+        turns = scene.grasp.hand_rotations(hands)
+        for i, arm in enumerate(executor.carrier.holders):
+            pose = machine.tool_pose(q, arm)
+            worst = max(worst, np.abs(pose[:3, 3] - hands[i]).max(), np.abs(pose[:3, :3] - turns[i]).max())
+    return worst
+
+
+@pytest.mark.slow
+def test_a_run_among_what_stands_is_the_verified_carry():
+    executor = JointExecutor(scene_with(), robot("baxter"), seed=1)
+    commands = run(executor, 15.0)
+    assert executor.arrived
+    assert executor.time == pytest.approx(executor.plan.joints.duration, abs=0.3)
+    planned = executor.plan.joints.at(
+        np.minimum(0.004 * np.arange(len(commands)), executor.plan.joints.duration)
+    )[0]
+    assert np.abs(commands - planned).max() < 0.02
+    assert len(executor.log.planning) == 1
+
+
+@pytest.mark.slow
+def test_what_comes_is_dodged_and_the_load_held_all_the_way():
+    moving = through([0.55, 0.9, 0.2], [0.55, -0.9, 0.2], times=(1.0, 6.0))
+    executor = JointExecutor(scene_with(moving), robot("baxter"), seed=1)
+    nodes, commands, near = [], [executor.position.copy()], np.inf
+    while executor.time < 40.0 and not executor.arrived:
+        commands.append(executor.step(commands[-1]))
+        nodes.append(nodes_of(executor.scene, executor.poses))
+        center = executor.observer.ground_truth(np.array([executor.time]))[0, -1]
+        share = np.linspace(0, 1, 30)[:, None]
+        near = min(
+            near, np.linalg.norm(nodes[-1][0] + share * (nodes[-1][1] - nodes[-1][0]) - center, axis=1).min()
+        )
+    commands = np.array(commands)
+    assert executor.arrived
+    assert 3 in executor.log.blocking
+    assert near > 0.08 + 0.012 + executor.scene.clearance - 1e-3
+    assert hold_error(executor, commands, nodes) < 1e-8
+    machine, period = executor.robot, executor.settings.period
+    rates = np.diff(commands, axis=0) / period
+    assert (np.abs(rates) <= machine.velocity * (1 + 1e-6)).all()
+    assert (commands >= machine.lower).all() and (commands <= machine.upper).all()
+    assert (np.abs(np.diff(rates, axis=0)) / period <= machine.acceleration * 1.05).all()
+
+
+@pytest.mark.slow
+def test_a_robot_that_does_not_come_along_is_waited_for_and_then_told_of():
+    executor = JointExecutor(scene_with(), robot("baxter"), seed=1)
+    stuck = executor.position.copy()
+    for _ in range(1500):
+        executor.step(stuck)
+    lag = np.abs(executor.position - stuck).max()
+    assert lag < 2 * executor.settings.lag
+    assert executor._phase < executor.plan.joints.duration / 2
+    far = stuck.copy()
+    far[3] += 1.0
+    with pytest.raises(RobotError, match="rad from where it was commanded"):
+        executor.step(far)
+    for wrong in (stuck[:3], np.full(len(stuck), np.nan)):
+        with pytest.raises(RobotError, match="measured joints"):
+            executor.step(wrong)
+
+
+@pytest.mark.parametrize("change", [{"period": 0.0}, {"period": 0.5}, {"haste": -1.0}, {"lag": np.nan}])
+def test_settings_that_make_no_sense_are_refused(change):
+    with pytest.raises(OptionError):
+        OnlineSettings(**change)

@@ -1,0 +1,127 @@
+"""The joint programme: the hands stay on the load, limits hold, and barriers are kept, judged by Pinocchio."""
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from comove.errors import SceneError
+from comove.reaction.qp_workspace import Sighting
+from comove.reaction.twists import hand_velocities, poses_of
+from comove.robots.carrying import RobotCarrier
+from comove.robots.online.joint_programme import JointProgramme, JointState
+from comove.robots.search.links import place_links
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, scene_data
+from tests.robots.small_robots import robot
+
+PERIOD = 0.004
+
+
+@lru_cache(maxsize=4)
+def ready(ball=None):
+    """A programme on the known scene, with its carrier, joints and poses at the start; a ball may be in it."""
+    things = (TABLE,) if ball is None else (TABLE, {"shape": "sphere", "center": list(ball), "radius": 0.05})
+    carrier = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=things)))
+    q = np.concatenate([starts[0] for starts in carrier.starts])
+    programme = JointProgramme(carrier.scene, carrier.arms, carrier.grasp, PERIOD)
+    return programme, carrier, q, poses_of(carrier.scene, "start")
+
+
+def asked(programme, carrier, q, poses, *, wanted, before=0.0, seen=None):
+    """The allowed twist and joint rates for wanted velocities of both hands."""
+    state = JointState(q, np.full(len(q), before), np.zeros(len(q)), np.zeros(len(q)))
+    seen = Sighting.still(carrier.scene) if seen is None else seen
+    still = np.zeros((2, 3))
+    allowed = programme.allowed_rates(poses, state, still, np.tile(wanted, (2, 1)), seen)
+    return allowed, programme.rates
+
+
+def hands_by_pinocchio(carrier, q, rates):
+    """Velocities and angular velocities of the grasps; arrays, shape (2, 3)."""
+    machine = carrier.robot
+    model, data = machine.model, machine.model.createData()
+    columns = np.concatenate([arm.columns for arm in carrier.holders])
+    whole, moving = machine.home, np.zeros(model.nv)
+    whole[columns], moving[columns] = q, rates
+    pin.forwardKinematics(model, data, whole, moving)
+    velocity, spin = [], []
+    for arm in carrier.holders:
+        frame = model.getFrameId(arm.tip)
+        pose = pin.updateFramePlacement(model, data, frame)
+        motion = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        lever = pose.rotation @ arm.tool[:3, 3]
+        velocity.append(motion.linear + np.cross(motion.angular, lever))
+        spin.append(motion.angular)
+    return np.array(velocity), np.array(spin)
+
+
+@pytest.mark.parametrize("wanted", [[0.003, 0, 0], [0, -0.003, 0.002], [-0.01, 0.02, 0.01]])
+def test_joints_move_the_hands_as_the_load_moves(wanted):
+    programme, carrier, q, poses = ready()
+    allowed, rates = asked(programme, carrier, q, poses, wanted=wanted)
+    assert allowed.relaxed == 0.0
+    velocity, spin = hands_by_pinocchio(carrier, q, rates)
+    np.testing.assert_allclose(velocity, hand_velocities(carrier.scene, poses, allowed.twists), atol=1e-9)
+    assert np.abs(rates).max() > 1e-4
+    np.testing.assert_allclose(spin[:, :2], 0.0, atol=1e-9)  # hands stay upright
+    np.testing.assert_allclose(spin[:, 2], allowed.twists[0, 5], atol=1e-9)  # and turn with the load
+
+
+def test_joints_accelerate_no_faster_than_they_may():
+    programme, carrier, q, poses = ready()
+    _, rates = asked(programme, carrier, q, poses, wanted=[0.5, -0.5, 0.3])
+    most = programme.joint_settings.share * carrier.arms.chains.acceleration * PERIOD
+    assert (np.abs(rates) <= most + 1e-9).all()
+
+
+def test_a_joint_brakes_before_its_limit():
+    programme, carrier, q, _ = ready()
+    chains = carrier.arms.chains
+    for side in (1.0, -1.0):
+        near = q.copy()
+        near[4] = (chains.upper if side > 0 else chains.lower)[4] - side * 0.01
+        low, high = programme._joint_bounds(JointState(near, *np.zeros((3, len(q)))))
+        towards = high[4] if side > 0 else -low[4]
+        assert 0 <= towards <= 0.05 + 1e-12
+        fast = np.zeros(len(q))
+        fast[4] = side * 1.4  # it cannot stop at once: bounds never contradict each other
+        low, high = programme._joint_bounds(JointState(near, fast, *np.zeros((2, len(q)))))
+        assert (low <= high).all()
+
+
+def test_a_link_gives_way_to_what_comes():
+    programme, carrier, q, poses = ready()
+    start, end = carrier.arms.links.start.copy(), carrier.arms.links.end.copy()
+    place_links(carrier.arms.chains, carrier.arms.links, q, start, end)
+    elbow = int(np.flatnonzero(carrier.arms.links.joint == 3)[0])
+    thick = carrier.arms.links.radius[elbow]
+    middle = 0.5 * (start[elbow] + end[elbow])
+    ball = tuple((middle + [0.0, thick + 0.05 + 0.03, 0.0]).round(4).tolist())
+    programme, carrier, q, poses = ready(ball)
+    seen = Sighting.still(carrier.scene)
+    fast = seen._replace(velocity=np.array([[0.0, 0.0, 0.0], [0.0, -0.4, 0.0]]))
+    free, _ = asked(programme, carrier, q, poses, wanted=[0.0, 0.0, 0.0], seen=seen)
+    assert free.blocking == -2  # nothing hinders who stands still
+    pushed, rates = asked(programme, carrier, q, poses, wanted=[0.0, 0.0, 0.0], seen=fast)
+    assert pushed.blocking == 1
+    assert np.abs(rates).max() > 1e-3
+
+
+def test_loads_of_several_bodies_are_refused():
+    carrier = ready()[1]
+    data = {
+        "name": "two loads",
+        "duration": 5.0,
+        "workspace": {"lower": [-1, -1, -1], "upper": [1, 1, 1]},
+        "manipulators": [
+            {"name": name, "start": [x, 0, 0], "goal": [x, 0.1, 0]}
+            for name, x in (("a", 0.0), ("b", 0.2), ("c", 0.5), ("d", 0.7))
+        ],
+        "constraints": [
+            {"type": "distance", "between": pair, "distance": 0.2} for pair in (["a", "b"], ["c", "d"])
+        ],
+    }
+    with pytest.raises(SceneError, match="one rigid load"):
+        JointProgramme(Scene.from_dict(data), carrier.arms, carrier.grasp, PERIOD)

@@ -1,0 +1,132 @@
+"""Rows of links: their slopes are those of distances, by differences of distances alone."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from comove.geometry.closest_points import near_on_edge
+from comove.reaction.qp_workspace import HANDS, Rates, Sighting
+from comove.reaction.twist_qp import TwistProgramme
+from comove.reaction.twists import HandPoses, advanced, nodes_of, poses_of
+from comove.robots.carrying import RobotCarrier
+from comove.robots.online.link_rows import LinkNeeds, empty_rows, link_rows
+from comove.robots.search.links import nearest_shares, place_links
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, scene_data
+from tests.robots.small_robots import robot
+
+STEP = 1e-6
+RATES = Rates(0.004, 10.0, 0.5, 0.25, 0.5, 1.0, 0.01)
+THINGS = [
+    TABLE,
+    {"shape": "sphere", "center": [0.9, 0.75, 0.4], "radius": 0.1},
+    {"shape": "capsule", "center": [0.5, -0.75, 0.5], "radius": 0.05, "length": 0.3},
+]
+
+
+@lru_cache(maxsize=1)
+def at_start():
+    """A carrier on the known scene, joints at its start, and poses of its load."""
+    carrier = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=tuple(THINGS))))
+    q = np.concatenate([starts[0] for starts in carrier.starts])
+    return carrier, q, poses_of(carrier.scene, "start")
+
+
+def told(q, poses, velocity=None, near=5.0):
+    """All rows at joints and poses of the load, and the basis of the load's twists."""
+    carrier, _, _ = at_start()
+    seen = Sighting.still(carrier.scene)
+    if velocity is not None:
+        seen = seen._replace(velocity=velocity)
+    basis = TwistProgramme(carrier.scene)._freedom.basis[0]
+    work = empty_rows(carrier.arms, len(seen.margin), basis.shape[1])
+    needs = LinkNeeds(np.zeros(len(seen.margin)), 0.0, near)
+    count = link_rows(
+        carrier.arms,
+        q,
+        nodes_of(carrier.scene, poses),
+        basis,
+        poses.center[0],
+        seen,
+        (needs, RATES),
+        work,
+    )
+    return work.rows[:count].copy(), work.low[:count].copy(), work.owner[:count].copy(), basis
+
+
+def distances(q, poses):
+    """Distances in the order of the rows, by geometry alone."""
+    carrier, _, _ = at_start()
+    (chains, links, around), nodes = carrier.arms, nodes_of(carrier.scene, poses)
+    a, b = links.start.copy(), links.end.copy()
+    place_links(chains, links, q, a, b)
+    found = []
+    for i in links.moving:
+        found += [
+            near_on_edge(around.obstacles, j, a[i], b[i], np.inf)[0] for j in range(len(around.obstacles))
+        ]
+        if not links.holds[i]:
+            found += [nearest_shares(a[i], b[i], nodes[c], nodes[d])[2] for c, d in around.edges if c != d]
+    found += [nearest_shares(a[i], b[i], a[k], b[k])[2] for i, k in links.pairs]
+    return np.array(found)
+
+
+def test_slopes_along_the_joints_are_those_of_the_distances():
+    carrier, q, poses = at_start()
+    rows, _, owner, basis = told(q, poses)
+    n = basis.shape[1]
+    assert len(rows) == len(distances(q, poses)) > 100
+    assert set(owner.tolist()) == {HANDS, 0, 1, 2}
+    slopes = np.array(
+        [
+            (distances(q + STEP * e, poses) - distances(q - STEP * e, poses)) / (2 * STEP)
+            for e in np.eye(len(q))
+        ]
+    ).T
+    smooth = np.abs(rows[:, n:] - slopes).max(axis=1) < 1e-4
+    assert smooth.mean() > 0.97  # the others change the feature that is nearest, as at edges of the table
+    assert len(carrier.holders) == 2
+
+
+def test_slopes_along_the_load_are_those_of_the_distances():
+    carrier, q, poses = at_start()
+    rows, _, _, basis = told(q, poses)
+    for k in range(basis.shape[1]):
+        twist = basis[:, k][None]
+        there, back = (advanced(poses, sign * twist, STEP) for sign in (1.0, -1.0))
+        slope = (distances(q, there) - distances(q, back)) / (2 * STEP)
+        assert (np.abs(rows[:, k] - slope) < 1e-4).mean() > 0.97
+    assert isinstance(poses, HandPoses)
+    assert carrier.scene.n_dims == 3
+
+
+def test_what_comes_nearer_asks_for_a_retreat():
+    _, q, poses = at_start()
+    _, still, owner, _ = told(q, poses)
+    velocity = np.zeros((3, 3))
+    velocity[1] = [0.0, -2.0, 0.0]
+    rows, low, _, _ = told(q, poses, velocity)
+    mine = owner == 1
+    np.testing.assert_array_equal(low[~mine], still[~mine])
+    change = (low - still)[mine]
+    assert change.max() > 0.5  # m/s, for links that the ball comes from the left to
+    assert np.abs(change).max() <= 2.0 + 1e-12
+    assert len(rows) == len(low)
+
+
+def test_only_what_is_near_is_told_of():
+    _, q, poses = at_start()
+    everything = len(told(q, poses)[0])
+    assert 0 < len(told(q, poses, near=0.2)[0]) < everything
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nearest_shares_are_no_farther_than_any_others(seed):
+    rng = np.random.default_rng(seed)
+    a, b, c, d = rng.normal(size=(4, 3))
+    s, t, apart = nearest_shares(a, b, c, d)
+    grid = np.linspace(0, 1, 101)
+    some = np.linalg.norm((a + grid[:, None, None] * (b - a)) - (c + grid[None, :, None] * (d - c)), axis=-1)
+    assert apart == pytest.approx(np.linalg.norm(a + s * (b - a) - c - t * (d - c)), abs=1e-12)
+    assert apart <= some.min() + 1e-12

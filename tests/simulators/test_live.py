@@ -1,0 +1,88 @@
+"""Online runs in MuJoCo, and the judge of their records."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from comove.errors import OptionError
+from comove.robots.online.executor import JointExecutor, OnlineSettings
+from comove.scenes import Scene
+from comove.simulators.execution import Contact
+from comove.simulators.live import run_live
+from comove.simulators.live_files import ROBOT_RUN, write_robot_run
+from comove.simulators.live_record import judge_run
+from tests.robots.known_carry import TABLE, posts, scene_data
+from tests.robots.small_robots import robot
+
+pytestmark = pytest.mark.slow
+BALL = {
+    "shape": "sphere",
+    "center": [0.88, 0.9, 0.1],
+    "radius": 0.08,
+    "motion": {"waypoints": [[0.88, 0.9, 0.1], [0.88, -0.9, 0.1]], "times": [0.5, 5.0]},
+}
+
+
+@pytest.fixture(scope="module")
+def executed():
+    """A run in which a ball flies over the load, and its executor."""
+    scene = Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.30), BALL)))
+    executor = JointExecutor(scene, robot("baxter"), seed=2)
+    return executor, run_live(executor, 40.0)
+
+
+def test_the_load_arrives_and_the_hands_hold_it(executed):
+    executor, record = executed
+    report = judge_run(record)
+    assert report.reasons == ()
+    assert record.arrived
+    assert report.hold_error_max < 1e-6
+    assert report.distance_error_max < 1e-3
+    assert min(report.clearance_scene, report.clearance_carried) > 0.0
+    assert report.duration_s == pytest.approx(executor.time)
+    assert len(executor.log.control) == executor.n_steps == len(record.time)
+
+
+def test_clearances_are_those_of_the_true_obstacles(executed):
+    _, record = executed
+    stride = 50
+    report = judge_run(record, stride=stride)
+    least = np.inf
+    for nodes, centers in zip(record.nodes[::stride], record.obstacles[::stride], strict=True):
+        share = np.linspace(-0.05, 1.05, 300)[:, None]  # the bar reaches 3 cm beyond the hands
+        bar = nodes[0] + share * (nodes[1] - nodes[0])
+        least = min(least, np.linalg.norm(bar - centers[3], axis=1).min() - 0.08 - 0.012)
+    assert report.clearance_carried <= least + 1e-3
+    moved = replace(record, obstacles=[centers - [0.1, 0.0, 0.0] for centers in record.obstacles])
+    assert judge_run(moved, stride=stride).clearance_carried < report.clearance_carried
+
+
+def test_what_is_wrong_with_a_run_is_said(executed):
+    _, record = executed
+    off = [q.copy() for q in record.commanded]
+    off[10][3] += 1e-3
+    said = judge_run(replace(record, commanded=off), stride=200).reasons
+    assert any("off the load" in reason for reason in said)
+    touched = replace(record, contacts=(Contact(("a", "b"), 1.0, 0.01),), arrived=False)
+    said = judge_run(touched, stride=200).reasons
+    assert any("a and b touch at 1.00 s" in reason for reason in said)
+    assert any("has not arrived" in reason for reason in said)
+
+
+def test_files_are_sealed_and_read_back(executed, tmp_path):
+    executor, record = executed
+    summary = write_robot_run(
+        tmp_path, record, judge_run(record, stride=200), executor.log, seed=2, wall_time_s=1.0
+    )
+    assert summary["as_it_should_be"]
+    read, arrays = ROBOT_RUN.read(tmp_path)
+    assert read["scene_sha256"] == record.scene.sha256
+    np.testing.assert_array_equal(arrays["commanded"], np.array(record.commanded))
+
+
+def test_periods_that_the_simulator_cannot_keep_are_refused():
+    scene = Scene.from_dict(scene_data(obstacles=(TABLE,)))
+    executor = JointExecutor(scene, robot("baxter"), settings=OnlineSettings(period=0.005))
+    with pytest.raises(OptionError, match="multiple of"):
+        run_live(executor, 1.0)
