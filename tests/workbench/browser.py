@@ -86,6 +86,12 @@ class Bench:
         self.until(lambda: self.session.solved == self.session.asked and self.session.held is None)
         self.page.wait_for_timeout(1500)
 
+    def plotted(self):
+        """Wait until the plots that are in sight have their size, and are drawn."""
+        drawn = "[...document.querySelectorAll('.uplot canvas')].every(c => !c.offsetParent || c.width > 100)"
+        self.page.wait_for_function(drawn)
+        self.page.wait_for_timeout(300)
+
     def until(self, condition):
         """Wait, while the browser lives, until a condition holds."""
         end = time.monotonic() + PATIENCE / 1e3

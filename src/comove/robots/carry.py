@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import comove
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
@@ -57,6 +59,10 @@ class RobotSolution:
         """Return whether `motion` holds a verified motion."""
         return self.motion is not None
 
+    def show(self) -> None:
+        """Show the robot's motion in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
+
 
 def carry(
     scene: Scene,
@@ -68,6 +74,7 @@ def carry(
     budget: float = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and verify its joints.
 
@@ -81,7 +88,7 @@ def carry(
     method
         Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4), and
         so serves loads that end at the hands.
-    demonstration, seed, objective, progress
+    demonstration, seed, objective, progress, stop
         As for `comove.planning.solve`.
     budget
         Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
@@ -101,6 +108,7 @@ def carry(
         "seed": seed,
         "objective": objective,
         "progress": progress,
+        "stop": stop,
     }
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import comove
 from comove.constraints import (
     Constraint,
     DistanceConstraint,
@@ -388,8 +389,16 @@ class Scene:
         nodes : array, shape (n_nodes, 3), [m]
         time : the instant, which determines the positions of moving obstacles [s]
         """
-        clearance, nearest = self._nearest(nodes, time, range(len(self.file.obstacles)))
+        clearance, nearest = self.nearest_at(nodes, time)
         return clearance, self.name_of(nearest)
+
+    def nearest_at(self, nodes: Array, time: float = 0.0) -> tuple[float, int]:
+        """Return the clearance as `clearance_at` does, and the number of the nearest obstacle, -1 for the border."""
+        return self._nearest(nodes, time, range(len(self.file.obstacles)))
+
+    def show(self) -> None:
+        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
 
     def owner_of(self, row: int) -> int:
         """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
