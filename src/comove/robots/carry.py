@@ -75,6 +75,7 @@ def carry(
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
+    found: Callable[[VerifiedJointMotion], None] | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and verify its joints.
 
@@ -90,6 +91,8 @@ def carry(
         so serves loads that end at the hands.
     demonstration, seed, objective, progress, stop
         As for `comove.planning.solve`.
+    found
+        Function that is called with every joint motion that is verified on the way.
     budget
         Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
 
@@ -111,7 +114,7 @@ def carry(
         "stop": stop,
     }
     with compiling() as compiled:
-        carrier = RobotCarrier(robot, scene.timed(at_leisure))
+        carrier = RobotCarrier(robot, scene.timed(at_leisure), found=found)
         carrier.prepare()
     spent = time.perf_counter() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
@@ -121,20 +124,20 @@ def carry(
         return _searched(scene.timed(None), carrier, robot_method(), budget, wanted)
     timed = least_possible(scene) <= scene.duration
     if timed:
-        found = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
-        if found.verified or found.solution.interrupted:
-            return found
-        budget = max(budget - found.solution.solve_time_s, (1.0 - timed_share) * budget)
+        first = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
+        if first.verified or first.solution.interrupted:
+            return first
+        budget = max(budget - first.solution.solve_time_s, (1.0 - timed_share) * budget)
     method = replace(robot_method(), n_ways=1)
     freely = with_limits(scene, NONE).timed(None)
     slow = _searched(freely, carrier, method, budget, wanted)
     if not slow.verified:
-        return found if timed else slow
+        return first if timed else slow
     needed = slow.solution.scene.duration
     if needed > scene.duration:
-        found = found if timed else _on_time(slow, scene)
-        reasons = (*found.solution.reasons, too_short(scene, needed))
-        return replace(found, solution=replace(found.solution, reasons=reasons))
+        first = first if timed else _on_time(slow, scene)
+        reasons = (*first.solution.reasons, too_short(scene, needed))
+        return replace(first, solution=replace(first.solution, reasons=reasons))
     return _on_time(slow, scene)
 
 

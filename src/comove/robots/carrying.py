@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import cycle, product
 from typing import Any
@@ -34,7 +34,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.tracking import Miss, sampled_nodes, track
-from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
+from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 
@@ -89,12 +89,16 @@ class RobotCarrier:
     robot, scene : the robot, and the scene whose load it carries
     caution : number of times that the constraints were tightened
     settings : settings of the search
+    found : function that is called with every joint motion that is verified
+    verified : the last of these, known to all copies; what is verified stays so, whichever copy found it
     """
 
     robot: Robot
     scene: Scene
     caution: int = 0
     settings: CarrierSettings = SETTINGS
+    found: Callable[[VerifiedJointMotion], None] | None = None
+    verified: list[VerifiedJointMotion] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -296,7 +300,10 @@ class RobotCarrier:
         return self.carried_out(motion)[1].reasons
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
-        """Compute and verify the joints that follow a motion of the hands; the last result is kept."""
+        """Compute and verify the joints that follow a motion of the hands; the last results are kept."""
+        for known in self.verified:
+            if known.motion.motion is motion:
+                return known.joints, JointVerdict(known, known.report, ())
         last = vars(self).get("_last")
         if last is None or last[0] is not motion:
             joints, miss = self.track(motion)
@@ -304,6 +311,10 @@ class RobotCarrier:
                 verdict = JointVerdict(None, JointReport(), (str(miss),))
             else:
                 verdict = verify_joints(self.robot, motion, joints)
+            if verdict.verified is not None:
+                self.verified[:] = [verdict.verified]
+                if self.found is not None:
+                    self.found(verdict.verified)
             last = vars(self)["_last"] = motion, (joints, verdict)
         return last[1]
 

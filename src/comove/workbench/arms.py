@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from comove.coordination.motion import CoordinatedMotion
 from comove.planning.method import Method
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion
 from comove.workbench.playback import Playback, playback_of_joints
 
 if TYPE_CHECKING:
-    from comove.robots import JointMotion, Robot, RobotCarrier, RobotSolution, VerifiedJointMotion
+    from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
 
 
 class Arms:
@@ -26,7 +27,7 @@ class Arms:
     def __init__(self, robot: Robot, named: str):
         self.robot, self.named = robot, named
         self.kept: JointMotion | None = None
-        self._carrier: RobotCarrier | None = None
+        self._found: VerifiedJointMotion | None = None
 
     def still(self, motion: VerifiedMotion) -> Playback | None:
         """Return the joint motion that is shown, if it carries out a motion of the hands on a changed scene too."""
@@ -39,14 +40,10 @@ class Arms:
             joints = joints.stretched(duration)
         return self._shown(verify_joints(self.robot, motion, joints).verified)
 
-    def carried(self, motion: VerifiedMotion) -> Playback | None:
-        """Return the joint motion that carries out a motion of the hands, None where the arms cannot."""
-        from comove.robots import RobotCarrier
-
-        scene, carrier = motion.motion.scene, self._carrier
-        if carrier is None or carrier.scene is not scene:
-            carrier = self._carrier = RobotCarrier(self.robot, scene)
-        return self._shown(carrier.carried_out(motion.motion)[1].verified)
+    def carried(self, motion: CoordinatedMotion) -> Playback | None:
+        """Return the joint motion that a search has just verified for a motion of the hands; None for another."""
+        found = self._found
+        return self._shown(found) if found is not None and found.motion.motion is motion else None
 
     def _shown(self, verified: VerifiedJointMotion | None) -> Playback | None:
         if verified is None:
@@ -58,7 +55,10 @@ class Arms:
         """Search a motion that the arms can carry out; `wanted` are further arguments of `comove.robots.carry`."""
         from comove.robots import carry
 
-        return carry(scene, self.robot, method=method, **wanted)
+        return carry(scene, self.robot, method=method, found=self._find, **wanted)
+
+    def _find(self, found: VerifiedJointMotion) -> None:
+        self._found = found
 
     def save(self, solution: RobotSolution, folder: Path) -> None:
         """Write the files of a joint motion into a result folder that is being written."""

@@ -251,10 +251,7 @@ class Worker:
             if state.motion is None or (told and (state.motion is told[-1][0] or now - told[-1][1] < PAUSE)):
                 return
             told.append((state.motion, now))
-            verified = verify(state.motion).verified
-            if verified is None:
-                return
-            found = playback_of(verified) if self.arms is None else self.arms.carried(verified)
+            found = self._verified(state.motion)
             if found is not None:
                 self.kept = state.motion
                 self._found(found, header, begun, "found")
@@ -266,6 +263,8 @@ class Worker:
             return self.mailbox.closed or (self.mailbox.waiting and not patient)
 
         solution = self._solved(scene, header, progress, stop)
+        if self.mailbox.waiting:  # which nobody waits for any more
+            return
         hands = solution if isinstance(solution, Solution) else solution.solution
         self.solution = header["id"], solution
         if solution.verified:
@@ -273,8 +272,15 @@ class Worker:
             if self.arms is not None and not isinstance(solution, Solution):
                 self.arms.kept = solution.joints
             self._found(playback_of(solution), header, begun, "solved", interrupted=hands.interrupted)
-        elif not hands.interrupted or not self.mailbox.waiting:
+        else:
             self._played(playback_of(solution), header, "failed", begun)
+
+    def _verified(self, motion: CoordinatedMotion) -> Playback | None:
+        """Return a motion that a search has found, once it is verified."""
+        if self.arms is not None:
+            return self.arms.carried(motion)
+        verified = verify(motion).verified
+        return None if verified is None else playback_of(verified)
 
     def _solved(
         self, scene: Scene, header: Mapping[str, Any], progress: ProgressCallback, stop: Callable[[], bool]
