@@ -21,6 +21,11 @@ FLAGS = [
 ]
 SIZE = {"width": 1180, "height": 760}
 PATIENCE = 180_000  # ms, as the browser draws without a graphics card
+PLOTTED = """() => {
+    const plots = [...document.querySelectorAll('.uplot canvas')];
+    return plots.length >= 4 && plots.every(plot => plot.width > 100 && plot.getContext('2d')
+        .getImageData(0, 0, plot.width, plot.height).data.some(value => value > 0));
+}"""
 HARMLESS = ("preventDefault inside passive event listener", "GPU stall", "favicon")
 
 
@@ -87,10 +92,9 @@ class Bench:
         self.page.wait_for_timeout(1500)
 
     def plotted(self):
-        """Wait until the plots that are in sight have their size, and are drawn."""
-        drawn = "[...document.querySelectorAll('.uplot canvas')].every(c => !c.offsetParent || c.width > 100)"
-        self.page.wait_for_function(drawn)
-        self.page.wait_for_timeout(300)
+        """Wait until all plots have their size and a line: what comes before them is drawn then, too."""
+        self.page.wait_for_function(PLOTTED)
+        self.page.wait_for_timeout(3000)
 
     def until(self, condition):
         """Wait, while the browser lives, until a condition holds."""

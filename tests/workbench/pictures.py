@@ -45,7 +45,7 @@ def compared(bench):
     bench.session.panels.controls["beside"].value = "paper"
     bench.until(lambda: "**paper**: **" in bench.session.panels.beside.content)
     bench.until(lambda: "Searching" not in bench.session.panels.beside.content)
-    show_at(bench, 4.5)
+    stop_at(bench, 4.5)
 
 
 def taught(bench):
@@ -59,13 +59,19 @@ def taught(bench):
     bench.draw(np.stack([0.15 + 0.7 * shares, high, np.full(40, 0.0375)], axis=1))
     bench.says("Learned")
     bench.settle()
-    show_at(bench, 6.0)
+    stop_at(bench, 6.0)
 
 
 def show_at(bench, time):
+    """Stop at an instant, with the plots in sight."""
+    stop_at(bench, time)
+    bench.plotted()
+
+
+def stop_at(bench, time):
     """Stop at an instant."""
     bench.session.loop.call_soon_threadsafe(bench.session.changed, "time", time)
-    bench.page.wait_for_timeout(2500)
+    bench.page.wait_for_timeout(4000)
 
 
 def robot(bench):
@@ -81,8 +87,10 @@ def run(bench):
     bench.until(lambda: session.live and "the load" in session.panels.ran.content)
     bench.page.wait_for_timeout(400)
     disc = session.scene.centers[0] + [0.0, 0.0, session.stage.lift]
-    bench.drag(disc, np.array([0.52, 0.52, session.stage.lift]), pause=20)
-    bench.page.wait_for_timeout(600)
+    bench.drag(disc, np.array([0.5, 0.55, session.stage.lift]), pause=20)
+    bench.page.wait_for_timeout(3000)
+    bench.until(lambda: float(session.panels.ran.content.partition(" s:")[0]) > 0.5 * LIVE)
+    assert session.live, "the machine is too slow for this picture"
 
 
 def executed(bench):
@@ -103,7 +111,7 @@ def two_pandas(folder):
 def opened(folder):
     """Write a scene with a single disc beside the way, and return its path."""
     path = folder / "open.yaml"
-    path.write_text(yaml.safe_dump(OPEN, sort_keys=False), encoding="utf-8")
+    path.write_text(yaml.safe_dump({**OPEN, "duration": LIVE}, sort_keys=False), encoding="utf-8")
     return path
 
 
@@ -114,6 +122,7 @@ def crossed(folder):
     return folder / "crossed"
 
 
+LIVE = 20.0  # s, of the run that is shown
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PICTURES = {
     "workbench_planar": (example("narrow"), planar),
@@ -135,8 +144,8 @@ def main(folder, *names):
             bench = Bench(chromium, shelf_of(source(Path(made)), folder))
             try:
                 bench.settle()
-                pose(bench)
                 bench.plotted()
+                pose(bench)
                 bench.page.screenshot(path=folder / f"{name}.png")
                 print(folder / f"{name}.png")
             finally:

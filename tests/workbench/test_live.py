@@ -82,7 +82,7 @@ OPEN = {
 }
 
 
-def led_run(lead, monkeypatch):
+def led_run(lead, monkeypatch, plan=None):
     """A run on a clock of its own, so that nothing hangs on the machine's; `lead` by the number of states."""
     monkeypatch.setattr(live.clock, "sleep", lambda seconds: None)
     patient = LiveSettings(pace=Pace(leisure=60.0, haste=60.0))
@@ -93,11 +93,24 @@ def led_run(lead, monkeypatch):
         contents_of(scene),
         demonstration=None,
         seed=0,
+        plan=plan,
         leads=lambda: lead(len(states)),
         tell=states.append,
         stop=lambda: len(states) > 500,
     )
     return run, states
+
+
+def test_the_motion_that_is_shown_is_followed(monkeypatch):
+    motion = comove.solve(comove.Scene.from_dict(OPEN), seed=0, budget=2.0).motion
+    run, _ = led_run(lambda n: {}, monkeypatch, motion)
+    planned = motion.motion.hands(np.minimum(run.record.time / 3.0, 1.0))[0][..., :2]
+    assert np.abs(run.record.position - planned).max() < 0.02, (
+        "as limits between steps are kept, not to the letter"
+    )
+    other = comove.Scene.from_dict(OPEN | {"duration": 4.0})
+    with pytest.raises(OptionError, match="another scene"):
+        live.Executor(other, plan=motion)
 
 
 def test_the_load_dodges_what_is_led_into_its_way(monkeypatch, tmp_path):

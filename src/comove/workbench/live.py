@@ -18,6 +18,7 @@ from comove.execution import ExecutionLog, Executor, Functions, Pace, write_run
 from comove.reaction.twists import HandPoses, nodes_of
 from comove.scenes.scene import Scene
 from comove.verification.record import Record, verify_execution
+from comove.verification.verify import VerifiedMotion
 from comove.workbench.edits import Contents
 from comove.workbench.geometry import longest_side
 
@@ -186,6 +187,7 @@ def run_live(
     *,
     demonstration: Any,
     seed: int,
+    plan: VerifiedMotion | None = None,
     leads: Callable[[], Mapping[int, ArrayLike]],
     tell: Callable[[State], None],
     stop: Callable[[], bool],
@@ -195,13 +197,13 @@ def run_live(
     Parameters
     ----------
     scene, contents : the scene, with a duration, and the contents of its file
-    demonstration, seed : as of `Executor`
+    demonstration, seed, plan : as of `Executor`
     leads : function that returns where obstacles are led since it was last asked, by their numbers
     tell : function that is called with states
     stop : function that says whether to stop before
     """
     observer, pace = LedObstacles(scene), SETTINGS.pace
-    executor = Executor(scene, observer, seed=seed, pace=pace, demonstration=demonstration)
+    executor = Executor(scene, observer, seed=seed, pace=pace, demonstration=demonstration, plan=plan)
     poses, every = [executor.poses], max(1, round(1.0 / (SETTINGS.states * pace.period)))
     executor.step()  # the first plan may take its time
     poses.append(executor.poses)

@@ -47,7 +47,7 @@ from comove.planning.solution import ProgressCallback
 from comove.results.solution import SCENE
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
-from comove.verification.verify import verify
+from comove.verification.verify import VerifiedMotion, verify
 from comove.workbench.arms import Arms
 from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
 from comove.workbench.live import LiveRun, State, run_live, save_run
@@ -338,6 +338,7 @@ class Worker:
             header["contents"],
             demonstration=self._movements(scene, scene, header["taught"]),
             seed=header["seed"],
+            plan=self._plan_on(scene),
             leads=self.mailbox.leads,
             tell=tell,
             stop=lambda: self.mailbox.halted,
@@ -345,6 +346,13 @@ class Worker:
         self.solution = header["id"], run
         playback = playback_of_run(run.record, run.blocker)
         self._played(playback, header, "ran", begun, holds=playback.holds)
+
+    def _plan_on(self, scene: Scene) -> VerifiedMotion | None:
+        """Return the motion that is shown, if it is verified on a scene."""
+        try:
+            return None if self.kept is None else verify(self.kept.on(scene)).verified
+        except (ComoveError, ValueError, IndexError):  # its coordinates are not those of this scene
+            return None
 
     def save(self, header: Mapping[str, Any]) -> None:
         """Write the last result into a folder, as `comove solve` and `comove robot solve` do.
