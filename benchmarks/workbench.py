@@ -127,7 +127,7 @@ def memory(n_drags, seed, every=100):
     Session.__init__ = made
     rng, path = np.random.default_rng(seed), EXAMPLES / "narrow.yaml"
     guarded = serve(shelf_of(path, path.parent))
-    page = Page(guarded.address.rstrip("/")).appear()
+    page = Page(guarded.address.rstrip("/"), ping_interval=None).appear()
     page.verdict("The search is done")
     (session,) = sessions
     page.messages = []

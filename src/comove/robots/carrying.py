@@ -90,7 +90,7 @@ class RobotCarrier:
     caution : number of times that the constraints were tightened
     settings : settings of the search
     found : function that is called with every joint motion that is verified
-    verified : the last of these, known to all copies; what is verified stays so, whichever copy found it
+    known : the last motion with verified joints, and these, for all copies: what is verified, is so for each
     """
 
     robot: Robot
@@ -98,7 +98,7 @@ class RobotCarrier:
     caution: int = 0
     settings: CarrierSettings = SETTINGS
     found: Callable[[VerifiedJointMotion], None] | None = None
-    verified: list[VerifiedJointMotion] = field(default_factory=list)
+    known: list[tuple[CoordinatedMotion, tuple[JointMotion, JointVerdict]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -301,22 +301,22 @@ class RobotCarrier:
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion of the hands; the last results are kept."""
-        for known in self.verified:
-            if known.motion.motion is motion:
-                return known.joints, JointVerdict(known, known.report, ())
-        last = vars(self).get("_last")
-        if last is None or last[0] is not motion:
-            joints, miss = self.track(motion)
-            if miss is not None:
-                verdict = JointVerdict(None, JointReport(), (str(miss),))
-            else:
-                verdict = verify_joints(self.robot, motion, joints)
-            if verdict.verified is not None:
-                self.verified[:] = [verdict.verified]
-                if self.found is not None:
-                    self.found(verdict.verified)
-            last = vars(self)["_last"] = motion, (joints, verdict)
-        return last[1]
+        last: tuple[CoordinatedMotion, tuple[JointMotion, JointVerdict]] | None = vars(self).get("_last")
+        for asked, done in (*self.known, *([] if last is None else [last])):
+            if asked is motion:
+                return done
+        joints, miss = self.track(motion)
+        if miss is not None:
+            verdict = JointVerdict(None, JointReport(), (str(miss),))
+        else:
+            verdict = verify_joints(self.robot, motion, joints)
+        done = joints, verdict
+        vars(self)["_last"] = motion, done
+        if verdict.verified is not None:
+            self.known[:] = [(motion, done)]
+            if self.found is not None:
+                self.found(verdict.verified)
+        return done
 
     def prepare(self) -> None:
         """Compile the kernels, or load them from the cache, and solve both ends, before the clock of a search starts.
