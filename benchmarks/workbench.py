@@ -1,6 +1,8 @@
 """Latency of the workbench: from the last movement of a drag to the first verified motion, without a browser.
 
-    python benchmarks/workbench.py [--drags 100] [SCENE ...]
+    python -m benchmarks.workbench [--drags 100] [SCENE ...]
+    python -m benchmarks.workbench --memory                      # of page and planner, over 1000 drags
+    python -m benchmarks.workbench --frames                      # in a browser, with 500 obstacles
 
 Every drag takes an obstacle, a start or a goal, and moves it in `STEPS` steps to a random place near its own, as a
 hand would: a step every `PERIOD`. What is timed is what the page does: the draft goes to the planner's process, and
@@ -10,16 +12,21 @@ The next drag begins with the first answer, as that of a person who does not wai
 """
 
 import argparse
+import contextlib
+import os
 import queue
+import tempfile
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 import comove
 from comove.workbench.edits import Draft, contents_of, grips_of, moved, place_of
 from comove.workbench.link import Link
-from comove.workbench.shelf import read_scene
+from comove.workbench.shelf import read_scene, shelf_of
 
 STEPS, PERIOD = 5, 0.05  # s
 REACH = 0.06  # of the longest side of the workspace: how far from its own place a thing is dragged
@@ -88,6 +95,126 @@ def measured(path, n_drags, seed):
     )
 
 
+def drag_on_page(session, grips, home, rng):
+    """Make one drag of `STEPS` movements on a page, and wait until its planner has answered."""
+    grip = grips[rng.integers(len(grips))]
+    reach = REACH * float((session.scene.upper - session.scene.lower).max())
+    there = home[grip] + rng.uniform(-reach, reach, 3)
+    before = session.answered
+    for step in range(1, STEPS + 1):
+        to = home[grip] + step / STEPS * (there - home[grip])
+        session.loop.call_soon_threadsafe(
+            lambda to=to, last=step == STEPS: session.move(grip, to, None, last=last)
+        )
+        time.sleep(0.01)
+    until = time.monotonic() + ENOUGH
+    while session.answered <= before and time.monotonic() < until:
+        time.sleep(0.005)
+
+
+def memory(n_drags, seed, every=100):
+    """Print the memory of a page's server and of its planner while things are dragged on one page."""
+    from comove.workbench.page import serve
+    from comove.workbench.session import Session
+    from tests.workbench.pages import Page
+
+    sessions, plain = [], Session.__init__
+
+    def made(session, *arguments):
+        plain(session, *arguments)
+        sessions.append(session)
+
+    Session.__init__ = made
+    rng, path = np.random.default_rng(seed), EXAMPLES / "narrow.yaml"
+    guarded = serve(shelf_of(path, path.parent))
+    page = Page(guarded.address.rstrip("/"), ping_interval=None).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    page.messages = []
+
+    def drain():
+        with contextlib.suppress(Exception):  # until the page is closed
+            while True:
+                page.socket.recv()
+
+    threading.Thread(target=drain, daemon=True).start()
+    grips = grips_of(session.scene)
+    home = {grip: place_of(session.history.now.contents, grip) for grip in grips}
+    print("drags   page, server and client [MB]   planner [MB]")
+    for drag in range(n_drags + 1):
+        if drag % every == 0:
+            print(
+                f"{drag:5d}   {memory_of(os.getpid()):28.0f}   {memory_of(session.link.pid):12.0f}",
+                flush=True,
+            )
+        drag_on_page(session, grips, home, rng)
+    page.close()
+    session.close()
+    guarded.stop()
+
+
+def crowded(n_obstacles, seed):
+    """Return the contents of a scene in space with many balls beside the way, one in five moving."""
+    rng, obstacles = np.random.default_rng(seed), []
+    while len(obstacles) < n_obstacles:
+        x, y, z = rng.uniform(0.02, 0.98, 3).round(4).tolist()
+        if np.hypot(y - 0.5, z - 0.5) > 0.3:
+            moves = {"motion": {"velocity": [0.01, 0.0, 0.0]}} if len(obstacles) % 5 == 0 else {}
+            obstacles.append({"shape": "sphere", "center": [x, y, z], "radius": 0.015, **moves})
+    return {
+        "name": "crowded",
+        "duration": 5.0,
+        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "obstacles": obstacles,
+        "load": {"shape": "bar", "length": 0.2, "radius": 0.01},
+        "manipulators": [
+            {"name": "a", "start": [0.1, 0.4, 0.5], "goal": [0.9, 0.4, 0.5]},
+            {"name": "b", "start": [0.1, 0.6, 0.5], "goal": [0.9, 0.6, 0.5]},
+        ],
+    }
+
+
+INTERVALS = """seconds => new Promise(done => {
+    const times = [];
+    const end = performance.now() + 1e3 * seconds;
+    const next = now => { times.push(now); now < end ? requestAnimationFrame(next) : done(times); };
+    requestAnimationFrame(next);
+})"""
+
+
+def frames(n_obstacles, seed, seconds=10.0):
+    """Print how long a state takes to be sent, and how often a browser draws without graphics card."""
+    from tests.workbench.browser import Bench, browser
+
+    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
+        path = Path(folder) / "crowded.yaml"
+        path.write_text(yaml.safe_dump(crowded(n_obstacles, seed)), encoding="utf-8")
+        bench = Bench(chromium, shelf_of(path, Path(folder)))
+        try:
+            bench.settle()
+            session, sent = bench.session, []
+            plain = session._show
+
+            def timed(*arguments, **options):
+                begun = time.perf_counter()
+                plain(*arguments, **options)
+                sent.append(time.perf_counter() - begun)
+
+            session._show = timed
+            drawn = 1e-3 * np.diff(bench.page.evaluate(INTERVALS, seconds))
+            report(f"a state is sent, {n_obstacles} obstacles", sent)
+            report("between two pictures of the browser", drawn)
+        finally:
+            bench.close()
+
+
+def report(what, times):
+    """Print median and 95 % of times [s]."""
+    times = 1e3 * np.array(times)
+    median, most = np.median(times), np.percentile(times, 95)
+    print(f"{what}: {len(times)} times, median {median:.1f} ms, 95 % {most:.1f} ms", flush=True)
+
+
 def main():
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -96,7 +223,15 @@ def main():
     parser.add_argument("scenes", nargs="*", type=Path, default=SCENES)
     parser.add_argument("--drags", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--memory", action="store_true", help="print the memory over 1000 drags")
+    parser.add_argument("--frames", action="store_true", help="print times of pictures with 500 obstacles")
     options = parser.parse_args()
+    if options.memory or options.frames:
+        if options.memory:
+            memory(1000, options.seed)
+        if options.frames:
+            frames(500, options.seed)
+        return
     print(
         f"{options.drags} drags a scene; times in ms after the last movement: median and 95 %; memory in MB"
     )

@@ -39,6 +39,7 @@ _ROOMS = {
     "best_movement": "planning",
     "combine": "planning",
     "learn": "primitives",
+    "show": "workbench.display",
     "solve": "planning",
     "solve_many": "studies",
     "study": "studies",

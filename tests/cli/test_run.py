@@ -56,7 +56,8 @@ def test_a_run_that_arrives(invoke, tmp_path):
     assert summary["verified"] is True
     assert away >= summary["clearance_min"] >= 0
     assert {"cost", "cost_terms", "seed", "version", "scene_sha256", "motion_sha256"} <= set(summary)
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"run.npz", "run.json", "run.png", "run.gif"}
+    names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert names == {"run.npz", "run.json", "scene.json", "run.png", "run.gif"}
 
 
 @pytest.mark.slow

@@ -247,6 +247,17 @@ def test_a_motion_that_the_robot_can_carry_out_has_no_reasons_against_it():
     assert carrier.carried_out(other) is not done
 
 
+def test_who_waits_hears_of_every_verified_motion_once_whichever_copy_found_it():
+    motion, _ = known_carry()
+    heard = []
+    carrier = RobotCarrier(robot("baxter"), motion.scene, found=heard.append)
+    done = carrier.stricter().carried_out(motion)
+    assert [found.motion.motion for found in heard] == [motion]
+    carrier.carried_out(movement(motion.scene))
+    assert carrier.carried_out(motion) is done
+    assert len(heard) == 1
+
+
 def test_a_motion_out_of_reach_is_refused_with_arm_instant_and_distance():
     carrier = RobotCarrier(robot("gantry"), gantry_scene(()))
     motion = movement(carrier.scene, (0.0, 0.8))

@@ -21,6 +21,11 @@ FLAGS = [
 ]
 SIZE = {"width": 1180, "height": 760}
 PATIENCE = 180_000  # ms, as the browser draws without a graphics card
+PLOTTED = """() => {
+    const plots = [...document.querySelectorAll('.uplot canvas')];
+    return plots.length >= 4 && plots.every(plot => plot.width > 100 && plot.getContext('2d')
+        .getImageData(0, 0, plot.width, plot.height).data.some(value => value > 0));
+}"""
 HARMLESS = ("preventDefault inside passive event listener", "GPU stall", "favicon")
 
 
@@ -85,6 +90,11 @@ class Bench:
         """Wait until the planner has answered, and the browser has drawn it."""
         self.until(lambda: self.session.solved == self.session.asked and self.session.held is None)
         self.page.wait_for_timeout(1500)
+
+    def plotted(self):
+        """Wait until all plots have their size and a line: what comes before them is drawn then, too."""
+        self.page.wait_for_function(PLOTTED)
+        self.page.wait_for_timeout(3000)
 
     def until(self, condition):
         """Wait, while the browser lives, until a condition holds."""

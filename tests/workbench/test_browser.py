@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ pytest.importorskip("viser", reason="the viewer is not installed: pip install 'c
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'comove[dev]'")
 
 from tests.workbench import browser as chrome
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 pytestmark = [
     pytest.mark.slow,
@@ -192,6 +195,36 @@ def test_scene_and_result_are_saved(open_scene, tmp_path):
     bench.until(lambda: (tmp_path / "steered" / "solution.json").is_file())
     scene = comove.Scene.load(tmp_path / "steered.yaml")
     assert verify_result(read_result(tmp_path / "steered"), scene).verified is not None
+
+
+def test_a_robot_is_drawn_and_its_arms_are_verified(chromium, tmp_path):
+    pytest.importorskip("pinocchio", reason="robots are not installed: pip install 'comove[robot]'")
+    shutil.copy(EXAMPLES / "robots" / "two_pandas.yaml", tmp_path / "pair.yaml")
+    bench = chrome.Bench(chromium, shelf_of(tmp_path / "pair.yaml", tmp_path))
+    try:
+        bench.settle()
+        bench.says("share of torques")
+        bench.plotted()
+        session = bench.session
+        assert session.stage.recording.links.shape[1] == 14
+        place = session.stage._joints[6].position
+        bench.until(lambda: session.stage._joints[6].position != place)
+        assert not bench.errors
+    finally:
+        bench.close()
+
+
+def test_a_run_is_live_and_then_played(open_scene):
+    bench = open_scene("narrow")
+    bench.settle()
+    session = bench.session
+    bench.tab("Run")
+    bench.press("Run it live")
+    bench.says("the load follows a plan")
+    bench.says("This is what happened")
+    assert not session.live
+    assert session.stage.recording.time[-1] == pytest.approx(10.0, abs=0.5)
+    bench.says("Executed, and verified at every instant")
 
 
 def test_another_example_is_chosen(chromium, tmp_path):

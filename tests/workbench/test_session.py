@@ -12,6 +12,7 @@ import pytest
 import comove
 from comove.experiments.examples import example, example_path
 from comove.workbench.edits import contents_of, grips_of, moved, place_of
+from comove.workbench.playback import playback_of
 from comove.workbench.shelf import shelf_of
 from comove.workbench.teaching import Stroke
 
@@ -19,7 +20,19 @@ viser = pytest.importorskip("viser", reason="the viewer is not installed: pip in
 
 from comove.workbench.page import serve  # noqa: E402
 from comove.workbench.session import Session  # noqa: E402
+from comove.workbench.stage import BLOCKS  # noqa: E402
 from tests.workbench.pages import Page  # noqa: E402
+
+
+@pytest.fixture
+def opened(bench):
+    """A page that is open and shows its motion, its session, and the folder that it was started in."""
+    guarded, sessions, folder = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("The search is done")
+    (session,) = sessions
+    yield page, session, folder
+    page.close()
 
 
 @pytest.fixture
@@ -84,11 +97,8 @@ def test_a_page_shows_scene_and_verified_motion_and_frees_its_planner(bench):
     assert [entry.name for entry in folder.iterdir()] == ["narrow.yaml"], "nothing is written without a wish"
 
 
-def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved(bench):
-    guarded, sessions, folder = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved(opened):
+    _, session, folder = opened
     before = session.stage.recording
     grip = grips_of(session.scene)[0]
     to = place_of(session.history.now.contents, grip) + [0.0, -0.03, 0.0]
@@ -109,14 +119,10 @@ def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved
     on_loop(session, session.changed, "undo", True)
     assert session.history.at == 0
     np.testing.assert_allclose(session.scene.centers[0], example("narrow").centers[0])
-    page.close()
 
 
-def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_stays_grey(bench):
-    guarded, sessions, _ = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_stays_grey(opened):
+    page, session, _ = opened
     grip = grips_of(session.scene)[0]
     start = session.scene.start.mean(axis=0)
     on_loop(session, session.move, grip, np.array([*start, 0.0]), None, last=True)
@@ -127,21 +133,66 @@ def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_sta
     on_loop(session, session.changed, "duration", 0.1)
     assert "would do" in page.verdict("too short")
     assert session.stage._pale
-    page.close()
 
 
-def test_a_result_takes_the_place_of_no_other_folder(bench):
-    guarded, sessions, folder = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_just_the_obstacle_that_is_named_is_coloured(opened):
+    page, session, _ = opened
+    grip = grips_of(session.scene)[0]
+    start = np.array([*session.scene.start.mean(axis=0), 0.0])
+    on_loop(session, session.move, grip, start, None, last=True)
+    assert "obstacles\\[0] (box)" in page.verdict("No verified motion")
+    assert [tuple(handle.color) == BLOCKS for handle in session.stage.obstacles] == [True, False]
+    on_loop(session, session.changed, "undo", True)
+    soon(lambda: session.solved == session.asked)
+    assert not any(tuple(handle.color) == BLOCKS for handle in session.stage.obstacles)
+
+
+@pytest.mark.slow
+def test_an_obstacle_is_led_while_the_load_goes_and_what_happened_is_judged_and_saved(opened):
+    page, session, folder = opened
+    on_loop(session, session.changed, "duration", 5.0)
+    soon(lambda: session.solved == session.asked)
+    on_loop(session, session.changed, "run", True)
+    assert session.live
+    page.verdict("the load follows")
+    place = session.scene.centers[1] + [-0.1, 0.05, 0.0]
+    on_loop(session, session.link.lead, 1, place.tolist())
+    soon(lambda: not session.live)
+    soon(lambda: session.solved == session.asked)
+    ran = session.stage.recording
+    np.testing.assert_allclose(session.scene.centers[1] + ran.offsets[-1, 1], place, atol=1e-6)
+    assert not ran.offsets[:, 0].any()
+    page.verdict("**Executed, and verified at every instant**")
+    session.panels.controls["name"].value = "ran"
+    on_loop(session, session.changed, "save result", True)
+    soon(lambda: (folder / "ran" / "run.json").is_file())
+    assert playback_of(folder / "ran").holds
+
+
+@pytest.mark.slow
+def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
+    page, session, _ = opened
+    on_loop(session, session.changed, "run", True)
+    page.verdict("the load follows")
+    on_loop(session, session.changed, "run", True)
+    soon(lambda: not session.live)
+    page.verdict("the goal is missed")
+    assert session.stage._pale
+    on_loop(session, session.changed, "run", True)
+    on_loop(session, session.changed, "duration", 6.0)
+    assert not session.live
+    soon(lambda: session.solved == session.asked)
+    assert session.stage.recording.time[-1] == pytest.approx(6.0)
+
+
+def test_a_result_takes_the_place_of_no_other_folder(opened):
+    page, session, folder = opened
     (folder / "taken").mkdir()
     (folder / "taken" / "letter.txt").write_text("mine")
     session.panels.controls["name"].value = "taken"
     on_loop(session, session.changed, "save result", True)
     assert "not empty" in page.verdict("**Not saved.**")
     assert [entry.name for entry in (folder / "taken").iterdir()] == ["letter.txt"]
-    page.close()
 
 
 def test_pages_do_not_disturb_each_other(bench):
@@ -159,11 +210,8 @@ def test_pages_do_not_disturb_each_other(bench):
     second.close()
 
 
-def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(bench):
-    guarded, sessions, _ = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(opened):
+    page, session, _ = opened
     on_loop(session, session.changed, "beside", "projection")
     assert "erified" in page.verdict("**projection**: **")
     other = session.comparison.stage
@@ -173,14 +221,10 @@ def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(bench):
     pid = session.comparison._link.pid
     on_loop(session, session.changed, "beside", "nothing")
     soon(lambda: not alive(pid))
-    page.close()
 
 
-def test_a_drawn_movement_is_learned_used_at_once_and_kept(bench):
-    guarded, sessions, folder = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
+    _, session, folder = opened
     before = session.stage.recording.center
     on_loop(session, session.changed, "draw", True)
     stroke = Stroke(2)
@@ -204,14 +248,10 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(bench):
     assert np.abs(session.stage.recording.center - after).max() < 0.05, (
         "the primitive in the library is what was drawn"
     )
-    page.close()
 
 
-def test_what_is_held_stays_while_the_scene_changes(bench):
-    guarded, sessions, _ = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_what_is_held_stays_while_the_scene_changes(opened):
+    _, session, _ = opened
     on_loop(session, session.changed, "beside", "the motion shown now")
     held = session.comparison.stage.recording
     assert held is session.stage.recording
@@ -219,7 +259,6 @@ def test_what_is_held_stays_while_the_scene_changes(bench):
     soon(lambda: session.solved == session.asked)
     assert session.comparison.stage.recording is held
     assert session.stage.recording.time[-1] == pytest.approx(7.0)
-    page.close()
 
 
 @pytest.mark.parametrize(
@@ -248,18 +287,14 @@ def test_what_no_control_sends_changes_nothing(bench, name, value):
     page.close()
 
 
-def test_names_with_paths_are_not_saved(bench):
-    guarded, sessions, folder = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    page.verdict("The search is done")
-    (session,) = sessions
+def test_names_with_paths_are_not_saved(opened):
+    _, session, folder = opened
     for name in ("../out", "/tmp/out", "a/b", ""):
         session.panels.controls["name"].value = name
         on_loop(session, session.changed, "save scene", True)
         on_loop(session, session.changed, "save result", True)
         assert "no plain name" in session.panels.saved.content
     assert [entry.name for entry in folder.iterdir()] == ["narrow.yaml"]
-    page.close()
 
 
 def test_moved_contents_are_those_of_the_page():

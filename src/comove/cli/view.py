@@ -71,19 +71,18 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
 
 
 def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
-    """Write the motion of a result, or of a scene that is solved now, as one page."""
+    """Write what a folder holds, or the motion of a scene that is solved now, as one page."""
     from comove.cli.progress import progress_bar
     from comove.io.files import require_target
-    from comove.workbench.recorded import motion_page, told, write_page
-    from comove.workbench.recording import RecordedMotion
+    from comove.workbench.recorded import page_of, played, write_page
     from comove.workbench.server import viewer
 
     viewer()
     require_target(path, OptionError)
     with progress_bar(budget) as progress:
-        motion, report, reasons = told(shelf, seed=seed, budget=budget, progress=progress)
-    page = motion_page(motion, RecordedMotion.of(motion), report, reasons)
+        playback = played(shelf.item, seed=seed, budget=budget, progress=progress)
+    page = page_of(playback)
     write_page(path, page)
-    verdict = "NOT VERIFIED" if reasons else "verified"
-    print(f"{motion.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
-    return NOT_VERIFIED if reasons else VERIFIED
+    verdict = playback.verdict if playback.holds else playback.verdict.upper()
+    print(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
+    return VERIFIED if playback.holds else NOT_VERIFIED

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import comove
 from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import (
     ANGLE,
@@ -82,6 +83,10 @@ class CoordinatedMotion:
         return CoordinatedMotion(
             scene, coordinates, self.basis, self.boundary * factor, self.weights * factor[:, None]
         )
+
+    def show(self) -> None:
+        """Show the motion, judged, in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
 
     @cached_property
     def knots(self) -> Array:

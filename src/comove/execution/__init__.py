@@ -2,7 +2,7 @@
 
 from comove.execution.clouds import Clouds, Scanned
 from comove.execution.executor import Event, ExecutionLog, Executor, Pace, Plan
-from comove.execution.files import write_run
+from comove.execution.files import StoredRun, read_run, write_run
 from comove.execution.measured import Measured, Observed, Sensor
 from comove.execution.observers import Functions, Known, Observer
 from comove.execution.tracks import Scanner
@@ -21,6 +21,8 @@ __all__ = [
     "Scanned",
     "Scanner",
     "Sensor",
+    "StoredRun",
     "Observer",
+    "read_run",
     "write_run",
 ]

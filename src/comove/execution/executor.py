@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
+from comove.errors import OptionError
 from comove.execution.dynamic_window import DynamicWindow, WindowStart
 from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
@@ -45,6 +46,7 @@ from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
 from comove.verification.record import Record
+from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]
 
@@ -182,6 +184,12 @@ class Executor:
     seed : seed of the plans
     pace : periods and time budgets
     demonstration : a movement of one hand, or one for each, that plans should resemble from the present state on
+    plan : a verified motion of the scene that is followed first; one is searched unless given
+
+    Raises
+    ------
+    OptionError
+        If the plan is one for another scene.
 
     Attributes
     ----------
@@ -199,6 +207,7 @@ class Executor:
         seed: int = 0,
         pace: Pace | None = None,
         demonstration: DMP | PoseDMP | ProMP | tuple[DMP, ...] | None = None,
+        plan: VerifiedMotion | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = movements_of(demonstration, scene)
@@ -216,6 +225,16 @@ class Executor:
         self._rng = np.random.default_rng(seed)
         self._patience = self.pace.patience
         self.observer.carried(self.time, nodes_of(self.scene, self.poses))
+        if plan is not None:
+            self._begin_with(plan)
+
+    def _begin_with(self, plan: VerifiedMotion) -> None:
+        if plan.motion.scene.sha256 != self.scene.sha256:
+            raise OptionError(
+                "the plan is one for another scene", key="plan", way_out="solve this scene, or leave it out"
+            )
+        self.plan = self._last = Plan(plan.motion, 0.0, self.observer.certain)
+        self._tell(f"a plan that arrives at {self.plan.ends:.2f} s")
 
     @property
     def time(self) -> float:

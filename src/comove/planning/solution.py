@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import comove
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.followed import Followed
 from comove.planning.objective import Cost
@@ -88,3 +89,7 @@ class Solution:
     def trajectory(self) -> Trajectory:
         """Return samples of `attempt` at 100 Hz or more."""
         return self.attempt.trajectory()
+
+    def show(self) -> None:
+        """Show the motion in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)

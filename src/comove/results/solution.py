@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+import comove
 from comove._version import __version__
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
@@ -115,6 +116,10 @@ class StoredResult:
         """Return the samples of the motion."""
         names = tuple(str(name) for name in self.arrays["manipulators"])
         return Trajectory(self.arrays["time"], self.arrays["position"], self.arrays["velocity"], names)
+
+    def show(self) -> None:
+        """Show what the folder holds, judged anew, in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
 
 
 def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import comove
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
@@ -60,6 +62,10 @@ class RobotSolution:
         """Return whether `motion` holds a verified motion."""
         return self.motion is not None
 
+    def show(self) -> None:
+        """Show the robot's motion in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
+
 
 def carry(
     scene: Scene,
@@ -72,6 +78,8 @@ def carry(
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
     begin: NDArray[np.float64] | None = None,
+    stop: Callable[[], bool] | None = None,
+    found: Callable[[VerifiedJointMotion], None] | None = None,
 ) -> RobotSolution:
     """Find a motion for a scene that a robot can carry out, and verify its joints.
 
@@ -85,8 +93,10 @@ def carry(
     method
         Comove's own for robots unless given. Another one, such as `Paper()`, moves free hands under equation (4), and
         so serves loads that end at the hands.
-    demonstration, seed, objective, progress
+    demonstration, seed, objective, progress, stop
         As for `comove.planning.solve`.
+    found
+        Function that is called with every joint motion that is verified on the way.
     budget
         Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
     begin
@@ -108,9 +118,10 @@ def carry(
         "seed": seed,
         "objective": objective,
         "progress": progress,
+        "stop": stop,
     }
     with compiling() as compiled:
-        carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin)
+        carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
         carrier.require_reach()
     spent = time.perf_counter() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
@@ -120,20 +131,20 @@ def carry(
         return _searched(scene.timed(None), carrier, robot_method(), budget, wanted)
     timed = least_possible(scene) <= scene.duration
     if timed:
-        found = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
-        if found.verified or found.solution.interrupted:
-            return found
-        budget = max(budget - found.solution.solve_time_s, (1.0 - timed_share) * budget)
+        first = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
+        if first.verified or first.solution.interrupted:
+            return first
+        budget = max(budget - first.solution.solve_time_s, (1.0 - timed_share) * budget)
     method = replace(robot_method(), n_ways=1)
     freely = with_limits(scene, NONE).timed(None)
     slow = _searched(freely, carrier, method, budget, wanted)
     if not slow.verified:
-        return found if timed else slow
+        return first if timed else slow
     needed = slow.solution.scene.duration
     if needed > scene.duration:
-        found = found if timed else _on_time(slow, carrier.on(scene))
-        reasons = (*found.solution.reasons, too_short(scene, needed))
-        return replace(found, solution=replace(found.solution, reasons=reasons))
+        first = first if timed else _on_time(slow, carrier.on(scene))
+        reasons = (*first.solution.reasons, too_short(scene, needed))
+        return replace(first, solution=replace(first.solution, reasons=reasons))
     return _on_time(slow, carrier.on(scene))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import cycle, product
 from typing import Any
@@ -35,7 +35,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.tracking import Miss, sampled_nodes, track
-from comove.robots.verification.verify import JointReport, JointVerdict, verify_joints
+from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 
@@ -97,6 +97,9 @@ class RobotCarrier:
     caution : number of times that the constraints were tightened
     settings : settings of the search
     begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
+    found : function that is called with every joint motion that is verified
+    kept : motions whose joints were verified, with what slack, and these, for all copies: what is verified, is so for
+        each
     """
 
     robot: Robot
@@ -104,6 +107,10 @@ class RobotCarrier:
     caution: int = 0
     settings: CarrierSettings = SETTINGS
     begin: Array | None = None
+    found: Callable[[VerifiedJointMotion], None] | None = None
+    kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]] = field(
+        default_factory=list
+    )
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -312,9 +319,7 @@ class RobotCarrier:
 
     def _carried_out(self, motion: CoordinatedMotion, slack: float) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion; what is verified is kept."""
-        kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]]
-        kept = vars(self).setdefault("_verified", [])
-        known = [(tight, result) for of, tight, result in kept if of is motion]
+        known = [(tight, result) for of, tight, result in self.kept if of is motion]
         for tight, result in known:
             if tight <= slack:
                 return result
@@ -326,7 +331,9 @@ class RobotCarrier:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
         result = joints, verify_joints(self.robot, motion, joints, slack=slack)
         if result[1].verified is not None:
-            kept.append((motion, slack, result))
+            self.kept.append((motion, slack, result))
+            if self.found is not None and not known:
+                self.found(result[1].verified)
         return result
 
     def require_reach(self) -> None:

@@ -222,7 +222,7 @@ def verify_stored(
         If the folder is missing, incomplete or unreadable, or there is no such robot.
     """
     stored, solution = steadily(Path(folder), lambda: (read_joints(folder), read_result(folder)))
-    robot = _robot(stored) if robot is None else robot
+    robot = robot_in(stored) if robot is None else robot
     scene = stored.scene if scene is None else scene
     uncertainty = robot.description.uncertainty if uncertainty is None else uncertainty
     hands = verify_result(solution, scene)
@@ -263,7 +263,14 @@ def _near(name: str, value: float) -> float:
 _NOTHING = JointVerdict(None, JointReport(), ())
 
 
-def _robot(stored: StoredJoints) -> Robot:
+def robot_in(stored: StoredJoints) -> Robot:
+    """Return the robot that a result folder names.
+
+    Raises
+    ------
+    ResultError
+        If it names none, or one that cannot be read.
+    """
     source = stored.summary.get("robot_file")
     if not isinstance(source, str) or not source:
         raise ResultError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import comove
 from comove.constraints import (
     Constraint,
     DistanceConstraint,
@@ -408,8 +409,16 @@ class Scene:
         nodes : array, shape (n_nodes, 3), [m]
         time : the instant, which determines the positions of moving obstacles [s]
         """
-        clearance, nearest = self._nearest(nodes, time, range(len(self.file.obstacles)))
+        clearance, nearest = self.nearest_at(nodes, time)
         return clearance, self.name_of(nearest)
+
+    def nearest_at(self, nodes: Array, time: float = 0.0) -> tuple[float, int]:
+        """Return the clearance as `clearance_at` does, and the number of the nearest obstacle, -1 for the border."""
+        return self._nearest(nodes, time)
+
+    def show(self) -> None:
+        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
 
     def owner_of(self, row: int) -> int:
         """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
@@ -426,12 +435,13 @@ class Scene:
             return "something that was seen"
         return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
 
-    def _nearest(self, nodes: Array, time: float, among: Iterable[int]) -> tuple[float, int]:
-        """Return the clearance [m] of one configuration from some obstacles at an instant, and the nearest one.
+    def _nearest(self, nodes: Array, time: float, among: Collection[int] | None = None) -> tuple[float, int]:
+        """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
 
         The nearest is -1 where it is the border of the workspace.
         """
-        body, rows = self.body, np.flatnonzero(self.convex_rows & np.isin(self.owners, list(among)))
+        body, own = self.body, self.convex_rows
+        rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
         table = self.obstacles_at(time)[rows]
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
         if len(body.solids):
@@ -445,7 +455,7 @@ class Scene:
         hulls = [(edge, radius) for edge, radius in zip(body.edges, body.radii, strict=True)]
         hulls += [(solid, 0.0) for solid in body.solids]
         for mesh, obstacle in enumerate(self.surfaces.owner):
-            if obstacle in among:
+            if among is None or obstacle in among:
                 seen = nodes - self.offsets(np.array([time]))[0, obstacle]
                 for own, radius in hulls:
                     points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius

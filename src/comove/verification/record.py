@@ -199,7 +199,7 @@ def verify_execution(record: Record | RecordSamples, blocker: str = "") -> Execu
     speeds = np.linalg.norm(velocity, axis=2)
     changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
-    clearance = _clearance(record)
+    clearance = clearance_of(record)
     findings = examine(_RecordCourse(record), scene.constraints, scene.manipulators)
     measured: dict[str, Any] = {"distance_error_max": 0.0, **measures(findings)}
     report = ExecutionReport(
@@ -221,7 +221,7 @@ def verify_execution(record: Record | RecordSamples, blocker: str = "") -> Execu
     return replace(report, reasons=tuple(reasons))
 
 
-def _clearance(record: Record | RecordSamples) -> Clearance:
+def clearance_of(record: Record | RecordSamples) -> Clearance:
     """Return the certificate over all steps; a step in which the known motion of an obstacle has a kink is cut there.
 
     On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+import comove
 from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
@@ -102,6 +103,10 @@ class VerifiedMotion(Sealed):
     def trajectory(self, n_steps: int | None = None) -> Trajectory:
         """Return samples of the motion, at 100 Hz or finer unless `n_steps` is given."""
         return self.motion.trajectory(n_steps)
+
+    def show(self) -> None:
+        """Show the motion in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
 
 
 @dataclass(frozen=True)

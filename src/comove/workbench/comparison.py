@@ -18,7 +18,7 @@ from comove.workbench.panels import Panels
 from comove.workbench.protocol import Message
 from comove.workbench.recording import RecordedMotion
 from comove.workbench.stage import Stage
-from comove.workbench.words import measures_words, verdict_words
+from comove.workbench.words import measures_words, named_in, verdict_words
 
 NOTHING, HELD = "nothing", "the motion shown now"
 CHOICES = (NOTHING, HELD, *METHODS)
@@ -105,10 +105,10 @@ class Comparison:
         words = verdict_words(header["kind"], header.get("reasons", ()), header.get("verified_after"))
         if message.arrays:
             self.stage.draw_motion(RecordedMotion(**message.arrays), pale=header["kind"] == "failed")
-        if header["kind"] == "failed" and message.arrays:
-            self.stage.blame(int(message.arrays["tightest"][1]))
-        if "report" in header:
-            words += "\n\n" + measures_words(header["report"], self.stage.scene, header["duration"])
+        if header["kind"] == "failed":
+            self.stage.blame(*named_in(self.stage.scene, header["reasons"]))
+        if header.get("rows"):
+            words += "\n\n" + measures_words(header["rows"])
         self.panels.beside.content = f"**{self.chosen}**: {words}"
 
     def show(self, time: float) -> None:

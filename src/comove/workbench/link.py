@@ -6,15 +6,17 @@ import itertools
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from comove.workbench.edits import Draft
 from comove.workbench.protocol import Message, read_message, write_message
+from comove.workbench.shelf import Item
 
 BUDGET = 5.0  # s, after which a search takes the best motion so far
+BUDGET_WITH_ARMS = 15.0  # s, likewise where arms follow
 LEAVE = 1.0  # s, that the process has to end by itself
 
 Answered = Callable[[Message], None]
@@ -52,7 +54,7 @@ class Link:
         return self._process.pid
 
     def submit(
-        self, draft: Draft, *, dragging: bool = False, budget: float = BUDGET, result: Path | None = None
+        self, draft: Draft, *, dragging: bool = False, budget: float = BUDGET, item: Item | None = None
     ) -> int:
         """Send a draft, which replaces the one before; return the number by which answers name it.
 
@@ -60,10 +62,21 @@ class Link:
         ----------
         dragging : whether more will follow at once: a motion that is still verified is then good enough
         budget : time of the search [s]
-        result : result folder whose motion is wanted instead of a search
+        item : what of a result folder is wanted instead of a search
         """
-        header = {
-            "kind": "draft",
+        return self._put(
+            self._header("draft", draft)
+            | {
+                "budget": budget,
+                "dragging": dragging,
+                "result": None if item is None or item.result is None else str(item.result.absolute()),
+                "part": None if item is None else item.part.value,
+            }
+        )
+
+    def _header(self, kind: str, draft: Draft) -> dict[str, Any]:
+        return {
+            "kind": kind,
             "id": next(self._numbers),
             "folder": str(self.folder.absolute()),
             "contents": draft.contents,
@@ -72,19 +85,28 @@ class Link:
             "resemblance": draft.resemblance,
             "seed": draft.seed,
             "taught": draft.taught,
-            "budget": budget,
-            "dragging": dragging,
-            "result": None if result is None else str(result.absolute()),
         }
-        return self._put(header)
+
+    def run(self, draft: Draft) -> int:
+        """Ask for a draft to be executed step by step; return the number by which answers name it."""
+        return self._put(self._header("run", draft))
+
+    def lead(self, obstacle: int, place: Sequence[float]) -> None:
+        """Tell the run where an obstacle is led [m]."""
+        self._put({"kind": "lead", "id": -1, "obstacle": obstacle, "place": list(place)})
+
+    def halt(self) -> None:
+        """End the run where it is."""
+        self._put({"kind": "halt", "id": -1})
 
     def drop(self) -> int:
         """Take a number that no answer will have, as what is shown is no scene; answers to earlier drafts are old."""
         return next(self._numbers)
 
-    def save(self, of: int, target: Path) -> int:
+    def save(self, of: int, target: Path, seed: int = 0) -> int:
         """Ask for the result of a draft to be written into a folder; return the number of the answer."""
-        return self._put({"kind": "save", "id": next(self._numbers), "of": of, "target": str(target)})
+        number = next(self._numbers)
+        return self._put({"kind": "save", "id": number, "of": of, "target": str(target), "seed": seed})
 
     def _put(self, header: dict[str, Any]) -> int:
         with self._changed:

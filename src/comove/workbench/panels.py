@@ -69,6 +69,8 @@ class Panels:
             self._teach()
         with tabs.add_tab("Compare"):
             self._compare(beside)
+        with tabs.add_tab("Run"):
+            self._run()
         with tabs.add_tab("Save"):
             self._save()
 
@@ -131,6 +133,12 @@ class Panels:
     def _compare(self, choices: tuple[str, ...]) -> None:
         self._add("beside", self.gui.add_dropdown("beside it", choices, initial_value=choices[0]))
         self.beside = self.gui.add_markdown("")
+
+    def _run(self) -> None:
+        self._button("run", "Run it live")
+        self.ran = self.gui.add_markdown(
+            "The load goes step by step and sees where the obstacles are. Drag one into its way while it goes."
+        )
 
     def _save(self) -> None:
         self._add("name", self.gui.add_text("name", "steered"))

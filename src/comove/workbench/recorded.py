@@ -1,26 +1,25 @@
-"""A motion as one page that needs neither a server nor a network: it is played, paused and turned in any browser."""
+"""What is played, as one page without server and network: it is played, paused and turned in any browser."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from comove._version import __version__
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.io.files import whole_file
-from comove.planning import solve
+from comove.planning import movements_of, solve
 from comove.planning.solution import ProgressCallback
-from comove.results import filled_in, read_result, verify_result
-from comove.results.solution import rebuild
 from comove.scenes.demonstration import demonstration_of
-from comove.verification.verify import Report
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.bodies import bodies_of, poses_of, robot_of
+from comove.workbench.playback import Playback, playback_of, playback_of_item
 from comove.workbench.server import start
-from comove.workbench.shelf import Shelf, read_scene
+from comove.workbench.shelf import Item, read_scene
 from comove.workbench.stage import Stage, demonstrated
-from comove.workbench.words import measures_of
 
 POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:"
 """Of the page: nothing is loaded from anywhere."""
@@ -31,74 +30,70 @@ STYLE = (
 )
 
 
-def told(
-    shelf: Shelf, *, seed: int = 0, budget: float = 30.0, progress: ProgressCallback | None = None
-) -> tuple[CoordinatedMotion, Report, tuple[str, ...]]:
-    """Return the motion of a shelf's result, judged anew, or of its scene, solved now; its measures, and reasons.
-
-    Reasons tell why it is not verified; there are none if it is.
+def played(
+    item: Item, *, seed: int = 0, budget: float = 30.0, progress: ProgressCallback | None = None
+) -> Playback:
+    """Return what a result folder holds, judged anew, or the motion of a scene, solved now.
 
     Raises
     ------
     ResultError
         If the result cannot be read.
+    ExtraError
+        If the scene names a robot, and robots are not installed.
     """
-    scene = read_scene(shelf.scenes[shelf.first])
-    if shelf.result is None:
-        solution = solve(
-            scene, demonstration=demonstration_of(scene), seed=seed, budget=budget, progress=progress
-        )
-        return solution.attempt, solution.report, solution.reasons
-    stored = read_result(shelf.result)
-    scene = filled_in(scene, stored)
-    verdict = verify_result(stored, scene)
-    return rebuild(stored.arrays, scene), verdict.report, verdict.reasons
+    if item.result is not None:
+        return playback_of_item(item)
+    scene = read_scene(item.scene)
+    robot, demonstration = robot_of(scene), demonstration_of(scene)
+    wanted: dict[str, Any] = {"seed": seed, "budget": budget, "progress": progress}
+    if robot is None:
+        return playback_of(solve(scene, demonstration=demonstration, **wanted))
+    from comove.robots import carry
+
+    return playback_of(carry(scene, robot, demonstration=movements_of(demonstration, scene), **wanted))
 
 
-def motion_page(
-    motion: CoordinatedMotion, recording: RecordedMotion, report: Report, reasons: Sequence[str] = ()
-) -> str:
-    """Return an HTML page with the recording of a motion, and what is proved of it.
-
-    Parameters
-    ----------
-    reasons : why it is not verified
+def page_of(playback: Playback) -> str:
+    """Return an HTML page that plays, and says what is known of what it plays.
 
     Raises
     ------
     ExtraError
         If the viewer is not installed.
     """
-    scene = motion.scene
+    scene, recording, robot = playback.scene, playback.recording, playback.robot
     guarded = start()
     try:
         server = guarded.server
         stage = Stage(server.scene, scene)
+        stage.draw_scene(demonstrated(scene))
+        if robot is not None:
+            stage.draw_robot(bodies_of(robot), poses_of(robot, robot.home[None])[0])
         position, look_at, up = stage.camera()
         server.initial_camera.position = tuple(position)
         server.initial_camera.look_at = tuple(look_at)
         server.initial_camera.up = tuple(up)
-        stage.draw_scene(demonstrated(scene))
-        stage.draw_motion(recording, pale=bool(reasons))
+        if recording is not None:
+            stage.draw_motion(recording, pale=not playback.holds)
         serializer = server.get_scene_serializer()
-        step = float(recording.time[1])
-        for index in range(len(recording.time)):
-            stage.show(index)
-            serializer.insert_sleep(step)
+        if recording is not None:
+            stage.touches = playback.touches
+            for index, pause in enumerate(np.diff(recording.time, append=recording.time[-1:])):
+                stage.show(index)
+                serializer.insert_sleep(float(pause))
         page: str = serializer.as_html()
     finally:
         guarded.stop()
-    return _captioned(page, _lines(motion, report, reasons))
+    return _captioned(page, _lines(playback))
 
 
-def _lines(motion: CoordinatedMotion, report: Report, reasons: Sequence[str]) -> list[str]:
-    """Return the caption of a motion, line by line; the title first."""
-    scene = motion.scene
-    if reasons:
-        return [f"{scene.name}: not verified", *reasons]
-    rows = measures_of(report.asdict(), scene, scene.duration)
-    said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in rows]
-    return [f"{scene.name}: verified at every instant", *said, f"made by comove {__version__}"]
+def _lines(playback: Playback) -> list[str]:
+    """Return the caption, line by line; the title first."""
+    said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
+    said = said if playback.holds else []
+    title = f"{playback.scene.name}: {playback.verdict}"
+    return [title, *playback.reasons, *said, f"made by comove {__version__}"]
 
 
 def _captioned(page: str, lines: Sequence[str]) -> str:

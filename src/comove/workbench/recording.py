@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
+from comove.verification.record import Record, clearance_of
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ class RecordedMotion:
     speed, acceleration : arrays, shape (n_steps, n_manipulators) [m/s], [m/s^2]
     clearance : array, shape (n_steps,), of load and hands from obstacles and border, inf where nothing is near [m]
     error : array, shape (n_steps,), share of its tolerance that the error of the worst constraint uses
+    links : array, shape (n_steps, n_joints, 7), poses of a robot's joints, x y z [m] and w x y z; no joints without
     tightest : array, shape (2,), time of the least clearance [s], and number of the nearest obstacle, -1: the border
     """
 
@@ -40,6 +42,7 @@ class RecordedMotion:
     acceleration: Array
     clearance: Array
     error: Array
+    links: Array
     tightest: Array
 
     @classmethod
@@ -52,12 +55,7 @@ class RecordedMotion:
         states = motion.coordinates.motion(motion.at(s))
         rates = states[1:, :, : len(scene.manipulators)]
         nodes = np.ascontiguousarray(states[0])
-        clearance = np.array(
-            [
-                scene.clearance_at(state, instant)[0]
-                for state, instant in zip(nodes, time.tolist(), strict=True)
-            ]
-        )
+        clearance = _clearances(scene, nodes, time)
         certificate = certify(motion)
         return cls(
             time=time,
@@ -67,7 +65,53 @@ class RecordedMotion:
             acceleration=np.linalg.norm(rates[1], axis=2) / duration**2,
             clearance=clearance,
             error=_errors(scene, nodes),
+            links=np.zeros((n_steps, 0, 7)),
             tightest=np.array([certificate.time, certificate.nearest], dtype=float),
+        )
+
+    @classmethod
+    def of_run(cls, record: Record) -> RecordedMotion:
+        """Sample an execution; velocities are averages over its steps."""
+        scene, n_hands = record.scene, len(record.scene.manipulators)
+        n_steps = int(np.clip(round(record.time[-1] * STEPS_PER_SECOND) + 1, FEWEST, MOST))
+        steps = np.unique(np.linspace(0, len(record.time) - 1, n_steps).round().astype(int))
+        time, nodes = record.time[steps], np.ascontiguousarray(record.nodes[steps])
+        period = np.diff(record.time)[:, None, None]
+        velocity = np.diff(record.nodes[:, :n_hands], axis=0, prepend=record.nodes[:1, :n_hands])
+        velocity[1:] /= period
+        changes = np.diff(velocity, axis=0, append=velocity[-1:])
+        changes[:-1] /= period
+        certificate = clearance_of(record)
+        return cls(
+            time=time,
+            nodes=nodes,
+            offsets=record.obstacles[steps] - scene.centers,
+            speed=np.linalg.norm(velocity, axis=2)[steps],
+            acceleration=np.linalg.norm(changes, axis=2)[steps],
+            clearance=_clearances(scene, nodes, time),
+            error=_errors(scene, nodes),
+            links=np.zeros((len(steps), 0, 7)),
+            tightest=np.array([certificate.time, certificate.nearest], dtype=float),
+        )
+
+    @classmethod
+    def of_states(
+        cls, scene: Scene, time: Array, nodes: Array, speed: Array, acceleration: Array, links: Array
+    ) -> RecordedMotion:
+        """Return a recording of states that were sampled elsewhere; what is tightest is tightest of the samples."""
+        clearance = _clearances(scene, nodes, time)
+        tightest = int(clearance.argmin())
+        _, nearest = scene.nearest_at(nodes[tightest], float(time[tightest]))
+        return cls(
+            time=time,
+            nodes=nodes,
+            offsets=scene.offsets(time),
+            speed=speed,
+            acceleration=acceleration,
+            clearance=clearance,
+            error=_errors(scene, nodes),
+            links=links,
+            tightest=np.array([time[tightest], nearest], dtype=float),
         )
 
     def arrays(self) -> dict[str, Array]:
@@ -76,12 +120,18 @@ class RecordedMotion:
 
     def index_at(self, time: float) -> int:
         """Return the number of the state that is nearest to an instant [s]."""
-        return int(np.clip(round(time / self.time[1]), 0, len(self.time) - 1))
+        return int(np.abs(self.time - time).argmin())
 
     @property
     def center(self) -> Array:
         """Return the middle of the hands; array, shape (n_steps, 3) [m]."""
         return self.nodes[:, : self.speed.shape[1]].mean(axis=1)
+
+
+def _clearances(scene: Scene, nodes: Array, time: Array) -> Array:
+    """Return the clearance of every state; array, shape (n_steps,) [m]."""
+    states = zip(nodes, time.tolist(), strict=True)
+    return np.array([scene.clearance_at(state, instant)[0] for state, instant in states])
 
 
 def _errors(scene: Scene, nodes: Array) -> Array:

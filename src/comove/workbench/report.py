@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.results import filled_in, read_result, verify_result
+from comove.results import filled_in, read_result
 from comove.results.solution import SCENE, rebuild
 from comove.scenes.scene import Scene
-from comove.workbench.recorded import POLICY, motion_page
-from comove.workbench.recording import RecordedMotion
-from comove.workbench.shelf import Shelf, read_scene
-from comove.workbench.words import measures_of
+from comove.workbench.playback import playback_of_item
+from comove.workbench.recorded import POLICY, page_of
+from comove.workbench.shelf import Item, Part, Shelf, parts_of, read_scene
 
 PICTURES = (("motion.png", "The scene, the hands' paths and the load at equal steps."),)
 STYLE = (
@@ -47,19 +46,18 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
     ExtraError
         If the viewer is not installed.
     """
-    folder = shelf.result or shelf.folder
+    folder = shelf.item.result or shelf.folder
     stored = read_result(folder)
-    scene = filled_in(read_scene(shelf.scenes[shelf.first]), stored)
-    verdict = verify_result(stored, scene)
+    scene = filled_in(read_scene(shelf.item.scene), stored)
     motion = rebuild(stored.arrays, scene)
-    played = motion_page(motion, RecordedMotion.of(motion), verdict.report, verdict.reasons)
-    measures = measures_of(verdict.report.asdict(), scene, scene.duration)
+    whole = Part.JOINTS if Part.JOINTS in parts_of(folder) else Part.MOTION
+    playback = playback_of_item(Item(shelf.item.scene, folder, whole))
     parts = [
         f"<h1>{html.escape(scene.name)}</h1>",
-        _verdict(verdict.reasons),
-        f'<iframe title="the motion" sandbox="allow-scripts" srcdoc="{html.escape(played)}"></iframe>',
+        _verdict(playback.reasons),
+        f'<iframe title="the motion" sandbox="allow-scripts" srcdoc="{html.escape(page_of(playback))}"></iframe>',
         "<h2>What is proved</h2>",
-        _table(("at every instant", "proved", "asked for"), measures),
+        _table(("at every instant", "proved", "asked for"), playback.rows),
         f"<p>{html.escape(MEANING)}</p>",
         "<h2>The scene</h2>",
         _table(("what", "how many or how much"), _facts(scene, motion)),
@@ -68,7 +66,7 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
         _table(("what", ""), _origin(stored.summary)),
         f"<pre>{html.escape(_commands(folder, stored.summary))}</pre>",
     ]
-    return _page(f"{scene.name}: comove", parts), not verdict.reasons
+    return _page(f"{scene.name}: comove", parts), playback.holds
 
 
 def _page(title: str, parts: Sequence[str]) -> str:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from comove.errors import ComoveError, ComoveWarning
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
+from comove.workbench.bodies import unpacked
 from comove.workbench.comparison import CHOICES, Comparison
 from comove.workbench.edits import (
     Draft,
@@ -33,22 +34,24 @@ from comove.workbench.edits import (
     with_duration,
     with_limit,
 )
-from comove.workbench.link import Link
+from comove.workbench.link import BUDGET, BUDGET_WITH_ARMS, Link
 from comove.workbench.panels import Panels
+from comove.workbench.playback import Touch
 from comove.workbench.protocol import Message
 from comove.workbench.recording import RecordedMotion
 from comove.workbench.saving import save_scene, target_in
-from comove.workbench.shelf import Shelf, read_scene
-from comove.workbench.stage import Stage, demonstrated
+from comove.workbench.shelf import Item, Shelf, read_scene
+from comove.workbench.stage import ROBOT, Stage, clear, demonstrated
 from comove.workbench.teaching import Stroke, keep
-from comove.workbench.words import measures_words, plain_text, robot_words, verdict_words
+from comove.workbench.words import measures_words, named_in, plain_text, verdict_words
 
 Array = NDArray[np.float64]
 
 FRAME = 1 / 30  # s, between states while playing
 POINTED = 6  # frames, after which the plots' line follows
 END_PAUSE = 0.7  # s, at the end before playing begins again
-VERIFIED = ("stored", "kept", "found", "solved")
+VERIFIED = ("stored", "kept", "found", "solved", "ran")
+FINAL = ("stored", "solved", "ran")  # of these, after which nothing better comes
 
 
 @dataclass
@@ -74,7 +77,8 @@ class Session:
 
     def __init__(self, client: Any, loop: asyncio.AbstractEventLoop, shelf: Shelf):
         self.client, self.loop, self.shelf = client, loop, shelf
-        names = tuple(shelf.scenes) if len(shelf.scenes) > 1 else ()
+        self.note = ""
+        names = tuple(shelf.items) if len(shelf.items) > 1 else ()
         self.panels = Panels(client.gui, self.changed, names, shelf.first, CHOICES)
         self.comparison = Comparison(client, loop, self.panels)
         self.stage: Stage | None = None
@@ -85,7 +89,7 @@ class Session:
         self.grips: dict[Grip, Any] = {}
         self.held: Hold | None = None
         self.asked, self.answered, self.solved = -1, -1, -1
-        self.playing, self.pace, self.time = True, 1.0, 0.0
+        self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
         self.closed = False
         self.open(shelf.first)
         self._player = loop.create_task(self._play())
@@ -93,26 +97,33 @@ class Session:
     # --- scenes ---
 
     def open(self, name: str) -> None:
-        """Show a scene of the shelf, and ask for its motion."""
-        path = self.shelf.scenes[name]
-        scene = read_scene(path)
+        """Show something of the shelf, and ask for its motion."""
+        item = self.shelf.items[name]
+        scene = read_scene(item.scene)
         if self.link is not None:
             self.link.close()
-        self.link = Link(path.parent, self._hand_over)
+        self.link = Link(item.scene.parent, self._hand_over)
         self.history = History((Draft(contents_of(scene)),))
-        self.time, self.stage, self.selected = 0.0, None, None
+        self.asked, self.answered, self.solved = -1, -1, -1
+        self.time, self.stage, self.selected, self.note = 0.0, None, None, ""
+        if self.live:
+            self._end_run()
+        self.client.scene.remove_by_name(ROBOT)
         self._lay(scene)
         self._look()
-        self._ask(result=self.shelf.result)
+        self._ask(item=item)
 
     def _lay(self, scene: Scene) -> None:
         """Draw a scene that has been read."""
         selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
+        before = self.stage
         shown = self.stage.recording if self.stage is not None else None
         again = self.stage is not None and self.stage.scene.manipulators == scene.manipulators
-        self.client.scene.reset()
+        clear(self.client.scene)
         self.scene = scene
         self.stage = Stage(self.client.scene, scene)
+        if before is not None:
+            self.stage.adopt_robot(before)
         self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
         self.grips = self.stage.grips()
         for grip, handle in self.grips.items():
@@ -153,21 +164,46 @@ class Session:
 
     def _dragged(self, grip: Grip, handle: Any, event: Any) -> None:
         """Move a grip under the pointer; in the plane along it, in space across the line of sight."""
+        if self.live:
+            self._lead(grip, handle, event)
+            return
         if event.phase == "start" or self.held is None or self.held.grip != grip:
             contents = self.history.now.contents
             place, taken = place_of(contents, grip), np.array(event.start_position, dtype=float)
             self.held = Hold(grip, contents, place, taken, np.array([1.0, 0.0, 0.0, 0.0]))
-        pointer: Array | None = np.array(event.end_position, dtype=float)
-        if self.scene.n_dims == 2 and pointer is not None:
-            pointer = _on_plane(np.array(self.client.camera.position), pointer, self.held.taken[2])
-        if pointer is None or not np.isfinite(pointer).all():
+        to = self._pointed(self.held, event)
+        if to is None:
             return
-        to = self.held.place + pointer - self.held.taken
-        if self.scene.n_dims == 2:
-            to[2] = 0.0
         lift = self.stage.lift if self.stage is not None and grip.kind != "obstacle" else 0.0
         handle.position = tuple(to + [0.0, 0.0, lift])
         self.move(grip, to, None, last=event.phase == "end")
+
+    def _pointed(self, held: Hold, event: Any) -> Array | None:
+        """Return where the pointer leads what is held; None where it points nowhere."""
+        pointer: Array | None = np.array(event.end_position, dtype=float)
+        if self.scene.n_dims == 2 and pointer is not None:
+            pointer = _on_plane(np.array(self.client.camera.position), pointer, held.taken[2])
+        if pointer is None or not np.isfinite(pointer).all():
+            return None
+        to = held.place + pointer - held.taken
+        if self.scene.n_dims == 2:
+            to[2] = 0.0
+        return to
+
+    def _lead(self, grip: Grip, handle: Any, event: Any) -> None:
+        """Lead an obstacle while the run goes on; where it is drawn, its states say."""
+        if grip.kind != "obstacle" or self.link is None:
+            return
+        if event.phase == "start" or self.held is None or self.held.grip != grip:
+            taken = np.array(event.start_position, dtype=float)
+            self.held = Hold(
+                grip, {}, np.array(handle.position, dtype=float), taken, np.array([1.0, 0, 0, 0])
+            )
+        to = self._pointed(self.held, event)
+        if to is not None:
+            self.link.lead(grip.number, to.tolist())
+        if event.phase == "end":
+            self.held = None
 
     def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
         """Move a grip, from how it was when it was taken, and ask for the motion.
@@ -214,6 +250,8 @@ class Session:
         self.gizmo.on_update(updated)
 
     def _turned(self, grip: Grip, handle: Any, event: Any, start: Array) -> None:
+        if self.live:
+            return
         place = np.array(event.target.position, dtype=float)
         turn = np.array(event.target.wxyz, dtype=float)
         if event.phase == "start" or self.held is None or self.held.grip != grip:
@@ -232,6 +270,38 @@ class Session:
         if grip.kind == "obstacle":
             return self.scene.name_of(grip.number)
         return f"the {grip.kind} of {', '.join(self.scene.manipulators[hand] for hand in grip.hands)}"
+
+    # --- running ---
+
+    def _run(self, _: Any) -> None:
+        """Execute the scene step by step, or end the run that goes on."""
+        if self.link is None or self.stage is None:
+            return
+        if self.live:
+            self.link.halt()
+            return
+        if self.stage.recording is None:
+            self.panels.ran.content = "Wait for a motion first."
+            return
+        self._put_down()
+        self.stage.draw_run()
+        self.live, self.held = True, None
+        self.asked = self.link.run(self.history.now)
+        self.panels.controls["run"].label = "Stop"
+        self.panels.say(verdict_words("running"))
+
+    def _go(self, message: Message) -> None:
+        """Show a state of the run."""
+        if not self.live or message.header["id"] != self.asked or self.stage is None:
+            return
+        with self.client.atomic():
+            self.stage.show_state(message.arrays["nodes"], message.arrays["offsets"])
+        plan = "follows a plan" if message.header["planned"] else "has no plan, and goes where it is clear"
+        self.panels.ran.content = f"{message.header['time']:.1f} s: the load {plan}."
+
+    def _end_run(self) -> None:
+        self.live, self.held = False, None
+        self.panels.controls["run"].label = "Run it live"
 
     # --- teaching ---
 
@@ -324,6 +394,7 @@ class Session:
         except ComoveError as error:
             if self.stage is not None:
                 self.stage.fade()
+                self.stage.blame(*named_in(self.scene, [str(error)]))
             if self.link is not None:
                 self.asked = self.link.drop()
             self.panels.say(verdict_words("failed", [str(error)]))
@@ -334,12 +405,15 @@ class Session:
     def _source(self) -> Path:
         return self.link.folder if self.link is not None else self.shelf.folder
 
-    def _ask(self, draft: Draft | None = None, *, dragging: bool = False, result: Path | None = None) -> None:
+    def _ask(self, draft: Draft | None = None, *, dragging: bool = False, item: Item | None = None) -> None:
         if self.link is None:
             return
-        self.asked = self.link.submit(draft or self.history.now, dragging=dragging, result=result)
+        if self.live:
+            self._end_run()
+        budget = BUDGET if self.scene.file.robot is None else BUDGET_WITH_ARMS
+        self.asked = self.link.submit(draft or self.history.now, dragging=dragging, budget=budget, item=item)
         if self.stage is not None:
-            self.stage.blame(None)
+            self.stage.blame()
         if not dragging:
             self.panels.say(verdict_words("waiting"))
 
@@ -376,7 +450,7 @@ class Session:
         self._renew()
 
     def _open(self, name: Any) -> None:
-        if name in self.shelf.scenes:
+        if name in self.shelf.items:
             self.open(name)
 
     def _toggle(self, _: Any) -> None:
@@ -409,7 +483,7 @@ class Session:
                 "There is no verified motion of this scene to save yet; wait for the search."
             )
             return
-        self.link.save(self.solved, path)
+        self.link.save(self.solved, path, self.history.now.seed)
 
     _controls: Mapping[str, Callable[[Session, Any], None]] = {
         "undo": _undo,
@@ -420,6 +494,7 @@ class Session:
         "time": _scrub,
         "ghosts": _set_ghosts,
         "beside": _compare,
+        "run": _run,
         "draw": _draw,
         "forget": _forget,
         "keep": _keep,
@@ -445,38 +520,80 @@ class Session:
             if kind == "ended" or header["kernel"]:
                 self.panels.say(verdict_words(kind))
             return
+        if kind == "robot":
+            arrays = dict(message.arrays)
+            self.stage.draw_robot(unpacked(arrays), arrays["home"])
+            self._look()
+            return
+        if kind == "armless":
+            self.note = (
+                f"\n\n{plain_text(' '.join(header['reasons']))}. This is the motion of the hands alone."
+            )
+            return
         if kind == "saved":
             self.panels.saved.content = f"Saved: {plain_text(Path(header['target']).name)}"
             return
         if kind == "unsaved":
             self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(header['reasons']))}"
             return
+        if kind == "state":
+            self._go(message)
+            return
         if header["id"] < self.answered:
             return
+        if kind == "ran" and header["id"] != self.asked:
+            return
+        if self.live and header["id"] == self.asked:
+            self._end_run()
         self.answered, newest = header["id"], header["id"] == self.asked
         if kind in VERIFIED:
             self._take(RecordedMotion(**message.arrays), header, newest)
         elif newest:
-            self.stage.fade()
-            if message.arrays:
-                self.stage.blame(int(message.arrays["tightest"][1]))
+            self._fail(message)
             self.panels.say(verdict_words("failed", header["reasons"]))
+
+    def _fail(self, message: Message) -> None:
+        """Show in grey what is not verified: what a folder holds, or else the motion before."""
+        if self.stage is None:
+            return
+        if message.arrays and self.stage.recording is None:
+            recording = RecordedMotion(**message.arrays)
+            self.stage.draw_motion(recording, pale=True)
+            self._measure(recording, message.header)
+        self.stage.fade()
+        if not self.stage.touches:
+            self.stage.blame(*self._blamed(message))
+
+    def _blamed(self, message: Message) -> tuple[int, ...]:
+        """Return the obstacles that are in the way: those that the reasons name, or else the nearest one."""
+        named = named_in(self.scene, message.header["reasons"])
+        if named or not message.arrays:
+            return named
+        return (int(message.arrays["tightest"][1]),)
 
     def _take(self, recording: RecordedMotion, header: Mapping[str, Any], newest: bool) -> None:
         """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
         if self.stage is None:
             return
         with self.client.atomic():
-            self.stage.draw_motion(recording, pale=not newest)
+            self.stage.draw_motion(recording, pale=not newest or not header.get("holds", True))
             self._show(min(self.time, float(recording.time[-1])))
         if not newest:
             return
-        self.solved = header["id"] if header["kind"] == "solved" else self.solved
+        self.solved = header["id"] if header["kind"] in FINAL else self.solved
         first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
-        self.panels.say(verdict_words(header["kind"], seconds=None if first else header["verified_after"]))
+        seconds = None if first else header.get("verified_after")
+        said = header["kind"], header["reasons"], seconds, header["verdict"]
+        self.panels.say(verdict_words(*said))
+        self._measure(recording, header)
+
+    def _measure(self, recording: RecordedMotion, header: Mapping[str, Any]) -> None:
+        """Show the measures of a recording, and what touched in it."""
+        if self.stage is not None:
+            self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
         self.panels.plot(recording, self.scene.manipulators)
-        words = measures_words(header["report"], self.scene, header["duration"])
-        self.panels.measures.content = words + self._tightest_words(recording) + robot_words(self.scene)
+        words = measures_words(header["rows"]) if header["rows"] else ""
+        self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
@@ -493,7 +610,7 @@ class Session:
         while not self.closed:
             await asyncio.sleep(FRAME)
             recording = None if self.stage is None else self.stage.recording
-            if recording is None or not self.playing:
+            if recording is None or not self.playing or self.live:
                 continue
             end = float(recording.time[-1])
             self.time += FRAME * self.pace

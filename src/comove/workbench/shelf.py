@@ -1,10 +1,11 @@
-"""The scenes that a page can show: one that is named, the one of a result, or the examples."""
+"""What a page can show: a scene that is named, what stands in a result folder, or the examples."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,26 +15,62 @@ from comove.results.solution import SCENE
 from comove.scenes.scene import Scene
 
 
+class Part(Enum):
+    """Part of a result folder that is played; its value is the name of the file that tells of it."""
+
+    MOTION = "solution.json"
+    JOINTS = "robot.json"
+    RUN = "run.json"
+    SIMULATION = "simulation.json"
+
+
+WORDS = {
+    Part.MOTION: "the hands",
+    Part.JOINTS: "the robot",
+    Part.RUN: "the run",
+    Part.SIMULATION: "the simulation",
+}
+
+
 @dataclass(frozen=True)
-class Shelf:
-    """The scenes that a page can show.
+class Item:
+    """Something that a page can show.
 
     Attributes
     ----------
-    scenes : files by name
-    first : name of the one that is shown first
-    folder : folder that the save buttons write into
+    scene : file of the scene
     result : result folder whose motion is shown; None where one is searched
+    part : what of the folder is played
     """
 
-    scenes: Mapping[str, Path]
+    scene: Path
+    result: Path | None = None
+    part: Part = Part.MOTION
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """What a page can show.
+
+    Attributes
+    ----------
+    items : scenes and results by name
+    first : name of the one that is shown first
+    folder : folder that the save buttons write into
+    """
+
+    items: Mapping[str, Item]
     first: str
     folder: Path
-    result: Path | None = None
+
+    @property
+    def item(self) -> Item:
+        """Return what is shown first."""
+        return self.items[self.first]
 
 
 def shelf_of(path: Path | None, folder: Path) -> Shelf:
-    """Return the scenes for a page.
+    """Return what a page can show.
 
     Parameters
     ----------
@@ -51,17 +88,36 @@ def shelf_of(path: Path | None, folder: Path) -> Shelf:
     """
     if path is None:
         examples = sorted(Path(str(files("comove") / "examples")).glob("*.yaml"))
-        return Shelf({example.stem: example for example in examples}, "narrow", folder)
+        return Shelf({example.stem: Item(example) for example in examples}, "narrow", folder)
     if not path.is_dir():
         read_scene(path)  # a mistake in it is told before a page is opened
-        return Shelf({path.stem: path}, path.stem, folder)
+        return Shelf({path.stem: Item(path)}, path.stem, folder)
     scene = require_folder(path, "comove solve SCENE --out DIR") / SCENE
     if not scene.is_file():
         raise ResultError(
             "the folder does not say which scene was solved", file=path, way_out="name the scene file instead"
         )
     read_scene(scene)
-    return Shelf({path.name: scene}, path.name, folder, path)
+    items = {WORDS[part]: Item(scene, path, part) for part in parts_of(path)}
+    return Shelf(items, next(iter(items)), folder)
+
+
+def parts_of(folder: Path) -> tuple[Part, ...]:
+    """Return what of a result folder can be played, best first.
+
+    Raises
+    ------
+    ResultError
+        If it holds nothing of the kind.
+    """
+    found = tuple(part for part in reversed(Part) if (folder / part.value).is_file())
+    if not found:
+        raise ResultError(
+            f"it holds no {Part.MOTION.value} and no {Part.RUN.value}",
+            file=folder,
+            way_out="name a folder of comove solve, robot solve or run",
+        )
+    return found
 
 
 def read_scene(path: Path) -> Scene:

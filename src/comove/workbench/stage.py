@@ -17,6 +17,7 @@ from comove.planning import carried_demonstration, movements_of
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS, GOAL, MOVING, START
+from comove.workbench.bodies import Body
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
 from comove.workbench.geometry import (
     HAND,
@@ -31,6 +32,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
+from comove.workbench.playback import Touch
 from comove.workbench.recording import RecordedMotion
 from comove.workbench.teaching import Taught, demonstration_from
 
@@ -38,10 +40,12 @@ Array = NDArray[np.float64]
 
 STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cdd3")
 BLOCKS = colour_of("#d7263d")
+ROBOT = "/robot"  # path under which the robot is drawn, whichever the scene
 N_GHOSTS = 9
 COMFORT = 0.05  # of the longest side: clearance from which the path is green
 GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
 ROOM_OF_VIEW = 0.95  # of the longest side: how far off the camera stands
+ROOM_OF_ARMS = 0.75  # times that where a robot is seen, which fills more of the picture than the workspace
 
 
 @dataclass(eq=False)
@@ -61,7 +65,11 @@ class Stage:
     recording: RecordedMotion | None = None
     obstacles: list[Any] = field(default_factory=list)
     marks: dict[str, Any] = field(default_factory=dict)
+    touches: Sequence[Touch] = ()
+    _joints: list[Any] = field(default_factory=list)
+    _links: list[tuple[Any, Body]] = field(default_factory=list)
     _pieces: tuple[Piece, ...] = ()
+    _goers: list[int] = field(default_factory=list)
     _moving: list[Any] = field(default_factory=list)
     _motion: dict[str, Any] = field(default_factory=dict)
     _pale: bool = False
@@ -110,6 +118,42 @@ class Stage:
             )
             for i, surface in enumerate(obstacle_surfaces(self.scene))
         ]
+
+    def draw_robot(self, bodies: Sequence[Body], home: Array) -> None:
+        """Draw a robot.
+
+        Parameters
+        ----------
+        bodies : its visible bodies
+        home : array, shape (n_joints, 7), poses of its joints until a motion is drawn
+        """
+        self.api.add_frame(ROBOT, show_axes=False)
+        self._joints = [
+            self.api.add_frame(f"{ROBOT}/joint_{joint}", show_axes=False) for joint in range(len(home))
+        ]
+        self._links = [
+            (
+                self.api.add_mesh_simple(
+                    f"{ROBOT}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
+                    body.surface.vertices.astype(np.float32),
+                    body.surface.faces.astype(np.uint32),
+                    color=body.colour,
+                    side="double",
+                ),
+                body,
+            )
+            for number, body in enumerate(bodies)
+        ]
+        self.pose_robot(home)
+
+    def pose_robot(self, poses: Array) -> None:
+        """Move the links of the robot, by the poses of its joints, array of shape (n_joints, 7)."""
+        for handle, pose in zip(self._joints, poses, strict=False):
+            handle.position, handle.wxyz = tuple(pose[:3]), tuple(pose[3:])
+
+    def adopt_robot(self, other: Stage) -> None:
+        """Take over the robot of a stage before this one, which stays drawn."""
+        self._joints, self._links = other._joints, other._links
 
     def _floor(self) -> None:
         low, high = self.scene.lower, self.scene.upper
@@ -167,12 +211,17 @@ class Stage:
         again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
         changed = again and pale == self._pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
         self.recording, self._pieces, self._pale = recording, pieces, pale
+        self._goers = np.flatnonzero(recording.offsets.any(axis=(0, 2))).tolist()
         if not changed:
             self._draw_bodies(pale)
         self._draw_paths(recording, pale)
+        for handle, body in self._links:
+            if handle.color != (wanted := GREY if pale else body.colour):
+                handle.color = wanted
         every = np.linspace(0, len(recording.time) - 1, N_GHOSTS).round().astype(int)
         for piece in pieces:
             handle = self._motion[f"ghost {piece.name}"]
+            handle.visible = self._ghosts
             handle.batched_positions = piece.position[every].astype(np.float32)
             handle.batched_wxyzs = piece.quaternion[every].astype(np.float32)
 
@@ -243,21 +292,41 @@ class Stage:
         for handle, piece in zip(self._moving, self._pieces, strict=True):
             handle.position = tuple(piece.position[index])
             handle.wxyz = tuple(piece.quaternion[index])
-        for i in np.flatnonzero(self.scene.moving):
+        self.pose_robot(recording.links[index])
+        for i in self._goers:
             self.obstacles[i].position = tuple(self.scene.centers[i] + recording.offsets[index, i])
+        if self.touches:
+            self.blame(*(touch.obstacle for touch in self.touches if touch.time <= recording.time[index]))
 
-    def show_ghosts(self, visible: bool) -> None:
-        """Show or hide the load at equal times."""
-        self._ghosts = visible
+    def draw_run(self) -> None:
+        """Take away what belongs to a motion that was planned, before a run is shown."""
+        self.show_ghosts(False, keep=True)
+        for name in [name for name in self._motion if name.startswith(("path", "tightest"))]:
+            self._motion.pop(name).remove()
+        self.blame()
+
+    def show_state(self, nodes: Array, offsets: Array) -> None:
+        """Move load, hands and obstacles to a state of a run; arrays, shape (n_nodes, 3), (n_obstacles, 3) [m]."""
+        if self.recording is None:
+            return
+        states = np.stack([self.recording.nodes[0], nodes])  # bodies are drawn as they are in the first
+        for handle, piece in zip(self._moving, pieces_of(self.scene, states, COLOURS), strict=True):
+            handle.position, handle.wxyz = tuple(piece.position[1]), tuple(piece.quaternion[1])
+        for handle, center in zip(self.obstacles, self.scene.centers + offsets, strict=True):
+            handle.position = tuple(center)
+
+    def show_ghosts(self, visible: bool, *, keep: bool = False) -> None:
+        """Show or hide the load at equal times; `keep` leaves it as it was for the next motion."""
+        self._ghosts = self._ghosts if keep else visible
         for name, handle in self._motion.items():
             if name.startswith("ghost "):
                 handle.visible = visible
 
-    def blame(self, obstacle: int | None) -> None:
-        """Draw the obstacle that is in the way in red, and all others as they are; None for none."""
+    def blame(self, *obstacles: int) -> None:
+        """Draw obstacles that are in the way in red, and all others as they are."""
         for i, handle in enumerate(self.obstacles):
             plain = colour_of(MOVING) if self.scene.moving[i] else STILL
-            wanted = BLOCKS if i == obstacle else plain
+            wanted = BLOCKS if i in obstacles else plain
             if tuple(handle.color) != wanted:
                 handle.color = wanted
 
@@ -307,7 +376,16 @@ class Stage:
         way = (self.scene.goal - self.scene.start).mean(axis=0)
         heading = float(np.arctan2(way[1], way[0])) - np.radians(62.0)
         away = np.array([np.cos(heading), np.sin(heading), 0.65]) * 1.35 * ROOM_OF_VIEW * self.side
+        if self._links:
+            away = away * ROOM_OF_ARMS
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
+
+
+def clear(api: Any) -> None:
+    """Take everything from a viewer's scene but a robot, whose meshes are many."""
+    for name in list(api._handle_from_node_name):
+        if not name.startswith(ROBOT):
+            api.remove_by_name(name)
 
 
 def demonstrated(scene: Scene, rows: Taught | None = None) -> Array | None:

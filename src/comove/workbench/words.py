@@ -8,6 +8,8 @@ from typing import Any
 
 from comove.scenes.scene import Scene
 
+Row = tuple[str, str, str]
+"""A measure: of what, by how much, and what was asked for."""
 SPECIAL = {
     "\\": "\\\\",
     "`": "\\`",
@@ -25,14 +27,17 @@ def plain_text(text: str) -> str:
     return "".join(SPECIAL.get(letter, letter) for letter in text)
 
 
-def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None = None) -> str:
+def verdict_words(
+    kind: str, reasons: Sequence[str] = (), seconds: float | None = None, verdict: str = ""
+) -> str:
     """Return the verdict on what is shown as Markdown.
 
     Parameters
     ----------
-    kind : "stored", "kept", "found", "solved", "failed", "waiting", "compiling" or "ended"
+    kind : "stored", "kept", "found", "solved", "ran", "failed", "waiting", "running", "compiling" or "ended"
     reasons : why there is no verified motion
     seconds : time from the change to the first verified motion [s]
+    verdict : what is known of something stored
     """
     after = "" if seconds is None else f" {1e3 * seconds:.0f} ms after the change"
     if kind == "solved":
@@ -40,7 +45,12 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
     if kind == "found":
         return f"**Verified**{after}. Searching for a better one ..."
     if kind == "stored":
-        return "**Verified**, anew from the result's files."
+        return f"**{verdict[:1].upper()}{verdict[1:]}**, anew from the result's files."
+    if kind == "ran":
+        listed = "".join(f"\n- {plain_text(reason)}" for reason in reasons)
+        return f"**{verdict[:1].upper()}{verdict[1:]}**. This is what happened.{listed}"
+    if kind == "running":
+        return "**Running.** Drag an obstacle into the way of the load."
     if kind == "kept":
         return f"**Verified**{after}: the motion shown still holds."
     if kind == "waiting":
@@ -53,15 +63,19 @@ def verdict_words(kind: str, reasons: Sequence[str] = (), seconds: float | None 
     return f"**No verified motion found.**{listed}"
 
 
-def measures_words(report: Mapping[str, float], scene: Scene, duration: float) -> str:
-    """Return what is proved of a motion at every instant, as a table in Markdown; see `measures_of`."""
-    lines = "\n".join(
-        f"| {name} | {said} | {asked} |" for name, said, asked in measures_of(report, scene, duration)
-    )
+def named_in(scene: Scene, reasons: Sequence[str]) -> tuple[int, ...]:
+    """Return the numbers of the obstacles that reasons name, so that just these are coloured."""
+    names = [scene.name_of(number) for number in range(len(scene.file.obstacles))]
+    return tuple(number for number, name in enumerate(names) if any(name in reason for reason in reasons))
+
+
+def measures_words(rows: Sequence[Sequence[str]]) -> str:
+    """Return measures, as `measures_of` gives them, as a table in Markdown."""
+    lines = "\n".join(f"| {name} | {said} | {asked} |" for name, said, asked in rows)
     return f"| at every instant | proved | asked for |\n|---|---|---|\n{lines}"
 
 
-def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> list[tuple[str, str, str]]:
+def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> list[Row]:
     """Return what is proved of a motion at every instant: of what, by how much, and what the scene asks for.
 
     Parameters
@@ -98,11 +112,45 @@ def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> l
     return rows
 
 
-def robot_words(scene: Scene) -> str:
-    """Return what must be said where the hands are a robot's; empty where they are not."""
-    if not scene.file.on_robot:
-        return ""
-    return "\n\nThis is the motion of the hands alone: `comove robot solve` finds that of the arms, and proves it."
+def joint_rows(report: Mapping[str, float]) -> list[Row]:
+    """Return what is proved of a robot's joints at every instant, as `measures_of`.
+
+    Parameters
+    ----------
+    report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
+    """
+    rows = [
+        ("joints from their limits", "joint_margin_min", "≥ {:.3g} rad", 1.0),
+        ("share of joint speeds", "velocity_ratio_max", "≤ {:.3g}", 1.0),
+        ("share of joint accelerations", "acceleration_ratio_max", "≤ {:.3g}", 1.0),
+        ("share of torques", "torque_ratio_max", "≤ {:.3g}", 1.0),
+        ("links from obstacles", "clearance_scene", "≥ {:.4g} mm", 1e3),
+        ("links from the load", "clearance_load", "≥ {:.4g} mm", 1e3),
+        ("links from each other", "clearance_self", "≥ {:.4g} mm", 1e3),
+    ]
+    return [
+        (name, words.format(factor * report[key]), "")
+        for name, key, words, factor in rows
+        if math.isfinite(report.get(key, math.nan))
+    ]
+
+
+def simulation_rows(summary: Mapping[str, Any]) -> tuple[Row, ...]:
+    """Return the measures of a simulation from its summary, as `measures_of`; none of them is a proof."""
+    rows = [
+        ("simulated by", "simulator", "{}", None),
+        ("load from its goal", "end_error", "{:.3g} mm", 1e3),
+        ("hands' distances", "distance_error_max", "off by {:.3g} mm at most", 1e3),
+        ("load behind its plan", "lag_max", "{:.3g} mm at most", 1e3),
+        ("slip in a hand", "slip_max", "{:.3g} mm at most", 1e3),
+        ("force inside the load", "internal_force_max", "{:.3g} N at most", 1.0),
+        ("share of torque", "torque_share_max", "{:.3g} at most", 1.0),
+    ]
+    return tuple(
+        (name, words.format(summary[key] if factor is None else factor * summary[key]), "")
+        for name, key, words, factor in rows
+        if summary.get(key) is not None
+    )
 
 
 def _at_least(value: float, factor: float, unit: str) -> str:

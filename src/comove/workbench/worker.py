@@ -1,4 +1,4 @@
-"""The planner of one page, in a process of its own: it solves the newest draft and drops those before.
+"""The planner of one page, in a process of its own: it solves the newest draft, drops those before, and runs.
 
 `python -m comove.workbench.worker` reads messages from standard input and answers on standard output, as
 `comove.workbench.protocol` writes them. It ends when the other end closes.
@@ -21,10 +21,10 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ComoveError, ComoveWarning
+from comove.errors import ComoveError, ComoveWarning, ExtraError, OptionError
 from comove.planning import (
     Comove,
     LeastJerk,
@@ -43,16 +43,25 @@ from comove.planning import (
 from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import objective_of_scene
 from comove.planning.pace import with_limits
-from comove.results import filled_in, read_result, verify_result
-from comove.results.solution import rebuild
+from comove.planning.solution import ProgressCallback
+from comove.results.solution import SCENE
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
-from comove.verification.verify import Report, VerifiedMotion, verify
+from comove.verification.verify import VerifiedMotion, verify
+from comove.workbench.arms import Arms
+from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
+from comove.workbench.live import LiveRun, State, run_live, save_run
+from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
 from comove.workbench.protocol import Message, read_message, write_message
 from comove.workbench.recording import RecordedMotion
+from comove.workbench.shelf import Item, Part
 from comove.workbench.teaching import demonstration_from
 
+if TYPE_CHECKING:
+    from comove.robots import RobotSolution
+
 PATIENCE = 0.25  # s, that a search has to find its first motion although a newer draft waits
+PATIENCE_WITH_ARMS = 1.5  # s, likewise where arms follow
 PAUSE = 0.4  # s, between better motions that are sent
 KINDS = {kind.name: kind for kind in (Comove, Projection, Paper, Printed)}
 AIMS: dict[str, type] = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCost}
@@ -61,19 +70,29 @@ Tell = Callable[[Message], None]
 
 
 class Mailbox:
-    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue."""
+    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue.
+
+    Where obstacles are led while a run goes on is kept aside, the newest place of each, for the run to ask for.
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._draft: Message | None = None
         self._others: deque[Message] = deque()
+        self._leads: dict[int, Any] = {}
+        self._halted = False
         self._closed = False
 
     def put(self, message: Message) -> None:
         """Add a message."""
         with self._changed:
-            if message.header.get("kind") == "draft":
+            kind = message.header.get("kind")
+            if kind == "draft":
                 self._draft = message
+            elif kind == "lead":
+                self._leads[message.header["obstacle"]] = message.header["place"]
+            elif kind == "halt":
+                self._halted = True
             else:
                 self._others.append(message)
             self._changed.notify()
@@ -94,6 +113,22 @@ class Mailbox:
                 return self._others.popleft()
             message, self._draft = self._draft, None
             return message
+
+    def leads(self) -> dict[int, Any]:
+        """Return where obstacles are led since this was last asked, by their numbers."""
+        with self._changed:
+            leads, self._leads = self._leads, {}
+            return leads
+
+    def begin_run(self) -> None:
+        """Forget what was said to a run before."""
+        with self._changed:
+            self._leads, self._halted = {}, False
+
+    @property
+    def halted(self) -> bool:
+        """Return whether a run shall end: it was stopped, or something else waits."""
+        return self._halted or self._closed or self._draft is not None
 
     @property
     def waiting(self) -> bool:
@@ -124,7 +159,8 @@ class Worker:
     def __init__(self, mailbox: Mailbox, tell: Tell):
         self.mailbox, self.tell = mailbox, tell
         self.kept: CoordinatedMotion | None = None
-        self.solution: tuple[int, Solution] | None = None
+        self.arms: Arms | None = None
+        self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
         self._taught: tuple[str, Any] | None = None
         self._first: tuple[int, float] = (-1, 0.0)
 
@@ -133,9 +169,10 @@ class Worker:
         with compiling(self._say_compiling, IN_ALL):
             while (message := self.mailbox.take()) is not None:
                 try:
-                    {"draft": self.answer, "save": self.save}[message.header["kind"]](message.header)
+                    answers = {"draft": self.answer, "save": self.save, "run": self.run_live}
+                    answers[message.header["kind"]](message.header)
                 except (ComoveError, OSError) as error:
-                    kind = "failed" if message.header["kind"] == "draft" else "unsaved"
+                    kind = "unsaved" if message.header["kind"] == "save" else "failed"
                     self._send(message.header, kind, reasons=[str(error)])
 
     def answer(self, header: Mapping[str, Any]) -> None:
@@ -146,34 +183,45 @@ class Worker:
         SceneError
             If the draft is no scene.
         """
-        begun = time.perf_counter()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ComoveWarning)
-            scene = Scene.from_dict(header["contents"], folder=header["folder"])
+        begun, scene = time.perf_counter(), _scene_of(header)
+        self._meet_robot(scene)
         if header["result"] is not None:
-            self._stored(scene, header, begun)
+            self._stored(header, begun)
             return
         if self._still_verified(scene, header, begun) and header["dragging"]:
             return
         self._search(scene, header, begun)
 
-    def _stored(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
-        """Judge the motion of a result folder anew, and tell of it.
+    def _meet_robot(self, scene: Scene) -> None:
+        """Load the robot of a scene and tell how it looks; without robots the hands are planned alone."""
+        named = scene.file.robot
+        if named == (None if self.arms is None else self.arms.named):
+            return
+        self.arms = None
+        if named is None:
+            return
+        try:
+            robot = robot_of(scene)
+        except ExtraError as error:
+            self.tell(Message({"kind": "armless", "id": -1, "reasons": [str(error)]}))
+            return
+        if robot is not None:
+            self.arms = Arms(robot, named)
+            arrays = packed(bodies_of(robot)) | {"home": poses_of(robot, robot.home[None])[0]}
+            self.tell(Message({"kind": "robot", "id": -1}, arrays))
+
+    def _stored(self, header: Mapping[str, Any], begun: float) -> None:
+        """Judge what a result folder holds anew, and tell of it.
 
         Raises
         ------
         ResultError
-            If the folder holds no result of this scene.
+            If the folder does not hold it.
         """
-        stored = read_result(header["result"])
-        scene = filled_in(scene, stored)
-        verdict = verify_result(stored, scene)
-        if verdict.verified is None:
-            attempt = RecordedMotion.of(rebuild(stored.arrays, scene))
-            self._send(header, "failed", attempt, begun, reasons=list(verdict.reasons))
-            return
-        self.kept = verdict.verified.motion
-        self._found(verdict.verified, header, begun, "stored")
+        folder = Path(header["result"])
+        playback = playback_of_item(Item(folder / SCENE, folder, Part(header["part"])))
+        touches = [asdict(touch) for touch in playback.touches]
+        self._played(playback, header, "stored" if playback.holds else "failed", begun, touches=touches)
 
     def _still_verified(self, scene: Scene, header: Mapping[str, Any], begun: float) -> bool:
         """Return whether the motion that is shown is verified on a changed scene as well; it is told if it is."""
@@ -188,14 +236,14 @@ class Worker:
             return False
         if verdict is None or verdict.verified is None:
             return False
+        still = playback_of(verdict.verified) if self.arms is None else self.arms.still(verdict.verified)
+        if still is None:
+            return False
         self.kept = motion
-        self._found(verdict.verified, header, begun, "kept")
+        self._found(still, header, begun, "kept")
         return True
 
     def _search(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
-        method, aim = KINDS[header["method"]](), _aim_of(scene, header)
-        load_kernels(SceneKind.of(scene))
-        taught = self._movements(scene, method.scene_of(scene), header["taught"])
         told: list[tuple[CoordinatedMotion, float]] = []
 
         def progress(state: Progress) -> None:
@@ -203,32 +251,55 @@ class Worker:
             if state.motion is None or (told and (state.motion is told[-1][0] or now - told[-1][1] < PAUSE)):
                 return
             told.append((state.motion, now))
-            verified = verify(state.motion).verified
-            if verified is not None:
+            found = self._verified(state.motion)
+            if found is not None:
                 self.kept = state.motion
-                self._found(verified, header, begun, "found")
+                self._found(found, header, begun, "found")
+            told[-1] = state.motion, time.perf_counter()
 
         def stop() -> bool:
-            patient = not told and not self.mailbox.let_go and time.perf_counter() - begun < PATIENCE
+            least = PATIENCE if self.arms is None else PATIENCE_WITH_ARMS
+            patient = not told and not self.mailbox.let_go and time.perf_counter() - begun < least
             return self.mailbox.closed or (self.mailbox.waiting and not patient)
 
-        solution = solve(
-            scene,
-            demonstration=taught,
-            seed=header["seed"],
-            method=method,
-            objective=aim,
-            budget=header["budget"],
-            progress=progress,
-            stop=stop,
-        )
+        solution = self._solved(scene, header, progress, stop)
+        if self.mailbox.waiting:  # which nobody waits for any more
+            return
+        hands = solution if isinstance(solution, Solution) else solution.solution
         self.solution = header["id"], solution
-        if solution.motion is not None:
-            self.kept = solution.attempt
-            self._found(solution.motion, header, begun, "solved", interrupted=solution.interrupted)
-        elif not solution.interrupted or not self.mailbox.waiting:
-            attempt = RecordedMotion.of(solution.attempt)
-            self._send(header, "failed", attempt, begun, reasons=list(solution.reasons))
+        if solution.verified:
+            self.kept = hands.attempt
+            if self.arms is not None and not isinstance(solution, Solution):
+                self.arms.kept = solution.joints
+            self._found(playback_of(solution), header, begun, "solved", interrupted=hands.interrupted)
+        else:
+            self._played(playback_of(solution), header, "failed", begun)
+
+    def _verified(self, motion: CoordinatedMotion) -> Playback | None:
+        """Return a motion that a search has found, once it is verified."""
+        if self.arms is not None:
+            return self.arms.carried(motion)
+        verified = verify(motion).verified
+        return None if verified is None else playback_of(verified)
+
+    def _solved(
+        self, scene: Scene, header: Mapping[str, Any], progress: ProgressCallback, stop: Callable[[], bool]
+    ) -> Solution | RobotSolution:
+        """Search a motion of the hands, or of a robot."""
+        method, aim = KINDS[header["method"]](), _aim_of(scene, header)
+        load_kernels(SceneKind.of(scene))
+        taught = self._movements(scene, method.scene_of(scene), header["taught"])
+        wanted: dict[str, Any] = {
+            "demonstration": taught,
+            "seed": header["seed"],
+            "objective": aim,
+            "budget": header["budget"],
+            "progress": progress,
+            "stop": stop,
+        }
+        if self.arms is None:
+            return solve(scene, method=method, **wanted)
+        return self.arms.solve(scene, None if header["method"] == Comove.name else method, wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
         """Return the movement that was taught, or that a scene names, for every hand; it is read once."""
@@ -237,8 +308,54 @@ class Worker:
             self._taught = key, demonstration_of(scene) if rows is None else demonstration_from(rows)
         return movements_of(self._taught[1], solved)
 
+    def run_live(self, header: Mapping[str, Any]) -> None:
+        """Execute a draft step by step, tell its states, and judge what happened.
+
+        Raises
+        ------
+        SceneError
+            If the draft is no scene.
+        OptionError
+            If it has no duration, or arms carry.
+        """
+        begun, scene = time.perf_counter(), _scene_of(header)
+        if scene.file.robot is not None:
+            raise OptionError("arms are not led live", way_out="take a scene without a robot")
+        if not scene.is_timed:
+            if self.kept is None:
+                raise OptionError("the scene leaves its duration open", way_out="wait for a verified motion")
+            scene = with_limits(scene).timed(self.kept.scene.duration)
+        load_kernels(SceneKind.of(scene))
+        self.mailbox.begin_run()
+
+        def tell(state: State) -> None:
+            arrays = {"nodes": state.nodes, "offsets": state.offsets}
+            said = {"kind": "state", "id": header["id"], "time": state.time, "planned": state.planned}
+            self.tell(Message(said, arrays))
+
+        run = run_live(
+            scene,
+            header["contents"],
+            demonstration=self._movements(scene, scene, header["taught"]),
+            seed=header["seed"],
+            plan=self._plan_on(scene),
+            leads=self.mailbox.leads,
+            tell=tell,
+            stop=lambda: self.mailbox.halted,
+        )
+        self.solution = header["id"], run
+        playback = playback_of_run(run.record, run.blocker)
+        self._played(playback, header, "ran", begun, holds=playback.holds)
+
+    def _plan_on(self, scene: Scene) -> VerifiedMotion | None:
+        """Return the motion that is shown, if it is verified on a scene."""
+        try:
+            return None if self.kept is None else verify(self.kept.on(scene)).verified
+        except (ComoveError, ValueError, IndexError):  # its coordinates are not those of this scene
+            return None
+
     def save(self, header: Mapping[str, Any]) -> None:
-        """Write the last result into a folder, as `comove solve` does.
+        """Write the last result into a folder, as `comove solve` and `comove robot solve` do.
 
         Raises
         ------
@@ -249,28 +366,42 @@ class Worker:
         from comove.results import RESULT
         from comove.views import save_result
 
-        if self.solution is None or self.solution[0] != header["of"] or not self.solution[1].verified:
+        number, solution = self.solution or (-1, None)
+        folder = Path(header["target"])
+        if isinstance(solution, LiveRun) and number == header["of"]:
+            with whole_folder(folder, RESULT) as draft:
+                save_run(solution, draft, seed=header["seed"])
+            self._send(header, "saved", target=str(folder))
+            return
+        if (
+            solution is None
+            or isinstance(solution, LiveRun)
+            or number != header["of"]
+            or not solution.verified
+        ):
             self._send(header, "unsaved", reasons=["there is no verified motion of this scene to save yet"])
             return
-        solution, folder = self.solution[1], Path(header["target"])
+        hands = solution if isinstance(solution, Solution) else solution.solution
         with whole_folder(folder, RESULT) as draft:
-            save_result(solution, draft, wall_time_s=solution.solve_time_s, with_scene=True)
+            save_result(hands, draft, wall_time_s=hands.solve_time_s, with_scene=True)
+            if self.arms is not None and not isinstance(solution, Solution):
+                self.arms.save(solution, draft)
         self._send(header, "saved", target=str(folder))
 
     def _found(
-        self,
-        verified: VerifiedMotion,
-        header: Mapping[str, Any],
-        begun: float,
-        kind: str,
-        **further: Any,
+        self, playback: Playback, header: Mapping[str, Any], begun: float, kind: str, **further: Any
     ) -> None:
-        motion, now = verified.motion, time.perf_counter() - begun
+        now = time.perf_counter() - begun
         if self._first[0] != header["id"]:
             self._first = header["id"], now
-        recording = RecordedMotion.of(motion)
-        further |= {"report": _numbers(verified.report), "verified_after": self._first[1]}
-        self._send(header, kind, recording, begun, duration=motion.scene.duration, **further)
+        self._played(playback, header, kind, begun, verified_after=self._first[1], **further)
+
+    def _played(
+        self, playback: Playback, header: Mapping[str, Any], kind: str, begun: float, **further: Any
+    ) -> None:
+        """Send what is to be played, with what is known of it."""
+        said = {"verdict": playback.verdict, "rows": playback.rows, "reasons": playback.reasons}
+        self._send(header, kind, playback.recording, begun, **said, **further)
 
     def _send(
         self,
@@ -288,6 +419,13 @@ class Worker:
         self.tell(Message({"kind": "compiling", "id": -1, "kernel": kernel}))
 
 
+def _scene_of(header: Mapping[str, Any]) -> Scene:
+    """Return the scene of a draft."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)
+        return Scene.from_dict(header["contents"], folder=header["folder"])
+
+
 def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
     """Return the objective that a draft asks for; None leaves it to `solve`."""
     name, resemblance = header["objective"], header["resemblance"]
@@ -297,10 +435,6 @@ def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
     if resemblance is None or isinstance(aim, LeastTime):
         return aim
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
-
-
-def _numbers(report: Report) -> dict[str, float]:
-    return {key: float(value) for key, value in asdict(report).items() if value is not None}
 
 
 def main() -> None:

@@ -109,7 +109,7 @@ def _inverse_of_lower(lower: Array) -> Array:
     """Return the inverse of a lower triangular matrix, by halves: of large ones in half the time that numpy takes."""
     n, half = len(lower), len(lower) // 2
     if n <= UNDIVIDED:
-        return np.linalg.inv(lower)
+        return np.asarray(np.linalg.inv(lower), dtype=float)
     inverse = np.zeros_like(lower)
     above, below = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
     inverse[:half, :half], inverse[half:, half:] = above, below

@@ -1,0 +1,261 @@
+"""Runs among obstacles that a person leads by hand: the executor, step by step, at the pace of a clock."""
+
+from __future__ import annotations
+
+import copy
+import time as clock
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import OptionError
+from comove.execution import ExecutionLog, Executor, Functions, Pace, write_run
+from comove.reaction.twists import HandPoses, nodes_of
+from comove.scenes.scene import Scene
+from comove.verification.record import Record, verify_execution
+from comove.verification.verify import VerifiedMotion
+from comove.workbench.edits import Contents
+from comove.workbench.geometry import longest_side
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """Settings of a run that a person watches.
+
+    Attributes
+    ----------
+    fastest : speed of a led obstacle, in longest sides of the workspace a second: what is faster, no load can dodge
+    lag : time constant with which it follows the hand [s]
+    near : distance from the hand at which it has arrived [m]
+    states : states that are told a second of the run
+    longest : time after which a run ends [s]
+    late : by how much the run may lag behind the clock on the wall, before it is let go on from there [s]
+    pace : periods of control and planning; short ones, as the page stands still meanwhile
+    """
+
+    fastest: float = 0.4
+    lag: float = 0.12
+    near: float = 1e-4
+    states: float = 25.0
+    longest: float = 60.0
+    late: float = 0.1
+    pace: Pace = field(default_factory=lambda: Pace(leisure=3.0, haste=0.3))
+
+
+SETTINGS = LiveSettings()
+
+
+class Led:
+    """The way of an obstacle that follows a hand: straight from knot to knot, as its true motion.
+
+    Parameters
+    ----------
+    place : array, shape (3,), its centre before [m]
+    since : time until which it stays there [s]
+    fastest : speed at which it follows at most [m/s]
+    """
+
+    def __init__(self, place: Array, since: float, fastest: float):
+        self.times, self.places = [0.0], [place]
+        self.target, self.fastest = place, fastest
+        if since > 0.0:
+            self._add(since, place)
+
+    def go_on(self, until: float) -> None:
+        """Follow the hand until a later instant [s]."""
+        period, way = until - self.times[-1], self.target - self.places[-1]
+        left = float(np.linalg.norm(way))
+        share = min(period / SETTINGS.lag, self.fastest * period / left) if left > SETTINGS.near else 1.0
+        self._add(until, self.places[-1] + min(share, 1.0) * way)
+
+    def _add(self, time: float, place: Array) -> None:
+        """Add a knot; the last one goes where nothing has changed since the one before."""
+        stands = len(self.times) > 1 and np.array_equal(self.places[-2], self.places[-1])
+        if stands and np.array_equal(self.places[-1], place):
+            self.times[-1] = time
+            return
+        self.times.append(time)
+        self.places.append(place)
+
+    def at(self, time: float) -> Array:
+        """Return where it is at an instant, which may lie after the last knot [s]; array, shape (3,) [m]."""
+        if len(self.times) == 1 or time >= self.times[-1]:
+            return self.places[-1]
+        k = max(bisect_right(self.times, time) - 1, 0)
+        share = (time - self.times[k]) / (self.times[k + 1] - self.times[k])
+        return self.places[k] + share * (self.places[k + 1] - self.places[k])
+
+    def motion(self, n_dims: int) -> Contents:
+        """Return the way as the `motion` of an obstacle in a scene file."""
+        return {"waypoints": [place[:n_dims].tolist() for place in self.places], "times": list(self.times)}
+
+
+class LedObstacles(Functions):
+    """An observer of obstacles, some of which are led by hand; where they will go, nobody knows.
+
+    Parameters
+    ----------
+    scene : the scene to which the obstacles belong
+    """
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene, (None,) * len(scene.motions))
+        self.led: dict[int, Led] = {}
+
+    def lead(self, obstacle: int, place: ArrayLike, now: float) -> None:
+        """Let an obstacle follow a hand to a place [m], from now [s] on.
+
+        Raises
+        ------
+        OptionError
+            If there is no such obstacle, it is a mesh, or has a motion of its own.
+        """
+        scene, goal = self.scene, np.array(place, dtype=float)
+        known = isinstance(obstacle, int) and 0 <= obstacle < len(scene.motions)
+        if not known or goal.shape != (3,) or not np.isfinite(goal).all():
+            raise OptionError("an obstacle cannot be led there", way_out="take hold of it again")
+        if scene.moving[obstacle] or obstacle in scene.surfaces.owner:
+            raise OptionError(
+                f"{scene.name_of(obstacle)} cannot be led by hand",
+                way_out="take one that stands, and is no mesh",
+            )
+        if obstacle not in self.led:
+            fastest = SETTINGS.fastest * longest_side(scene)
+            self.led[obstacle] = Led(scene.centers[obstacle], now, fastest)
+        goal[scene.n_dims :] = 0.0
+        self.led[obstacle].target = goal
+
+    def go_on(self, until: float) -> None:
+        """Move all that is led on to a later instant [s]."""
+        for led in self.led.values():
+            led.go_on(until)
+
+    def ground_truth(self, time: Array) -> Array:
+        """Return where all obstacles are; array, shape (n_times, n_obstacles, 3) [m]."""
+        centers = self.scene.centers + self.scene.offsets(time)
+        for obstacle, led in self.led.items():
+            centers[:, obstacle] = [led.at(instant) for instant in time.tolist()]
+        return centers
+
+    def contents(self, contents: Contents) -> Contents:
+        """Return the contents of a scene file in which what was led moves as it did."""
+        contents = copy.deepcopy(contents)
+        for obstacle, led in self.led.items():
+            contents["obstacles"][obstacle]["motion"] = led.motion(self.scene.n_dims)
+        return contents
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The present state of a run.
+
+    Attributes
+    ----------
+    time : time since its beginning [s]
+    nodes : array, shape (n_nodes, 3), hands first [m]
+    offsets : array, shape (n_obstacles, 3), of the obstacles' centres from the scene's [m]
+    planned : whether a plan is followed
+    """
+
+    time: float
+    nodes: Array
+    offsets: Array
+    planned: bool
+
+
+@dataclass(frozen=True, eq=False)
+class LiveRun:
+    """What happened in a run: its record on a scene in which what was led moves so, the executor's log, and what was
+    in the way at last.
+    """
+
+    record: Record
+    log: ExecutionLog
+    blocker: str
+
+
+def run_live(
+    scene: Scene,
+    contents: Contents,
+    *,
+    demonstration: Any,
+    seed: int,
+    plan: VerifiedMotion | None = None,
+    leads: Callable[[], Mapping[int, ArrayLike]],
+    tell: Callable[[State], None],
+    stop: Callable[[], bool],
+) -> LiveRun:
+    """Execute a scene at the pace of the clock on the wall, while obstacles are led, until the load has arrived.
+
+    Parameters
+    ----------
+    scene, contents : the scene, with a duration, and the contents of its file
+    demonstration, seed, plan : as of `Executor`
+    leads : function that returns where obstacles are led since it was last asked, by their numbers
+    tell : function that is called with states
+    stop : function that says whether to stop before
+    """
+    observer, pace = LedObstacles(scene), SETTINGS.pace
+    executor = Executor(scene, observer, seed=seed, pace=pace, demonstration=demonstration, plan=plan)
+    poses, every = [executor.poses], max(1, round(1.0 / (SETTINGS.states * pace.period)))
+    executor.step()  # the first plan may take its time
+    poses.append(executor.poses)
+    observer.go_on(executor.time)
+    begun = clock.perf_counter() - executor.time
+    while not stop() and executor.time < SETTINGS.longest and not _arrived(executor):
+        for obstacle, place in leads().items():
+            observer.lead(obstacle, place, executor.time)
+        executor.step()
+        observer.go_on(executor.time)
+        poses.append(executor.poses)
+        if executor.n_steps % every == 0:
+            tell(_state(executor, observer))
+        late = clock.perf_counter() - begun - executor.time
+        if late > SETTINGS.late:
+            begun += late
+        elif late < 0:
+            clock.sleep(-late)
+    poses.append(executor.poses)  # and stands
+    observer.go_on(executor.time + pace.period)
+    executed = Scene.from_dict(observer.contents(contents), folder=scene.folder)
+    executed = executed if executed.is_timed else executed.timed(scene.duration)
+    return LiveRun(_record(executed, poses, pace.period), executor.log, executor.blocker)
+
+
+def _arrived(executor: Executor) -> bool:
+    return executor.arrived and (executor.plan is None or executor.time >= executor.plan.ends - 1e-9)
+
+
+def _state(executor: Executor, observer: LedObstacles) -> State:
+    scene = executor.scene
+    offsets = observer.ground_truth(np.array([executor.time]))[0] - scene.centers
+    return State(executor.time, nodes_of(scene, executor.poses), offsets, executor.plan is not None)
+
+
+def _record(scene: Scene, poses: list[HandPoses], period: float) -> Record:
+    time = period * np.arange(len(poses), dtype=np.float64)
+    return Record(
+        scene,
+        time,
+        np.array([p.center for p in poses]),
+        np.array([p.quaternion for p in poses]),
+        scene.centers + scene.offsets(time),
+        scene.obstacle_sagittas(time),
+    )
+
+
+def save_run(run: LiveRun, folder: Path, *, seed: int) -> None:
+    """Write a run into a result folder that is being written, as `comove run` does, but for the film."""
+    from comove.views import draw_run, save
+
+    report = verify_execution(run.record, run.blocker)
+    save(draw_run(run.record), folder / "run.png")
+    time = float(run.record.time[-1])
+    write_run(folder, run.record, report, run.log, seed=seed, interrupted=False, wall_time_s=time)

@@ -1,0 +1,268 @@
+"""What is played: a scene, states of it over time, and in words what is known of them.
+
+Motions, robots, runs and simulations become one thing here, which a page of its own and the workbench show alike.
+Whatever comes from a folder is judged anew from its files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import ComoveError, ExtraError, ResultError
+from comove.execution import read_run
+from comove.planning import Solution
+from comove.results import StoredResult, filled_in, read_result, verify_result
+from comove.results.solution import SCENE, rebuild
+from comove.scenes.scene import Scene
+from comove.verification.record import Record, verify_execution
+from comove.verification.verify import Report, VerifiedMotion, verify
+from comove.workbench.bodies import poses_of, robot_of
+from comove.workbench.recording import RecordedMotion
+from comove.workbench.shelf import Item, Part, parts_of, read_scene
+from comove.workbench.words import Row, joint_rows, measures_of, simulation_rows
+
+if TYPE_CHECKING:
+    from comove.robots import JointMotion, JointReport, Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Something that touched what it should not.
+
+    Attributes
+    ----------
+    time : of the first contact [s]
+    obstacle : number of the obstacle, -1 for something else
+    words : what touched what
+    """
+
+    time: float
+    obstacle: int
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """What is played.
+
+    Attributes
+    ----------
+    scene : the scene
+    verdict : what is known of it, such as "verified at every instant"
+    holds : whether the verdict is a good one
+    recording : states over time; None for a scene alone
+    rows : measures: of what, by how much, and what was asked for
+    reasons : why the verdict is no good one, in words
+    robot : robot that carries the load, None for hands alone
+    touches : contacts of a simulation
+    """
+
+    scene: Scene
+    verdict: str
+    holds: bool = True
+    recording: RecordedMotion | None = None
+    rows: tuple[Row, ...] = ()
+    reasons: tuple[str, ...] = ()
+    robot: Robot | None = None
+    touches: tuple[Touch, ...] = ()
+
+
+def playback_of_scene(scene: Scene) -> Playback:
+    """Return a scene alone, with its robot at home where robots are installed."""
+    try:
+        robot = robot_of(scene)
+    except ComoveError as error:
+        return Playback(scene, "no motion yet", reasons=(str(error),))
+    return Playback(scene, "no motion yet", robot=robot)
+
+
+def playback_of_motion(motion: CoordinatedMotion, report: Report, reasons: tuple[str, ...] = ()) -> Playback:
+    """Return a motion of hands, with its measures and the reasons why it is not verified."""
+    rows = measures_of(report.asdict(), motion.scene, motion.scene.duration)
+    recording = RecordedMotion.of(motion)
+    return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), tuple(reasons))
+
+
+def _verdict(reasons: tuple[str, ...]) -> str:
+    return "not verified" if reasons else "verified at every instant"
+
+
+def playback_of_run(record: Record, blocker: str = "") -> Playback:
+    """Return an execution, judged by the true motions of its obstacles."""
+    report = verify_execution(record, blocker)
+    verdict = "not verified" if report.reasons else "executed, and verified at every instant"
+    rows = measures_of(report.asdict(), record.scene, float(record.time[-1]))
+    recording = RecordedMotion.of_run(record)
+    return Playback(record.scene, verdict, not report.reasons, recording, tuple(rows), report.reasons)
+
+
+def playback_of_joints(
+    robot: Robot,
+    motion: CoordinatedMotion,
+    joints: JointMotion,
+    report: JointReport,
+    reasons: tuple[str, ...] = (),
+) -> Playback:
+    """Return a robot's motion, with the measures of its hands and of its joints."""
+    recording = RecordedMotion.of(motion)
+    recording = replace(recording, links=poses_of(robot, joints.at(recording.time)[0]))
+    rows = measures_of(verify(motion).report.asdict(), motion.scene, motion.scene.duration)
+    rows += joint_rows(report.asdict())
+    return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
+
+
+def playback_of_item(item: Item) -> Playback:
+    """Return what a result folder holds, judged anew.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read.
+    ExtraError
+        If it needs what is not installed.
+    """
+    folder, scene = item.result, read_scene(item.scene)
+    if folder is None:
+        return playback_of_scene(scene)
+    return _READERS[item.part](folder, scene)
+
+
+def playback_of(thing: Any) -> Playback:
+    """Return what can be shown of a scene, a solution, a motion, an execution, or a result folder.
+
+    Raises
+    ------
+    TypeError
+        If it is nothing of the kind.
+    """
+    if isinstance(thing, (str, Path)):
+        path = Path(thing)
+        item = Item(path / SCENE, path, parts_of(path)[0]) if path.is_dir() else Item(path)
+        return playback_of_item(item)
+    if isinstance(thing, StoredResult):
+        return playback_of_item(Item(thing.folder / SCENE, thing.folder, parts_of(thing.folder)[0]))
+    if isinstance(thing, Scene):
+        return playback_of_scene(thing)
+    if isinstance(thing, Solution):
+        return playback_of_motion(thing.attempt, thing.report, thing.reasons)
+    if isinstance(thing, VerifiedMotion):
+        return playback_of_motion(thing.motion, thing.report)
+    if isinstance(thing, CoordinatedMotion):
+        verdict = verify(thing)
+        return playback_of_motion(thing, verdict.report, verdict.reasons)
+    if isinstance(thing, Record):
+        return playback_of_run(thing)
+    return _of_robot(thing)
+
+
+def _of_robot(thing: Any) -> Playback:
+    try:
+        from comove.robots import RobotSolution, VerifiedJointMotion
+    except ExtraError:
+        RobotSolution = VerifiedJointMotion = ()  # type: ignore[assignment,misc]  # of which nothing is one
+    if isinstance(thing, RobotSolution):
+        solution, reasons = (
+            thing.solution,
+            tuple(dict.fromkeys([*thing.solution.reasons, *thing.verdict.reasons])),
+        )
+        return playback_of_joints(thing.robot, solution.attempt, thing.joints, thing.report, reasons)
+    if isinstance(thing, VerifiedJointMotion):
+        return playback_of_joints(thing.robot, thing.motion.motion, thing.joints, thing.report)
+    raise TypeError(
+        f"a {type(thing).__name__} cannot be shown: give a scene, a solution, a motion, an execution or a folder"
+    )
+
+
+def _motion_in(folder: Path, scene: Scene) -> Playback:
+    stored = read_result(folder)
+    scene = filled_in(scene, stored)
+    verdict = verify_result(stored, scene)
+    return playback_of_motion(rebuild(stored.arrays, scene), verdict.report, verdict.reasons)
+
+
+def _joints_in(folder: Path, scene: Scene) -> Playback:
+    robot, motion, joints = _carried_in(folder, scene)
+    from comove.robots import verify_stored
+
+    verdict = verify_stored(folder, robot, scene=scene)
+    return playback_of_joints(robot, motion, joints, verdict.report, verdict.reasons)
+
+
+def _carried_in(folder: Path, scene: Scene) -> tuple[Robot, CoordinatedMotion, JointMotion]:
+    """Return the robot of a folder, the motion of its hands, and that of its joints."""
+    try:
+        from comove.robots import read_joints
+        from comove.robots.files import robot_in
+    except ExtraError:
+        raise ExtraError("to show a robot", "robot") from None
+    stored = read_joints(folder)
+    return robot_in(stored), rebuild(read_result(folder).arrays, scene), stored.joints
+
+
+def _run_in(folder: Path, scene: Scene) -> Playback:
+    return playback_of_run(read_run(folder, scene).record)
+
+
+def _simulation_in(folder: Path, scene: Scene) -> Playback:
+    """Return a simulation; the load is where the simulator had it."""
+    robot, motion, _ = _carried_in(folder, scene)
+    from comove.simulators import SIMULATION
+
+    summary, arrays = SIMULATION.read(folder, whole=True)
+    if summary.get("scene_sha256") != scene.sha256:
+        raise ResultError(
+            "it is not the scene that was simulated", file=folder / SCENE, way_out=SIMULATION.hint
+        )
+    recording = _simulated(robot, motion, arrays)
+    touches = tuple(_touch(scene, contact) for contact in summary["contacts"])
+    verdict = "simulated, and delivered" if summary["delivered"] else "simulated, and not delivered"
+    reasons = tuple(summary["reasons"])
+    return Playback(scene, verdict, not reasons, recording, simulation_rows(summary), reasons, robot, touches)
+
+
+def _simulated(robot: Robot, motion: CoordinatedMotion, arrays: Mapping[str, Array]) -> RecordedMotion:
+    """Return the states of a simulation at the times of the planned motion, and of what comes after it."""
+    planned, scene = RecordedMotion.of(motion), motion.scene
+    after = np.arange(planned.time[-1], float(arrays["time"][-1]), planned.time[1])[1:]
+    time = np.concatenate([planned.time, after])
+    steps = np.abs(arrays["time"][:, None] - time).argmin(axis=0)
+    nodes = np.concatenate([planned.nodes, np.repeat(planned.nodes[-1:], len(after), axis=0)])
+    hands = arrays["hands"][steps, :, :3, 3]
+    pose = arrays["load_pose"][steps]
+    if np.isfinite(pose).all():
+        at_start = (planned.nodes[0] - pose[0, :3, 3]) @ pose[0, :3, :3]
+        nodes = np.einsum("tij,nj->tni", pose[:, :3, :3], at_start) + pose[:, None, :3, 3]
+    nodes[:, : hands.shape[1]] = hands
+    speed = np.linalg.norm(np.gradient(hands, time, axis=0), axis=2)
+    acceleration = np.linalg.norm(np.gradient(np.gradient(hands, time, axis=0), time, axis=0), axis=2)
+    return RecordedMotion.of_states(
+        scene, time, nodes, speed, acceleration, poses_of(robot, arrays["joints"][steps])
+    )
+
+
+def _touch(scene: Scene, contact: Mapping[str, Any]) -> Touch:
+    """Return a contact of a simulation's summary."""
+    names = [scene.name_of(number) for number in range(len(scene.file.obstacles))]
+    found = [names.index(name) for name in contact["between"] if name in names]
+    first, second = contact["between"]
+    words = (
+        f"{first} touched {second} at {contact['time']:.2f} s, {1e3 * contact['depth']:.1f} mm deep at most"
+    )
+    return Touch(float(contact["time"]), found[0] if found else -1, words)
+
+
+_READERS = {
+    Part.MOTION: _motion_in,
+    Part.JOINTS: _joints_in,
+    Part.RUN: _run_in,
+    Part.SIMULATION: _simulation_in,
+}
