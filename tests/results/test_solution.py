@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import comove
 from comove import PaperCost, Projection
@@ -137,6 +138,24 @@ def test_velocities_are_the_derivative_of_positions(folder):
     assert np.abs(differences - arrays["velocity"][1:-1]).max() < 0.02
 
 
+def test_accelerations_are_the_derivative_of_velocities(folder):
+    arrays = arrays_of(folder)
+    differences = np.gradient(arrays["velocity"], arrays["time"], axis=0)[1:-1]
+    assert np.abs(differences - arrays["acceleration"][1:-1]).max() < 0.02
+
+
+@pytest.mark.parametrize("name", ["narrow", "window", "triangle"])
+def test_hands_are_where_the_poses_of_their_group_put_them(tmp_path, name):
+    solution = solved(name)
+    arrays, n_dims = arrays_of(written(tmp_path / "result", solution)), solution.scene.n_dims
+    for g, group in enumerate(solution.scene.groups):
+        w, x, y, z = arrays["quaternion"][:, g].T
+        turn = Rotation.from_quat(np.stack([x, y, z, w], axis=1)).as_matrix()
+        placed = arrays["center"][:, g, None] + np.einsum("tij,kj->tki", turn, group.grasps)
+        hands = arrays["position"][:, list(group.members)]
+        np.testing.assert_allclose(placed[:, :, :n_dims], hands, atol=1e-12)
+
+
 def test_an_attempt_is_labelled_so(tmp_path):
     """And the verdict on it is no."""
     data = scene_data(example("narrow"))
@@ -174,7 +193,7 @@ def test_an_edited_number_is_rejected_however_small_the_edit(tmp_path_factory, d
     assert any("checksum" in reason for reason in reasons(folder))
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", [*SAMPLES, "acceleration", "center", "quaternion"])
 @pytest.mark.parametrize("change", [1e-9, 1e-3, np.nan, np.inf])
 def test_an_edited_sample_is_found_even_with_the_right_checksum(folder, name, change):
     array = arrays_of(folder)[name].copy()

@@ -58,7 +58,7 @@ MORE_SAMPLES = ("acceleration", "center", "quaternion")  # results of earlier ve
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 AGAIN = "solve the scene again"
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
-REBUILT_RATE = 1e-8  # m/s^2, likewise accelerations: second derivatives of the basis are large numbers
+REBUILT_RATE = 1e-10  # likewise accelerations [m/s^2], relative to the largest where that is above 1 m/s^2
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
 JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
@@ -373,13 +373,18 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
         elif right.dtype.kind == "U":
             if list(found) != list(right):
                 reasons.append("the manipulators are not those of the scene")
-        elif not _apart(name, found, right).max() <= (REBUILT_RATE if name == "acceleration" else REBUILT):
+        elif not _apart(name, found, right).max() <= _rebuilt(name, right):
             at = np.unravel_index(first_largest(_apart(name, found, right)), right.shape)
             where = ", ".join(str(int(i)) for i in at)
             reasons.append(
                 f"'{name}[{where}]' was edited: it is {float(found[at])!r}, the motion's is {float(right[at])!r}"
             )
     return reasons
+
+
+def _rebuilt(name: str, right: Any) -> float:
+    """Return by how much a sample may differ from the curve rebuilt on another machine."""
+    return REBUILT if name != "acceleration" else REBUILT_RATE * max(1.0, float(np.abs(right).max()))
 
 
 def _apart(name: str, found: Any, right: Any) -> Any:
