@@ -9,7 +9,7 @@ import comove
 from comove.coordination.coordinates import load_coordinates
 from comove.planning.convex.jerk import squares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
-from comove.planning.convex.warp import warped
+from comove.planning.convex.warp import interpolated, warped
 from comove.planning.objectives import LeastJerk
 from comove.primitives.basis import motion_basis
 
@@ -69,3 +69,15 @@ def test_what_cannot_be_better_is_left_alone(programme):
 def test_where_time_has_its_price_nothing_is_warped(programme):
     late = along(programme, np.linspace(0.0, 1.0, len(programme.fine.base)) ** 2)
     assert warped(programme, replace(cost_of(programme), haste=1.0), late, ConvexSettings()) is late
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_cubics_between_samples_meet_polynomials_up_to_the_third_degree(degree):
+    s, t = np.linspace(0.0, 1.0, 21), np.random.default_rng(degree).uniform(size=200)
+    coefficients = np.random.default_rng(10 + degree).normal(size=degree + 1)
+    way, rate = np.polyval(coefficients, s), np.polyval(np.polyder(coefficients), s)
+    error = interpolated(way[:, None], rate[:, None], t)[:, 0] - np.polyval(coefficients, t)
+    fourth = 24.0 * abs(coefficients[0]) if degree == 4 else 0.0
+    assert (
+        np.abs(error).max() <= fourth / 384 * (1 / 20) ** 4 * (1 + 1e-6) + 1e-13
+    )  # the error of Hermite's cubic

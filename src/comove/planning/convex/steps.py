@@ -92,7 +92,7 @@ def stand(
     square = slopes.T @ slopes
     square.flat[:: p.n + 1] += 1e-9 * np.trace(square) / p.n
     # All by numpy: its threads and those of scipy would delay each other for longer than the work takes.
-    whiten = _inverse_of_lower(np.linalg.cholesky(square))
+    whiten = inverse_of_lower(np.linalg.cholesky(square))
     gradient = whiten @ (slopes.T @ residuals)
     own = p.fine.q(z)
     cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
@@ -105,13 +105,13 @@ def stand(
     return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
 
 
-def _inverse_of_lower(lower: Array) -> Array:
+def inverse_of_lower(lower: Array) -> Array:
     """Return the inverse of a lower triangular matrix, by halves: of large ones in half the time that numpy takes."""
     n, half = len(lower), len(lower) // 2
     if n <= UNDIVIDED:
         return np.asarray(np.linalg.inv(lower), dtype=float)
     inverse = np.zeros_like(lower)
-    above, below = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
+    above, below = inverse_of_lower(lower[:half, :half]), inverse_of_lower(lower[half:, half:])
     inverse[:half, :half], inverse[half:, half:] = above, below
     inverse[half:, :half] = -below @ (lower[half:, :half] @ above)
     return inverse

@@ -45,7 +45,7 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     way, rate = programme.fine.q(z), programme.fine_rate.q(z)
     near = settings.margin + 1e-3 + programme.scene.clearance
     for share in SHARES:
-        later = programme.fit(_interpolated(way, rate, t + share * shift), RIDGE)
+        later = programme.fit(interpolated(way, rate, t + share * shift), RIDGE)
         cheaper, hands = programme.value(cost, later, settings.gauge)
         if cheaper > (1 - settings.gain) * value:
             continue
@@ -55,7 +55,7 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     return z
 
 
-def _interpolated(way: Array, rate: Array, t: Array) -> Array:
+def interpolated(way: Array, rate: Array, t: Array) -> Array:
     """Return a movement at other times, by the cubics that meet its values and derivatives at even samples.
 
     Parameters
