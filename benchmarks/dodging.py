@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from comove.coordination.group_poses import HandPoses
 from comove.optimisers import CMAES
-from comove.reaction.twists import HandPoses, advanced, twists_between
+from comove.reaction.twists import advanced, twists_between
 from comove.verification.record import Record, verify_execution
 
 HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s, both ends counted

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
+from comove.coordination.group_poses import HandPoses
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Pace
-from comove.reaction.twists import HandPoses, advanced, nodes_of, poses_of, twists_between
+from comove.reaction.twists import advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
 

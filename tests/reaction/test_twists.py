@@ -7,16 +7,10 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from comove.coordination.coordinates import load_coordinates, projected_coordinates
+from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices
-from comove.reaction.twists import (
-    HandPoses,
-    advanced,
-    hand_velocities,
-    nodes_of,
-    poses_at,
-    poses_of,
-)
+from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
 
 from .moving import scene_of
 

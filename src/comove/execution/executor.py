@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
+from comove.coordination.group_poses import HandPoses, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
@@ -33,15 +34,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
 from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
-from comove.reaction.twists import (
-    HandPoses,
-    advanced,
-    hand_velocities,
-    nodes_of,
-    poses_at,
-    poses_of,
-    twists_between,
-)
+from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify

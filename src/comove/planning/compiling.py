@@ -16,7 +16,7 @@ from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
 from comove._compiled import ALONE
-from comove.processors import n_processors
+from comove.processes.processors import n_processors
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]

@@ -25,6 +25,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.group_poses import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
     distance_and_gradient,
@@ -37,7 +38,7 @@ from comove.geometry.distances import CENTER, REACH, TINY, point_distance
 from comove.reaction.control_points import moved_obstacles
 from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
 from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
-from comove.reaction.twists import HandPoses, place, step, turn_into
+from comove.reaction.twists import place, step, turn_into
 
 Array = NDArray[np.float64]
 

@@ -32,6 +32,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.group_poses import HandPoses
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, require_positive
 from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows, rate
@@ -47,7 +48,7 @@ from comove.reaction.qp_workspace import (
     Sighting,
     empty_workspace,
 )
-from comove.reaction.twists import HandPoses, group_nodes
+from comove.reaction.twists import group_nodes
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 

@@ -13,6 +13,7 @@ import numpy as np
 import comove
 from comove._version import __version__
 from comove.coordination.coordinates import COORDINATES, coordinates_for
+from comove.coordination.group_poses import poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import InputError, OptionError, ResultError, shortened
 from comove.io.entries import COUNT, MAPPING, NUMBER, TEXT, TEXTS, TRUTH, agrees, number, require_types
@@ -23,7 +24,6 @@ from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
-from comove.reaction.twists import poses_at
 from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
 from comove.scenes.scene import Scene
 from comove.ties import first_largest

@@ -17,7 +17,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import SceneError
 from comove.planning.configurations import Space, configuration_space
-from comove.processors import n_processors
+from comove.processes.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.coordination.group_poses import HandPoses
 from comove.errors import OptionError
 from comove.execution import ExecutionLog, Executor, Functions, Pace, write_run
-from comove.reaction.twists import HandPoses, nodes_of
+from comove.reaction.twists import nodes_of
 from comove.scenes.scene import Scene
 from comove.verification.record import Record, verify_execution
 from comove.verification.verify import VerifiedMotion

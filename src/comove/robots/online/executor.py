@@ -19,6 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
 from comove.execution.executor import Event
 from comove.execution.observers import Functions, Observer
@@ -27,15 +28,7 @@ from comove.planning.objectives import LeastJerk
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twist_qp import NOTHING
-from comove.reaction.twists import (
-    HandPoses,
-    advanced,
-    hand_velocities,
-    nodes_of,
-    poses_at,
-    poses_of,
-    twists_between,
-)
+from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.robots.carry import RobotSolution, carry, robot_method
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot

@@ -18,10 +18,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.group_poses import HandPoses
 from comove.errors import SceneError
 from comove.reaction.qp_workspace import LIMIT, Sighting
 from comove.reaction.twist_qp import ENDLESS, EQUAL, Allowed, Assembled, ProgrammeSettings, TwistProgramme
-from comove.reaction.twists import HandPoses, nodes_of
+from comove.reaction.twists import nodes_of
 from comove.robots.online.link_rows import LinkNeeds, clearances_along, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.following import Arms
 from comove.scenes.grasp import Grasp
