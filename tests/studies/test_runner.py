@@ -82,7 +82,10 @@ def test_what_is_there_is_not_run_again_and_more_can_be_asked_for(tmp_path, whol
 
 
 def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
-    run_study(FakeStudy(12, killers=(3, 7), raisers=(5,)), tmp_path / "study", on_processes(2))
+    study = FakeStudy(12, killers=(3, 7), raisers=(5,), log=tmp_path / "log")
+    run_study(study, tmp_path / "study", on_processes(2))
+    begun = (tmp_path / "log").read_text().split()
+    assert begun.count("3") == begun.count("7") == 3 and len(begun) == 16
     found = {run.number: (run.status, run.reason) for run in rows(tmp_path / "study")[0]}
     assert found.pop(3) == found.pop(7) == ("killed", "its process was killed 3 times")
     assert found.pop(5) == ("refused", "not 5; another")
