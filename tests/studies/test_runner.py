@@ -2,6 +2,7 @@
 
 import os
 import random
+import resource
 import signal
 import sqlite3
 import subprocess
@@ -28,7 +29,7 @@ def rows(folder):
     return runs, [motion for _, motion in store.motions()]
 
 
-def start(folder, *, workers=2, total=40, pause=0.02):
+def start(folder, *, workers=2, total=40, pause=0.02, room=None):
     path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
     log = folder.with_suffix(".log")
     return subprocess.Popen(
@@ -38,6 +39,7 @@ def start(folder, *, workers=2, total=40, pause=0.02):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=None if room is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
     )
 
 
@@ -148,6 +150,19 @@ def test_a_store_of_another_version_is_refused(tmp_path):
     store.close()
     with pytest.raises(ResultError, match="another version of comove"):
         run_study(FakeStudy(1), tmp_path, on_processes(1))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
+def test_a_full_disk_is_told_and_what_had_ended_is_there(tmp_path, whole):
+    """The disk is full in the middle: one sentence; with room again, the same call goes on."""
+    driver = start(tmp_path / "study", workers=1, pause=0.0, room=40_000)
+    _, err = driver.communicate(timeout=60)
+    assert driver.returncode == 1
+    assert "comove.errors.ResultError: " in err.splitlines()[-1] and "make room" in err.splitlines()[-1]
+    before = rows(tmp_path / "study")
+    assert 0 < len(before[0]) < 40 and before[0] == whole[0][: len(before[0])]
+    run_study(FakeStudy(40), tmp_path / "study", on_processes(1))
+    assert rows(tmp_path / "study") == whole
 
 
 @pytest.mark.parametrize("text", ["1", "0/2", "3/2", "a/b", "1/2/3", "-1/2"])
